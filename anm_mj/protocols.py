@@ -1,0 +1,119 @@
+"""The seams between the stages: plug-in interface, test seam and real-robot seam at once.
+
+Any object with these methods will do; nothing has to be inherited or registered. ``explore`` sees the stages through
+these only.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from anm_mj.types import (
+    Action,
+    ActionResult,
+    Footprint,
+    MapUpdate,
+    Observation,
+    Plan,
+    Pose2,
+    SurfacePoints,
+    VoxelGrid,
+)
+
+
+class Robot(Protocol):
+    """A body with an RGB-D camera that obeys discrete actions, simulated or real."""
+
+    @property
+    def footprint(self) -> Footprint:
+        """The cylinder that must stay clear of obstacles."""
+        ...
+
+    def observe(self) -> Observation:
+        """The view from where the robot stands now."""
+        ...
+
+    def act(self, action: Action) -> ActionResult:
+        """Execute one action to its end and say what came of it."""
+        ...
+
+
+class Drive(Protocol):
+    """Turns one discrete action into wheel motion of a simulated robot."""
+
+    def act(self, action: Action) -> ActionResult:
+        """Execute one action to its end and say what came of it."""
+        ...
+
+    @property
+    def pose(self) -> Pose2:
+        """Where the base stands now."""
+        ...
+
+
+class Mapper(Protocol):
+    """The map of the scene, learnt online: a neural field and, beside it, an occupancy grid."""
+
+    def integrate(self, observation: Observation) -> MapUpdate:
+        """Take one observation in and train as the schedule says."""
+        ...
+
+    def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """Signed distance to the nearest surface at world points, truncated [m]; positive in free space."""
+        ...
+
+    def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """Predictive variance under perturbed decoders at world points (paper, eq. 5)."""
+        ...
+
+    def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
+        """Zero-crossings of the SDF within ``radius_m`` (in the plane) of a place, where anything was observed."""
+        ...
+
+    @property
+    def occupancy(self) -> VoxelGrid:
+        """Free, occupied and unknown space as fused from depth so far (a view, not a copy)."""
+        ...
+
+
+class Policy(Protocol):
+    """Decides where to go and look next."""
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The next decision, made from the map and the robot's pose."""
+        ...
+
+    def blocked(self, pose: Pose2, action: Action) -> None:
+        """Learn that ``action`` at ``pose`` met an obstacle."""
+        ...
+
+
+class Recorder(Protocol):
+    """Keeps what a run does as it does it."""
+
+    def observation(self, observation: Observation) -> None:
+        """An observation has been made; the first one stands before any action."""
+        ...
+
+    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
+        """An action has been executed; ``pose`` is where the robot stands after it."""
+        ...
+
+    def plan(self, step: int, plan: Plan) -> None:
+        """A decision has been made."""
+        ...
+
+
+class Viewer(Protocol):
+    """Shows a run while it goes."""
+
+    def show(self, observation: Observation, mapper: Mapper, plan: Plan | None) -> None:
+        """Show the present state; must return quickly and never stop the run."""
+        ...
+
+    def close(self) -> None:
+        """Free ports and processes."""
+        ...

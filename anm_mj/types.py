@@ -1,0 +1,256 @@
+"""The values that cross a stage border: frozen, numpy only, each with shape, unit and frame.
+
+Conventions, once for the whole project: the world is right-handed with z up and the floor at z = 0; ``T_a_b`` maps
+coordinates of frame ``b`` to frame ``a``; camera axes are x right, y down, z forward; depth is planar z in metres with
+NaN where nothing was hit; pixel centres lie at +0.5; two-dimensional grids are indexed ``[row, col]`` with row along
+world y and col along world x, three-dimensional ones ``[layer, row, col]`` with layer along world z.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Int8, UInt8
+
+FREE = 0
+"""State of a cell that depth rays went through."""
+OCCUPIED = 1
+"""State of a cell that holds a surface."""
+UNKNOWN = -1
+"""State of a cell that nothing has told about."""
+
+FORWARD_STEP_M = 0.065
+"""Length of one forward step [m] (paper, section V-A)."""
+TURN_STEP_RAD = math.radians(10.0)
+"""Angle of one turn [rad] (paper, section V-A)."""
+
+
+class Action(IntEnum):
+    """One discrete action; every one but STOP costs one step of the budget."""
+
+    STOP = 0
+    MOVE_FORWARD = 1
+    TURN_LEFT = 2
+    TURN_RIGHT = 3
+
+
+class StopReason(str, Enum):
+    """Why a run ended."""
+
+    COMPLETE = "COMPLETE"
+    """Nothing reachable is left that is worth a step."""
+    BUDGET = "BUDGET"
+    """The number of steps asked for was spent."""
+    NO_REACHABLE_TARGET = "NO_REACHABLE_TARGET"
+    """Something is left to see, but no path leads to it."""
+    STUCK = "STUCK"
+    """The robot could not leave its place in repeated attempts."""
+    INTERRUPTED = "INTERRUPTED"
+    """A person ended the run."""
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole camera without distortion; pixel (u, v) has its centre at (u + 0.5, v + 0.5)."""
+
+    width: int
+    """Columns [px]."""
+    height: int
+    """Rows [px]."""
+    fx: float
+    """Focal length along u [px]."""
+    fy: float
+    """Focal length along v [px]."""
+    cx: float
+    """Principal point along u [px], measured from the left edge of the image."""
+    cy: float
+    """Principal point along v [px], measured from the top edge of the image."""
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, fov_y_rad: float) -> Intrinsics:
+        """Square-pixel intrinsics of a camera with vertical field of view ``fov_y_rad`` and a centred axis."""
+        f = height / 2.0 / math.tan(fov_y_rad / 2.0)
+        return cls(width, height, f, f, width / 2.0, height / 2.0)
+
+
+@dataclass(frozen=True)
+class Pose2:
+    """Where the robot's base stands, in the world."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    """Counter-clockwise from world x, in (-pi, pi]."""
+
+    @property
+    def xy_m(self) -> Float[np.ndarray, "2"]:
+        """Position as an array [m]."""
+        return np.array([self.x_m, self.y_m])
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """The space a robot sweeps: an upright cylinder about its base."""
+
+    radius_m: float
+    z_min_m: float
+    """Lowest height that obstacles are looked for at [m]; what is lower is driven over."""
+    z_max_m: float
+    """Height of the robot's top [m]."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the robot perceives between two actions."""
+
+    step: int
+    """Number of actions executed before this observation; the first is 0."""
+    time_s: float
+    """Simulated time [s]."""
+    rgb: UInt8[np.ndarray, "h w 3"]
+    depth_m: Float32[np.ndarray, "h w"]
+    """Planar z [m]; NaN where nothing was hit."""
+    intrinsics: Intrinsics
+    T_world_camera: Float[np.ndarray, "4 4"]
+    """Camera to world; camera axes x right, y down, z forward."""
+    pose: Pose2
+
+
+@dataclass(frozen=True)
+class WheelSpeeds:
+    """Angular velocities of the two driven wheels, positive when rolling forward."""
+
+    left_radps: float
+    right_radps: float
+
+
+@dataclass(frozen=True)
+class ActionResult:
+    """What executing one action came to."""
+
+    action: Action
+    collided: bool
+    """True when the move was refused or stopped by an obstacle."""
+    wheel_speeds: WheelSpeeds
+    """Mean wheel speeds over the action [rad/s]."""
+    moved_m: float
+    """Distance the base moved [m]."""
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """Free, occupied and unknown space as fused from depth."""
+
+    state: Int8[np.ndarray, "layers rows cols"]
+    """FREE, OCCUPIED or UNKNOWN; ``[layer, row, col]`` = ``[z, y, x]``."""
+    seen_range_m: Float32[np.ndarray, "layers rows cols"]
+    """Smallest distance from which a cell's surface was observed [m]; +inf where never."""
+    origin_m: Float[np.ndarray, "3"]
+    """World x, y, z of the outer corner of cell [0, 0, 0]."""
+    resolution_m: float
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points on the zero-crossing of the SDF, with what the map knows about each."""
+
+    xyz_m: Float32[np.ndarray, "n 3"]
+    normal: Float32[np.ndarray, "n 3"]
+    """Unit normals in the world, pointing into free space."""
+    uncertainty: Float32[np.ndarray, " n"]
+    """Predictive variance under perturbed decoders (paper, eq. 5); larger is less certain."""
+
+
+@dataclass(frozen=True)
+class MapUpdate:
+    """What one call of ``Mapper.integrate`` did."""
+
+    loss: float
+    """Total training loss of the last iteration; NaN when no iteration ran."""
+    num_iterations: int
+    num_keyframes: int
+
+
+@dataclass(frozen=True)
+class TopDownMap:
+    """The neural map seen by a robot that moves in the plane."""
+
+    clearance_m: Float32[np.ndarray, "rows cols"]
+    """Signed distance to the nearest obstacle or unknown-free border [m]: positive in free space, negative inside."""
+    state: Int8[np.ndarray, "rows cols"]
+    """FREE, OCCUPIED or UNKNOWN over the robot's body heights."""
+    resolution_m: float
+    origin_xy_m: Float[np.ndarray, "2"]
+    """World x, y of the outer corner of cell [0, 0]."""
+
+
+@dataclass(frozen=True)
+class VoronoiGraph:
+    """The generalized Voronoi graph of the free plane: its vertices and the safe edges between them."""
+
+    vertex_xy_m: Float[np.ndarray, "n 2"]
+    clearance_m: Float[np.ndarray, " n"]
+    """Distance of each vertex to the nearest obstacle [m]."""
+    edges: Int[np.ndarray, "e 2"]
+    """Vertex indices; each undirected edge once."""
+    edge_length_m: Float[np.ndarray, " e"]
+
+    @property
+    def degree(self) -> Int[np.ndarray, " n"]:
+        """Number of edges at each vertex."""
+        return np.bincount(self.edges.ravel(), minlength=len(self.vertex_xy_m))
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region of interest: a cluster of uncertain surface, anchored to the vertex it is to be looked at from."""
+
+    centre_m: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+    """Mean unit normal, pointing into free space."""
+    num_members: int
+    score: float
+    """Mean uncertainty of the members relative to the whole surface's median."""
+    vertex: int
+    """Index into the graph of the same plan."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One place a policy weighed, for the plan log."""
+
+    xy_m: Float[np.ndarray, "2"]
+    score: float
+    gain: float
+    """What the policy expects to gain there, in the policy's own unit (see its docstring)."""
+    cost_steps: float
+    """Steps to get there and look, turns included."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A policy's decision: where to go and look, or why to stop."""
+
+    reason: str
+    """Why this one, in one line for a person."""
+    path_xy_m: Float[np.ndarray, "k 2"]
+    """Polyline from the robot to the target [m]; empty for a turn on the spot or a stop."""
+    headings_rad: tuple[float, ...] = ()
+    """Yaws to turn to, in this order, after arrival."""
+    actions: tuple[Action, ...] = ()
+    """Actions to execute as they are (a bootstrap rotation, a random move); path and headings are then empty."""
+    stop: StopReason | None = None
+    candidates: tuple[Candidate, ...] = ()
+    topdown: TopDownMap | None = None
+    graph: VoronoiGraph | None = None
+    regions: tuple[Region, ...] = ()
+    stage_ms: dict[str, float] = field(default_factory=dict)
+    """Wall milliseconds per planning stage."""
+
+    @property
+    def target_xy_m(self) -> Float[np.ndarray, "2"] | None:
+        """End of the path, or None when there is none [m]."""
+        return self.path_xy_m[-1] if len(self.path_xy_m) else None
