@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum, IntEnum
+from enum import IntEnum, StrEnum
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, UInt8
@@ -37,7 +37,7 @@ class Action(IntEnum):
     TURN_RIGHT = 3
 
 
-class StopReason(str, Enum):
+class StopReason(StrEnum):
     """Why a run ended."""
 
     COMPLETE = "COMPLETE"
