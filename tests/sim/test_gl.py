@@ -1,0 +1,61 @@
+"""The choice of a GL back-end, in processes of its own because a process can choose only once."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+_SELECT = "from anm_mj.sim.gl import select_backend; print(select_backend())"
+
+
+def _run(program: str, cache: Path, **env: str) -> subprocess.CompletedProcess[str]:
+    base = {key: value for key, value in os.environ.items() if key != "MUJOCO_GL"}
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**base, "XDG_CACHE_HOME": str(cache), **env},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_back_end_is_found_named_and_remembered(tmp_path):
+    done = _run(_SELECT, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "renderer_string=''" not in done.stdout
+    cached = list((tmp_path / "anm_mj").iterdir())
+    assert len(cached) == 1
+    cached[0].write_text('{"renderer": "remembered"}')
+    assert "remembered" in _run(_SELECT, tmp_path).stdout
+
+
+def test_choosing_does_not_import_mujoco(tmp_path):
+    done = _run(_SELECT + "; import sys; print('mujoco' in sys.modules)", tmp_path)
+    assert done.stdout.splitlines()[-1] == "False"
+
+
+def test_a_back_end_that_the_user_has_set_wrongly_is_named_with_the_advice(tmp_path):
+    done = _run(_SELECT, tmp_path, MUJOCO_GL="foo")
+    message = done.stderr.splitlines()[-1]
+    assert "RenderError: MUJOCO_GL=foo is set" in message
+    assert "apt install libegl1" in message
+    assert "unset MUJOCO_GL" in message
+
+
+def test_pictures_can_be_turned_off(tmp_path):
+    assert "name='off'" in _run(_SELECT, tmp_path, MUJOCO_GL="off").stdout
+
+
+def test_no_working_back_end_names_every_attempt(tmp_path):
+    # A device that does not exist spoils egl; a platform that contradicts the back-end spoils the other.
+    done = _run(_SELECT, tmp_path, MUJOCO_EGL_DEVICE_ID="99", PYOPENGL_PLATFORM="egl")
+    message = done.stderr.splitlines()[-1]
+    assert "No GL back-end works here" in message
+    assert "egl:" in message
+    assert "osmesa:" in message
+
+
+def test_a_cache_that_cannot_be_written_is_no_obstacle(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert _run(_SELECT, blocked).returncode == 0
