@@ -1,0 +1,43 @@
+# Every target sets up what it needs by itself, once (scripts/setup.sh); `make` alone lists them.
+PYTHON := .venv/bin/python
+JOBS ?= 2
+SCENE ?= home
+STEPS ?= 500
+SEED ?= 0
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-all check lint format types lock setup clean
+
+help: ## List the targets.
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: setup ## Explore a furnished house and show the result (SCENE=home STEPS=500 SEED=0).
+	@.venv/bin/anm-mj explore $(SCENE) --steps $(STEPS) --seed $(SEED)
+
+test: lint types ## Check style and types, run the tests (JOBS=2); minutes.
+	@$(PYTHON) -m pytest -n $(JOBS) -m "not slow"
+
+test-all: lint types ## The same with the slow tests.
+	@$(PYTHON) -m pytest -n $(JOBS)
+
+lint: setup ## Check style and format.
+	@$(PYTHON) -m ruff check --quiet
+	@$(PYTHON) -m ruff format --check --quiet
+
+types: setup ## Check types.
+	@$(PYTHON) -m pyright
+
+format: setup ## Put the code into the project's format.
+	@$(PYTHON) -m ruff check --fix --quiet
+	@$(PYTHON) -m ruff format --quiet
+
+lock: setup ## Pin the newest versions that pyproject.toml allows.
+	@$(PYTHON) -m uv pip compile pyproject.toml --upgrade --all-extras --universal --python-version 3.11 \
+		--no-emit-index-url --no-header --quiet --output-file requirements.txt
+
+setup: ## Set up what is missing: graphics libraries, virtual environment, pinned packages.
+	@bash scripts/setup.sh
+
+clean: ## Remove the virtual environment and caches; runs are kept.
+	@rm -rf .venv .pytest_cache .ruff_cache .hypothesis build dist *.egg-info MUJOCO_LOG.TXT
+	@find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +

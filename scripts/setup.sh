@@ -1,0 +1,119 @@
+#!/usr/bin/env bash
+# Sets up what is missing, and nothing twice: a virtual environment in the checkout, the pinned packages, the package
+# itself, and the system's GL libraries. It is called by every make target and is silent when nothing is missing.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+venv=.venv
+python=$venv/bin/python
+log=$venv/setup.log
+stamp=$venv/setup.stamp
+
+say() { echo "set-up: $*"; }
+fail() { echo "set-up: $*" >&2; exit 1; }
+
+# What the environment was made from. The path counts too: scripts and the editable install name it.
+state() { { cat requirements.txt pyproject.toml scripts/setup.sh; pwd; } | sha256sum | cut -d ' ' -f 1; }
+
+# Prints the newest Python on the path, 3.11 or newer, that can import the modules given.
+find_python() {
+    local name
+    for name in python3.14 python3.13 python3.12 python3.11 python3; do
+        if "$name" -c "import sys$1; sys.exit(sys.version_info < (3, 11))" 2>/dev/null; then echo "$name"; return; fi
+    done
+    return 1
+}
+
+# Runs apt-get as root, if there is a way to become it.
+apt_get() {
+    command -v apt-get >/dev/null || return 1
+    local become=()
+    if [ "$(id -u)" -ne 0 ]; then
+        command -v sudo >/dev/null || return 1
+        become=(sudo)
+        [ -t 0 ] || become+=(--non-interactive)
+    fi
+    "${become[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq -o=Dpkg::Use-Pty=0 "$@" >>"${apt_log:-/dev/null}" 2>&1
+}
+
+apt_install() {
+    say "installing system packages: $*"
+    apt_get install --yes --no-install-recommends "$@" && return
+    apt_get update && apt_get install --yes --no-install-recommends "$@"
+}
+
+make_venv() {
+    local base version
+    base=$(find_python ", ensurepip, venv") || {
+        base=$(find_python "") ||
+            fail "$(python3 --version 2>/dev/null || echo "no Python") found; install Python 3.11 or newer and call again."
+        # Debian and Ubuntu ship Python without what makes a virtual environment.
+        version=$("$base" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+        apt_install "python$version-venv" && base=$(find_python ", ensurepip, venv") ||
+            fail "Python $version cannot make a virtual environment here; run: apt install python$version-venv"
+    }
+    say "virtual environment $venv with $("$base" --version)"
+    rm -rf "$venv"
+    "$base" -m venv "$venv"
+}
+
+# uv reads no pip configuration, so what a company's network needs is handed on to it.
+export_pip_settings() {
+    local settings pair value
+    settings=$("$python" -m pip config list 2>/dev/null || true)
+    for pair in index-url=UV_DEFAULT_INDEX extra-index-url=UV_INDEX cert=SSL_CERT_FILE proxy=ALL_PROXY; do
+        value=$(sed -n "s/^[^=]*\.${pair%%=*}='\(.*\)'\$/\1/p" <<<"$settings" | tail -n 1)
+        [ -z "$value" ] || export "${pair#*=}=${value//\\n/ }"
+    done
+    # As pip does: the best version from any index.
+    export UV_INDEX_STRATEGY=unsafe-best-match
+}
+
+# The pins are complete, so nothing is resolved: --no-deps.
+install_with_uv() {
+    "$python" -m pip install --quiet "$(grep -o '^uv==[^ ]*' requirements.txt)" || return
+    (
+        export_pip_settings
+        "$python" -m uv pip install --quiet --python "$python" --no-deps --requirement requirements.txt &&
+            "$python" -m uv pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
+    )
+}
+
+install_with_pip() {
+    "$python" -m pip install --quiet --no-deps --requirement requirements.txt &&
+        "$python" -m pip install --quiet --no-deps --no-build-isolation --editable .
+}
+
+install_packages() {
+    say "installing $(grep -c '^[a-z].*==' requirements.txt) pinned packages (the first time: 3 GB to download, 7 GB on disk)"
+    install_with_uv >>"$log" 2>&1 && return
+    say "uv did not get through, going on with pip (some minutes)"
+    install_with_pip >>"$log" 2>&1 || fail "packages could not be installed: $(grep -i error "$log" | tail -n 1) (all of it: $log)"
+}
+
+# Prints the GL back-end that can make a picture; none: status 1.
+find_backend() {
+    "$python" -c 'from anm_mj.sim.gl import select_backend
+backend = select_backend()
+print(backend.name, f"({backend.renderer_string})" if backend.renderer_string else "")' 2>>"$log"
+}
+
+prepare_graphics() {
+    local backend
+    backend=$(find_backend) ||
+        { apt_install libegl1 libgl1-mesa-dri && backend=$(find_backend); } ||
+        # Distributions of 2025 and later have no OSMesa any more, so it comes last.
+        { apt_install libosmesa6 && backend=$(find_backend); } ||
+        fail "no GL back-end works; install one (apt install libegl1 libgl1-mesa-dri, or libosmesa6) and call again (what was tried: $log)."
+    say "pictures are made with $backend"
+}
+
+if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$(state)" ] && "$python" -c '' 2>/dev/null; then exit 0; fi
+"$python" -c 'import pip' 2>/dev/null || make_venv
+: >"$log"
+apt_log=$log
+SECONDS=0
+install_packages
+prepare_graphics
+state >"$stamp"
+say "done in $SECONDS s"

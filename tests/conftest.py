@@ -1,0 +1,36 @@
+"""Runs before any test module: checks array shapes in every call and picks the GL back-end that mujoco will use."""
+
+import os
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+# Each worker has a core to itself, where torch and BLAS would start a thread per core of the machine. They read
+# these once, when they are loaded; processes that tests start inherit them.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(_name, "1")
+
+# Only modules imported after this line are checked, so it stands before the first import of anm_mj.
+install_import_hook("anm_mj", "beartype.beartype")
+
+from anm_mj.errors import RenderError  # noqa: E402
+from anm_mj.sim.gl import select_backend  # noqa: E402
+
+_DEV_SCENES = Path(__file__).resolve().parents[1] / ".." / "shared" / "scenes" / "dev"
+
+try:
+    # Sets MUJOCO_GL in the controlling process too, from which pytest-xdist's workers inherit it.
+    select_backend()
+except RenderError as err:
+    pytest.exit(str(err), returncode=1)
+
+
+@pytest.fixture(scope="session")
+def dev_scenes() -> Path:
+    """The folder of third-party scenes, which are no part of the repository."""
+    folder = _DEV_SCENES.resolve()
+    if not folder.is_dir():
+        pytest.skip(f"no third-party scenes in {folder}")
+    return folder
