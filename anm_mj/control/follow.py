@@ -1,0 +1,103 @@
+"""A plan as discrete actions: forward when the way ahead is near enough to the heading, else a turn towards it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.frames import wrap_angle
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Plan, Pose2
+
+ARRIVED_M = 1.5 * FORWARD_STEP_M
+"""Nearer than this the end of a path is reached [m]."""
+CARROT_M = 0.35
+"""The point steered for lies this far ahead on the path [m]."""
+TURN_ABOVE_RAD = 0.55 * TURN_STEP_RAD
+"""Heading errors above this are turned away [rad]: just over half a turn, so that a turn never makes them larger."""
+
+
+class Follower:
+    """Executes plans one action at a time."""
+
+    def __init__(self) -> None:
+        """Start without a plan."""
+        self._plan: Plan | None = None
+        self._steps = 0
+        self._leg = 0
+        self._headings: list[float] = []
+
+    def start(self, plan: Plan) -> None:
+        """Take a plan up, dropping the one before."""
+        self._plan = plan
+        self._steps = 0
+        self._leg = 0
+        self._headings = list(plan.headings_rad)
+
+    def drop(self) -> None:
+        """Give the plan up: the next call of ``next_action`` returns None."""
+        self._plan = None
+
+    def next_action(self, pose: Pose2) -> Action | None:
+        """The next action of the plan; None when it is done, outdated or dropped, so that a new one is needed.
+
+        Args:
+            pose: where the robot stands.
+        """
+        plan = self._plan
+        if plan is None:
+            return None
+        if plan.actions:
+            action = plan.actions[self._steps] if self._steps < len(plan.actions) else None
+        elif plan.valid_steps and self._steps >= plan.valid_steps:
+            action = None
+        else:
+            action = self._along_path(pose, plan.path_xy_m) or self._towards_headings(pose)
+        self._steps += 1
+        if action is None:
+            self._plan = None
+        return action
+
+    def _along_path(self, pose: Pose2, path_xy_m: Float[np.ndarray, "k 2"]) -> Action | None:
+        if not len(path_xy_m) or np.linalg.norm(path_xy_m[-1] - pose.xy_m) < ARRIVED_M:
+            self._leg = len(path_xy_m)
+        if self._leg >= len(path_xy_m):
+            return None
+        towards = self._carrot(pose.xy_m, path_xy_m) - pose.xy_m
+        error = wrap_angle(math.atan2(towards[1], towards[0]) - pose.yaw_rad)
+        return _turn(error) or Action.MOVE_FORWARD
+
+    def _carrot(self, xy_m: Float[np.ndarray, 2], path_xy_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, 2]:
+        """The point ``CARROT_M`` further on than the path's point nearest to the robot; never moves backwards."""
+        best, best_leg, best_t = math.inf, self._leg, 0.0
+        for leg in range(self._leg, min(self._leg + 3, len(path_xy_m) - 1)):
+            start, along = path_xy_m[leg], path_xy_m[leg + 1] - path_xy_m[leg]
+            t = float(np.clip(np.dot(xy_m - start, along) / max(float(np.dot(along, along)), 1e-12), 0.0, 1.0))
+            distance = float(np.linalg.norm(start + t * along - xy_m))
+            if distance < best - 1e-9:
+                best, best_leg, best_t = distance, leg, t
+        self._leg = best_leg
+        left = CARROT_M
+        point = path_xy_m[best_leg] + best_t * (path_xy_m[min(best_leg + 1, len(path_xy_m) - 1)] - path_xy_m[best_leg])
+        for corner in path_xy_m[best_leg + 1 :]:
+            length = float(np.linalg.norm(corner - point))
+            if length >= left:
+                return point + (corner - point) * (left / length)
+            left -= length
+            point = corner
+        return point
+
+    def _towards_headings(self, pose: Pose2) -> Action | None:
+        while self._headings:
+            action = _turn(wrap_angle(self._headings[0] - pose.yaw_rad))
+            if action is not None:
+                return action
+            self._headings.pop(0)
+        return None
+
+
+def _turn(error_rad: float) -> Action | None:
+    if abs(error_rad) <= TURN_ABOVE_RAD:
+        return None
+    return Action.TURN_LEFT if error_rad > 0 else Action.TURN_RIGHT
