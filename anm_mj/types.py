@@ -185,6 +185,10 @@ class TopDownMap:
     resolution_m: float
     origin_xy_m: Float[np.ndarray, "2"]
     """World x, y of the outer corner of cell [0, 0]."""
+    surface_xy_m: Float[np.ndarray, "s 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    """Where free space ends at an obstacle: zero-crossings of the field, finer than a cell [m]."""
+    frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    """Where free space ends because nothing is known beyond [m]."""
 
 
 @dataclass(frozen=True)
@@ -242,6 +246,8 @@ class Plan:
     """Yaws to turn to, in this order, after arrival."""
     actions: tuple[Action, ...] = ()
     """Actions to execute as they are (a bootstrap rotation, a random move); path and headings are then empty."""
+    valid_steps: int = 0
+    """Decide anew after this many steps even when the target has not been reached; 0 = not before."""
     stop: StopReason | None = None
     candidates: tuple[Candidate, ...] = ()
     topdown: TopDownMap | None = None

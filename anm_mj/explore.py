@@ -1,0 +1,132 @@
+"""The loop: observe, learn, decide, act, until the budget is spent or nothing is left to see. Start reading here.
+
+scene -> simulator -> observation -> neural map -> top-down map -> graph -> regions -> target -> path -> discrete
+actions -> wheel commands -> (again). The stages are seen through :mod:`anm_mj.protocols` only, so that each can be
+replaced: by a real robot, another map, another policy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from anm_mj.control.follow import Follower
+from anm_mj.planning.lookahead import way_is_blocked
+from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
+from anm_mj.stopwatch import Stopwatch
+from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
+
+STUCK_COLLISIONS = 12
+"""A robot on its way to a target that collides this often without one free step in between is stuck."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How a run stands after a step."""
+
+    step: int
+    observation: Observation
+    plan: Plan
+    update: MapUpdate
+    loop_s: float
+    """Time spent in the loop so far, without set-up and recording [s]."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    stop_reason: StopReason
+    num_steps: int
+    loop_s: float
+    """Time spent in the loop, without set-up and recording [s]."""
+    last_plan: Plan | None
+
+
+def explore(
+    robot: Robot,
+    mapper: Mapper,
+    policy: Policy,
+    *,
+    num_steps: int,
+    recorder: Recorder,
+    viewer: Viewer,
+    stop_requested: Callable[[], bool] = lambda: False,
+    on_step: Callable[[Progress], None] = lambda progress: None,
+) -> Outcome:
+    """Explore until a ``StopReason`` comes up.
+
+    Args:
+        robot: the body; it is observed once before the first action and once after every action.
+        mapper: learns from every observation.
+        policy: asked whenever the last plan is done, outdated or blocked.
+        num_steps: budget of discrete actions; turns and blocked moves count.
+        recorder: keeps what happens.
+        viewer: shows what happens.
+        stop_requested: asked before every step; True ends the run with INTERRUPTED.
+        on_step: told after every step.
+    """
+    follower = Follower()
+    total = Stopwatch()
+    collisions = 0
+    plan: Plan | None = None
+    observation, update = _perceive(robot, mapper, total)
+    recorder.observation(observation)
+
+    def outcome(reason: StopReason, steps: int) -> Outcome:
+        return Outcome(reason, steps, sum(total.ms.values()) / 1e3, plan)
+
+    for step in range(1, num_steps + 1):
+        if stop_requested():
+            return outcome(StopReason.INTERRUPTED, step - 1)
+        watch = Stopwatch()
+        with watch.stage("plan"):
+            action = follower.next_action(observation.pose)
+            decided = action is None or _is_blocked(action, plan, robot, mapper, observation)
+            if decided:
+                plan = policy.plan(mapper, observation)
+                follower.start(plan)
+                action = follower.next_action(observation.pose) or Action.STOP
+        assert plan is not None and action is not None  # Every action comes out of a plan.
+        if decided:
+            recorder.plan(step - 1, plan)
+        if plan.stop is not None:
+            total.add(watch)
+            return outcome(plan.stop, step - 1)
+
+        with watch.stage("act"):
+            result = robot.act(action)
+        if result.collided:
+            policy.blocked(observation.pose, action)
+            follower.drop()
+            collisions += not plan.actions
+        elif action is Action.MOVE_FORWARD:
+            collisions = 0
+        observation, update = _perceive(robot, mapper, watch)
+        with watch.stage("view"):
+            viewer.show(observation, mapper, plan)
+        total.add(watch)
+        recorder.observation(observation)
+        recorder.step(step, result, observation.pose, update, watch.ms)
+        on_step(Progress(step, observation, plan, update, sum(total.ms.values()) / 1e3))
+        if collisions >= STUCK_COLLISIONS:
+            return outcome(StopReason.STUCK, step)
+
+    return outcome(StopReason.BUDGET, num_steps)
+
+
+def _perceive(robot: Robot, mapper: Mapper, watch: Stopwatch) -> tuple[Observation, MapUpdate]:
+    with watch.stage("observe"):
+        observation = robot.observe()
+    with watch.stage("map"):
+        update = mapper.integrate(observation)
+    return observation, update
+
+
+def _is_blocked(
+    action: Action | None, plan: Plan | None, robot: Robot, mapper: Mapper, observation: Observation
+) -> bool:
+    """Whether the map has come to show an obstacle on a planned way; fixed actions are left to the robot."""
+    if action is not Action.MOVE_FORWARD or plan is None or plan.actions:
+        return False
+    return way_is_blocked(mapper.occupancy, robot.footprint, observation.pose)

@@ -1,0 +1,80 @@
+"""The planner's settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from anm_mj.errors import PlanError
+
+
+@dataclass(frozen=True)
+class PlanningConfig:
+    """Settings of all planning stages; lengths in metres, angles in degrees, costs in steps."""
+
+    margin_m: float = 0.04
+    """Clearance kept beyond the robot's radius [m]."""
+    sdf_height_spacing_m: float = 0.15
+    """Distance between the heights at which a column asks the SDF [m]."""
+    free_share: float = 0.5
+    """Share of a column's voxels that must have been seen free for the column to be free."""
+    start_radius_m: float = 0.75
+    """Around the start the floor lies below the camera's view; taken as free up to here unless seen otherwise [m]."""
+    hole_area_m2: float = 0.15
+    """Unknown patches enclosed by known space and smaller than this are taken as free [m2]."""
+    horizon_m: float = 5.0
+    """Side of the local horizon that moves with the robot, inside which surfaces are taken finely [m]."""
+    fine_spacing_m: float = 0.1
+    """Distance between surface points that the graph is built from inside the horizon [m]."""
+    coarse_spacing_m: float = 0.2
+    """The same outside of the horizon [m]."""
+    min_site_distance_m: float = 0.3
+    """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
+    region_percentile: float = 80.0
+    """Surface points above this percentile of uncertainty may form regions [%]; as in the authors' released code."""
+    region_radius_m: float = 5.0
+    """Uncertainty is asked anew within this distance of the robot and remembered beyond [m]."""
+    region_max_height_m: float = 1.5
+    """Higher surface forms no regions [m]."""
+    region_link_m: float = 0.25
+    """Members of one region lie nearer to each other than this [m]."""
+    region_min_members: int = 12
+    """Smaller clusters are noise."""
+    anchor_range_m: float = 3.5
+    """A region is anchored to a vertex it can be seen from within this range [m]."""
+    anchor_max_incidence_deg: float = 75.0
+    """Largest angle between the view and the region's normal [deg]."""
+    visited_radius_m: float = 0.975
+    """Vertices nearer than this to where the robot has been are visited [m]: 15 forward steps."""
+    gain_range_m: float = 4.5
+    """Surface seen from farther than this does not count as covered at 5 cm [m]."""
+    num_azimuths: int = 36
+    """Directions in which gain is cast about a place."""
+    num_elevations: int = 12
+    """Elevations within the camera's vertical field of view."""
+    candidate_spacing_m: float = 0.5
+    """Vertices weighed by the gvg policy lie at least this far apart [m]."""
+    max_candidates: int = 60
+    """Most candidates whose gain is cast anew for one decision."""
+    min_gain_m2: float = 0.15
+    """Expected new surface below which nothing is worth a step [m2]."""
+    cost_offset_steps: float = 12.0
+    """Added to every candidate's steps, so that a tiny gain at hand does not beat a large one nearby."""
+    hysteresis: float = 1.25
+    """A new target must score this many times the present one to replace it."""
+    replan_steps: int = 8
+    """The gvg policy decides anew after this many steps."""
+    bootstrap_turns: int = 36
+    """Turns of the first look around (paper, section V-D)."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that no plan can be made with.
+
+        Raises:
+            PlanError: a value is not positive, or a share lies outside (0, 1].
+        """
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value < 0 or (value == 0 and f.name not in ("margin_m", "bootstrap_turns", "start_radius_m")):
+                raise PlanError(f"planning.{f.name} is {value}; it must be above zero.")
+        if self.free_share > 1.0:
+            raise PlanError(f"planning.free_share is {self.free_share}; it must be in (0, 1].")

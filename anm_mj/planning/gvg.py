@@ -1,0 +1,125 @@
+"""The generalized Voronoi graph of the known free plane.
+
+Every point of the graph is equidistant to at least two points of the border of free space (paper, eq. 8; Choset and
+Burdick, 2000). The border is sampled: zero-crossings of the SDF, and the frontier to the unknown, finely inside the
+robot's local horizon and coarsely outside, so that the cost stays bounded in large scenes (paper, section IV-A). On a
+Voronoi edge the two generating points are the nearest of all, so that the clearance of a whole edge is exactly the
+distance from one of them to the segment: no thin obstacle is missed between two vertices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import QhullError, Voronoi
+
+from anm_mj.frames import world_to_cell
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.types import FREE, TopDownMap, VoronoiGraph
+
+
+def voronoi_graph(
+    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig, safe_m: float
+) -> VoronoiGraph:
+    """The graph of all places with at least ``safe_m`` clearance.
+
+    Args:
+        topdown: the map.
+        centre_xy_m: centre of the local horizon [m].
+        config: spacings and horizon.
+        safe_m: least clearance of vertices and of whole edges [m].
+    """
+    sites = border_sites(topdown, centre_xy_m, config)
+    if len(sites) < 4:
+        return _empty_graph()
+    try:
+        diagram = Voronoi(sites)
+    except QhullError:  # All sites on one line: there is no vertex.
+        return _empty_graph()
+    ridges = np.asarray(diagram.ridge_vertices)
+    a_b = diagram.ridge_points
+    vertices = diagram.vertices
+    usable = (ridges >= 0).all(axis=1)
+    usable &= np.linalg.norm(sites[a_b[:, 0]] - sites[a_b[:, 1]], axis=1) >= config.min_site_distance_m
+    usable[usable] &= _in_free_space(vertices[ridges[usable]].reshape(-1, 2), topdown).reshape(-1, 2).all(axis=1)
+    ridges, a_b = ridges[usable], a_b[usable]
+    start, end = vertices[ridges[:, 0]], vertices[ridges[:, 1]]
+    usable = _segment_distance(sites[a_b[:, 0]], start, end) >= safe_m
+    ridges, a_b = ridges[usable], a_b[usable]
+    if not len(ridges):
+        return _empty_graph()
+    used, edges = np.unique(ridges, return_inverse=True)
+    edges = edges.reshape(-1, 2)
+    xy = vertices[used]
+    clearance = np.empty(len(xy))
+    for side in (0, 1):
+        clearance[edges[:, side]] = np.linalg.norm(xy[edges[:, side]] - sites[a_b[:, 0]], axis=1)
+    length = np.linalg.norm(xy[edges[:, 0]] - xy[edges[:, 1]], axis=1)
+    return VoronoiGraph(xy, clearance, edges.astype(np.int64), length)
+
+
+def border_sites(
+    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig
+) -> Float[np.ndarray, "n 2"]:
+    """Samples of the border of free space, one per fine or coarse square [m]."""
+    border = np.concatenate([topdown.surface_xy_m, topdown.frontier_xy_m])
+    if not len(border):
+        return border
+    inside = (np.abs(border - centre_xy_m) <= config.horizon_m / 2).all(axis=1)
+    kept = [
+        _one_per_square(border[inside], config.fine_spacing_m),
+        _one_per_square(border[~inside], config.coarse_spacing_m),
+    ]
+    return np.concatenate(kept)
+
+
+def components(graph: VoronoiGraph) -> Int[np.ndarray, " n"]:
+    """For each vertex the number of its connected component; the largest is 0, the next 1 and so on."""
+    n = len(graph.vertex_xy_m)
+    links = coo_matrix((np.ones(len(graph.edges)), (graph.edges[:, 0], graph.edges[:, 1])), shape=(n, n))
+    _, label = connected_components(links, directed=False)
+    rank = np.empty(label.max(initial=-1) + 1, np.int64)
+    rank[np.argsort(-np.bincount(label, minlength=len(rank)), kind="stable")] = np.arange(len(rank))
+    return rank[label]
+
+
+def _empty_graph() -> VoronoiGraph:
+    return VoronoiGraph(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2), np.int64), np.zeros(0))
+
+
+def _one_per_square(points: Float[np.ndarray, "n 2"], spacing_m: float) -> Float[np.ndarray, "m 2"]:
+    if not len(points):
+        return points
+    # The member nearest to its square's mean: staircases of grid borders would otherwise bend the graph.
+    keys = np.floor(points / spacing_m).astype(np.int64)
+    keys -= keys.min(axis=0)
+    key = keys[:, 0] * (keys[:, 1].max() + 1) + keys[:, 1]
+    _, group = np.unique(key, return_inverse=True)
+    size = np.bincount(group)
+    mean = np.stack([np.bincount(group, points[:, i]) / size for i in (0, 1)], axis=1)
+    order = np.lexsort((((points - mean[group]) ** 2).sum(axis=1), group))
+    first = np.concatenate([[0], np.cumsum(size)[:-1]])
+    return points[order[first]]
+
+
+def _in_free_space(points: Float[np.ndarray, "n 2"], topdown: TopDownMap) -> Bool[np.ndarray, " n"]:
+    rows, cols = topdown.state.shape
+    span = np.array([cols, rows]) * topdown.resolution_m
+    # Vertices of nearly parallel ridges lie arbitrarily far away and would overflow an integer.
+    inside = ((points >= topdown.origin_xy_m) & (points < topdown.origin_xy_m + span)).all(axis=1)
+    free = np.zeros(len(points), bool)
+    cell = world_to_cell(points[inside], topdown.origin_xy_m, topdown.resolution_m)
+    cell = np.minimum(cell, [rows - 1, cols - 1])
+    free[inside] = topdown.state[cell[:, 0], cell[:, 1]] == FREE
+    return free
+
+
+def _segment_distance(
+    point: Float[np.ndarray, "n 2"], start: Float[np.ndarray, "n 2"], end: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    along = end - start
+    squared = np.maximum((along**2).sum(axis=1), 1e-18)
+    t = np.clip(((point - start) * along).sum(axis=1) / squared, 0.0, 1.0)
+    return np.linalg.norm(start + t[:, None] * along - point, axis=1)

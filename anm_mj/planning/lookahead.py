@@ -1,0 +1,40 @@
+"""Whether the next forward step is still free: asked at every step, of the few voxels it would touch."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from anm_mj.types import FORWARD_STEP_M, OCCUPIED, Footprint, Pose2, VoxelGrid
+
+LOOKAHEAD_STEPS = 2
+"""Forward steps that must be free."""
+
+
+def way_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
+    """Whether the body would touch occupied voxels that it does not touch now, within the next forward steps.
+
+    Args:
+        grid: the occupancy.
+        footprint: the body.
+        pose: where it stands; the way ahead is along its heading.
+    """
+    reach = LOOKAHEAD_STEPS * FORWARD_STEP_M
+    resolution = grid.resolution_m
+    around = footprint.radius_m + reach + resolution
+    low = np.floor((pose.xy_m - around - grid.origin_m[:2]) / resolution).astype(int)
+    high = np.ceil((pose.xy_m + around - grid.origin_m[:2]) / resolution).astype(int)
+    z0, z1 = (round((z - grid.origin_m[2]) / resolution) for z in (footprint.z_min_m, footprint.z_max_m))
+    rows, cols = (slice(max(low[i], 0), max(high[i], 0)) for i in (1, 0))
+    occupied = (grid.state[max(z0, 0) : max(z1, 0), rows, cols] == OCCUPIED).any(axis=0)
+    row, col = np.nonzero(occupied)
+    if not len(row):
+        return False
+    x = grid.origin_m[0] + (col + cols.start + 0.5) * resolution - pose.x_m
+    y = grid.origin_m[1] + (row + rows.start + 0.5) * resolution - pose.y_m
+    ahead = x * math.cos(pose.yaw_rad) + y * math.sin(pose.yaw_rad)
+    aside = -x * math.sin(pose.yaw_rad) + y * math.cos(pose.yaw_rad)
+    touched_now = np.hypot(ahead, aside) < footprint.radius_m
+    nearest = np.hypot(ahead - np.clip(ahead, 0.0, reach), aside)
+    return bool(((nearest < footprint.radius_m) & ~touched_now).any())

@@ -1,0 +1,176 @@
+"""Shortest safe paths: Dijkstra on the sparse graph, joined to the robot's pose and pulled straight.
+
+All vertices are reached by one call (paper, section III-D). The result is shortened by segments that keep the same
+clearance, because a graph that stays in the middle of rooms costs steps that a room does not ask for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+from skimage.graph import MCP_Geometric
+
+from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2, TopDownMap, VoronoiGraph
+
+MAX_JOINTS = 16
+"""Vertices near the robot that a direct segment is tried to."""
+NEAR_ROBOT_M = 0.3
+"""A robot that stands nearer to an obstacle than is safe may leave along any way that gets it no nearer [m]."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far every vertex is from the robot, and by which way."""
+
+    distance_m: Float[np.ndarray, " n"]
+    """Length of the shortest path [m]; +inf where there is none."""
+    predecessor: Int[np.ndarray, " m"]
+    """Previous node on it; node ``n`` is the robot itself; negative where there is none."""
+    joint_xy_m: dict[int, Float[np.ndarray, "k 2"]]
+    """Way from the robot to each vertex it is joined to, both ends included [m]."""
+    graph: VoronoiGraph
+    topdown: TopDownMap
+    safe_m: float
+    pose: Pose2
+
+    def path_to(self, vertex: int) -> Float[np.ndarray, "k 2"]:
+        """Polyline from the robot to a vertex, pulled straight; empty when there is no path [m]."""
+        if not np.isfinite(self.distance_m[vertex]):
+            return np.zeros((0, 2))
+        chain = [vertex]
+        while self.predecessor[chain[-1]] != len(self.distance_m):
+            chain.append(int(self.predecessor[chain[-1]]))
+        along = self.graph.vertex_xy_m[chain[::-1]]
+        points = np.concatenate([self.joint_xy_m[chain[-1]], along[1:]])
+        return pull_straight(points, self.topdown, self.safe_m, self.pose)
+
+
+def reach(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> Reach:
+    """Shortest distances from the robot to all vertices, by one Dijkstra on a sparse graph.
+
+    Args:
+        graph: the road map.
+        topdown: decides which segments from the robot to the graph are safe.
+        pose: where the robot stands.
+        safe_m: least clearance of a way [m].
+    """
+    n = len(graph.vertex_xy_m)
+    joints = _join(graph, topdown, pose, safe_m)
+    lengths = [float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) for way in joints.values()]
+    ends = np.fromiter(joints.keys(), np.int64, len(joints))
+    rows = np.concatenate([graph.edges[:, 0], np.full(len(ends), n)])
+    cols = np.concatenate([graph.edges[:, 1], ends])
+    # A zero would be dropped as 'no edge'.
+    weights = np.maximum(np.concatenate([graph.edge_length_m, lengths]), 1e-6)
+    links = coo_matrix((weights, (rows, cols)), shape=(n + 1, n + 1)).tocsr()
+    distance, predecessor = dijkstra(links, directed=False, indices=n, return_predecessors=True)
+    return Reach(distance[:n], predecessor.astype(np.int64), joints, graph, topdown, safe_m, pose)
+
+
+def segments_clear(
+    topdown: TopDownMap,
+    start_xy_m: Float[np.ndarray, "n 2"],
+    end_xy_m: Float[np.ndarray, "n 2"],
+    safe_m: float,
+    pose: Pose2 | None = None,
+) -> Bool[np.ndarray, " n"]:
+    """Whether whole segments keep ``safe_m`` clearance, sampled twice per cell.
+
+    Args:
+        topdown: the map.
+        start_xy_m: first ends [m].
+        end_xy_m: second ends [m].
+        safe_m: least clearance [m].
+        pose: where the robot stands; within ``NEAR_ROBOT_M`` of it the clearance it has now is enough.
+    """
+    longest = float(np.linalg.norm(end_xy_m - start_xy_m, axis=1).max(initial=0.0))
+    share = np.linspace(0.0, 1.0, max(math.ceil(longest / topdown.resolution_m * 2), 1) + 1)
+    xy = start_xy_m[:, None] + (end_xy_m - start_xy_m)[:, None] * share[None, :, None]
+    clearance = clearance_at(topdown, xy.reshape(-1, 2)).reshape(xy.shape[:2])
+    needed = np.full_like(clearance, safe_m)
+    if pose is not None:
+        here = float(clearance_at(topdown, pose.xy_m[None])[0])
+        near = np.linalg.norm(xy - pose.xy_m, axis=-1) < NEAR_ROBOT_M
+        needed[near] = min(safe_m, here - topdown.resolution_m)
+    return np.all(clearance >= needed, axis=1)
+
+
+def clearance_at(topdown: TopDownMap, xy_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    """Signed clearance of places, -inf outside of the map [m]."""
+    cell = world_to_cell(xy_m, topdown.origin_xy_m, topdown.resolution_m)
+    inside = ((cell >= 0) & (cell < topdown.clearance_m.shape)).all(axis=1)
+    clearance = np.full(len(xy_m), -np.inf)
+    clearance[inside] = topdown.clearance_m[cell[inside, 0], cell[inside, 1]]
+    return clearance
+
+
+def pull_straight(
+    points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
+) -> Float[np.ndarray, "j 2"]:
+    """The same way with every detour cut that a safe straight segment can cut (greedy, farthest first)."""
+    kept = [points[0]]
+    here = 0
+    while here < len(points) - 1:
+        ahead = np.arange(here + 1, len(points))
+        clear = segments_clear(topdown, np.repeat(points[here][None], len(ahead), axis=0), points[ahead], safe_m, pose)
+        here = int(ahead[clear].max(initial=here + 1))
+        kept.append(points[here])
+    return np.array(kept)
+
+
+def path_steps(path_xy_m: Float[np.ndarray, "k 2"], yaw_rad: float, final_yaw_rad: float | None = None) -> float:
+    """Steps of the action budget that a path costs: its length in forward steps and its turns in 10-degree steps.
+
+    Args:
+        path_xy_m: the way from the robot [m].
+        yaw_rad: the robot's heading at its start.
+        final_yaw_rad: heading wanted at its end; None = whatever it is then.
+    """
+    steps = 0.0
+    for leg in np.diff(path_xy_m, axis=0):
+        length = float(np.hypot(*leg))
+        if length < 1e-6:
+            continue
+        heading = math.atan2(leg[1], leg[0])
+        steps += length / FORWARD_STEP_M + abs(wrap_angle(heading - yaw_rad)) / TURN_STEP_RAD
+        yaw_rad = heading
+    if final_yaw_rad is not None:
+        steps += abs(wrap_angle(final_yaw_rad - yaw_rad)) / TURN_STEP_RAD
+    return steps
+
+
+def _join(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> dict[int, Float[np.ndarray, "k 2"]]:
+    """Ways from the robot to vertices near it: straight where that is safe, else one along the grid."""
+    if not len(graph.vertex_xy_m):
+        return {}
+    distance = np.linalg.norm(graph.vertex_xy_m - pose.xy_m, axis=1)
+    near = np.argsort(distance, kind="stable")[:MAX_JOINTS]
+    start = np.repeat(pose.xy_m[None], len(near), axis=0)
+    clear = segments_clear(topdown, start, graph.vertex_xy_m[near], safe_m, pose)
+    if clear.any():
+        return {int(v): np.stack([pose.xy_m, graph.vertex_xy_m[v]]) for v in near[clear]}
+    return _join_along_grid(graph, topdown, pose)
+
+
+def _join_along_grid(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2) -> dict[int, Float[np.ndarray, "k 2"]]:
+    """The cheapest way over free cells to any vertex, preferring clearance: for a robot that stands in a tight spot."""
+    cost = np.where(topdown.clearance_m > 0, 1.0 / np.maximum(topdown.clearance_m, 0.02), -1.0)
+    start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
+    if not ((start >= 0) & (start < cost.shape)).all():
+        return {}
+    cost[tuple(start)] = max(float(cost[tuple(start)]), 1.0)
+    search = MCP_Geometric(cost)
+    cells = world_to_cell(graph.vertex_xy_m, topdown.origin_xy_m, topdown.resolution_m)
+    costs, _ = search.find_costs([tuple(start)])
+    reached = costs[cells[:, 0], cells[:, 1]]
+    best = int(np.argmin(reached))
+    if not np.isfinite(reached[best]):
+        return {}
+    way = cell_to_world(np.array(search.traceback(tuple(cells[best]))), topdown.origin_xy_m, topdown.resolution_m)
+    return {best: np.concatenate([pose.xy_m[None], way[1:-1], graph.vertex_xy_m[best][None]])}

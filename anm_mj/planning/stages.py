@@ -1,0 +1,67 @@
+"""The stages that every planning policy reads in the same order: top-down map, graph, paths, regions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.gvg import voronoi_graph
+from anm_mj.planning.paths import Reach, reach
+from anm_mj.planning.regions import RegionFinder
+from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.protocols import Mapper
+from anm_mj.stopwatch import Stopwatch
+from anm_mj.types import FORWARD_STEP_M, Action, Footprint, Observation, Pose2, Region, TopDownMap, VoronoiGraph
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the stages read out of the map for one decision."""
+
+    pose: Pose2
+    topdown: TopDownMap
+    graph: VoronoiGraph
+    reach: Reach
+    regions: tuple[Region, ...]
+    camera_height_m: float
+    watch: Stopwatch = field(default_factory=Stopwatch)
+
+
+class Stages:
+    """Runs the stages and keeps what they remember between decisions."""
+
+    def __init__(self, config: PlanningConfig, footprint: Footprint):
+        """Start with nothing remembered."""
+        self.config = config
+        self.safe_m = footprint.radius_m + config.margin_m
+        self.topdown = TopDownMapper(config, footprint)
+        self.finder = RegionFinder(config)
+        self.trail_xy_m: list[np.ndarray] = []
+
+    def read(self, mapper: Mapper, observation: Observation) -> Situation:
+        """Top-down map, graph, shortest paths and regions as of now."""
+        watch = Stopwatch()
+        pose = observation.pose
+        self.trail_xy_m.append(pose.xy_m)
+        grid = mapper.occupancy
+        with watch.stage("topdown"):
+            topdown = self.topdown.update(grid, mapper.sdf, pose)
+        with watch.stage("gvg"):
+            graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m)
+        with watch.stage("paths"):
+            paths = reach(graph, topdown, pose, self.safe_m)
+        with watch.stage("regions"):
+            radius = self.config.region_radius_m
+            self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
+            height = float(observation.T_world_camera[2, 3])
+            regions = self.finder.regions(graph, grid, height)
+        return Situation(pose, topdown, graph, paths, regions, height, watch)
+
+    def blocked(self, pose: Pose2, action: Action) -> None:
+        """Stamp the place that a refused forward step would have led to, so that no plan leads there again."""
+        if action is Action.MOVE_FORWARD:
+            ahead = np.array([np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)])
+            reach_m = self.safe_m - self.config.margin_m + FORWARD_STEP_M
+            self.topdown.add_blocked(pose.xy_m + reach_m * ahead)

@@ -1,0 +1,29 @@
+"""Wall time by stage."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class Stopwatch:
+    """Adds up wall milliseconds by stage name."""
+
+    def __init__(self) -> None:
+        """Start with no stages."""
+        self.ms: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time spent in the block to a stage."""
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.ms[name] = self.ms.get(name, 0.0) + (time.perf_counter() - begin) * 1e3
+
+    def add(self, other: Stopwatch) -> None:
+        """Add another watch's stages to this one's."""
+        for name, ms in other.ms.items():
+            self.ms[name] = self.ms.get(name, 0.0) + ms
