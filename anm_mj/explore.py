@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from anm_mj.control.follow import Follower
+from anm_mj.errors import PlanError
 from anm_mj.planning.lookahead import way_is_blocked
 from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
 from anm_mj.stopwatch import Stopwatch
@@ -65,6 +66,9 @@ def explore(
         viewer: shows what happens.
         stop_requested: asked before every step; True ends the run with INTERRUPTED.
         on_step: told after every step.
+
+    Raises:
+        PlanError: the policy returned a plan that asks for nothing.
     """
     follower = Follower()
     total = Stopwatch()
@@ -86,13 +90,15 @@ def explore(
             if decided:
                 plan = policy.plan(mapper, observation)
                 follower.start(plan)
-                action = follower.next_action(observation.pose) or Action.STOP
-        assert plan is not None and action is not None  # Every action comes out of a plan.
+                action = follower.next_action(observation.pose)
+        assert plan is not None  # The follower has no action without a plan.
         if decided:
             recorder.plan(step - 1, plan)
         if plan.stop is not None:
             total.add(watch)
             return outcome(plan.stop, step - 1)
+        if action is None:
+            raise PlanError(f"The policy's plan at step {step} ('{plan.reason}') holds neither an action nor a stop.")
 
         with watch.stage("act"):
             result = robot.act(action)

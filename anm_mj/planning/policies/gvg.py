@@ -38,6 +38,8 @@ HERE = -1
 """Stands for the robot's own place among the candidate vertices."""
 EXACT_PATHS = 6
 """Best candidates by estimate whose paths are worked out before the choice."""
+LEAST_STEPS = 0.6
+"""A view that costs less is the present one, which has nothing new to show."""
 REGION_SHARE = 0.25
 """Uncertain surface that was seen already counts this share of surface never seen."""
 MEMBER_AREA_M2 = 0.01
@@ -114,7 +116,8 @@ class Gvg:
         return options, int((~reachable).sum())
 
     def _option(self, vertex: int, xy_m: Float[np.ndarray, 2], gain: float, yaw: float, cost: float) -> _Option:
-        score = gain / (cost + self.config.cost_offset_steps) if gain >= self.config.min_gain_m2 else 0.0
+        worth_it = gain >= self.config.min_gain_m2 and cost >= LEAST_STEPS
+        score = gain / (cost + self.config.cost_offset_steps) if worth_it else 0.0
         if self._target_xy_m is not None and np.linalg.norm(xy_m - self._target_xy_m) < self.config.candidate_spacing_m:
             score *= self.config.hysteresis
         return _Option(vertex, xy_m, gain, yaw, cost, score)
@@ -134,6 +137,7 @@ class Gvg:
         grid = mapper.occupancy
         if self._caster is None:
             self._caster = GainCaster(self.config, grid.resolution_m, now.camera_height_m)
+        self._caster.note_view(grid, now.pose)
         keys = [(int(x), int(y)) for x, y in np.floor(places_xy_m / self.config.candidate_spacing_m)]
         near = np.linalg.norm(places_xy_m - now.pose.xy_m, axis=1) < FORGET_RANGE_M
         stale = np.array([i == 0 or near[i] or key not in self._remembered for i, key in enumerate(keys)])
