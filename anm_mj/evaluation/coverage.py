@@ -1,0 +1,152 @@
+"""Completion: how much of the true surface the depth images have hit so far (the paper's protocol).
+
+Every sample of the true surface keeps the distance to the nearest point that any frame has back-projected. The
+completion ratio is the share of samples nearer than 5 cm, completion is the mean distance, each capped at 1 m.
+
+The idea that makes this cheap: the minimum over frames of the distance to a frame is the distance to the union of the
+frames, so frames may be taken in batches; and a batch can only change a sample that lies nearer to it than the sample's
+present distance. A coarse grid around the batch bounds that distance from below for all samples at once, so that a
+nearest-neighbour search is done for few of them, and each search is bounded by what it has to beat. Nothing is
+approximated: the distances equal those of a search of all samples in all frames to the last digit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, UInt16
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import KDTree
+
+from anm_mj.evaluation.depth import back_project_reduced
+from anm_mj.types import Intrinsics
+
+COVERED_M = 0.05
+"""A sample nearer than this to a seen point counts as seen [m] (paper, section V-A)."""
+CAP_M = 1.0
+"""Largest distance that a sample adds to the mean [m] (paper's protocol)."""
+BATCH_FRAMES = 10
+"""Frames searched together; more wait longer, fewer build more trees."""
+GRID_CELL_M = 0.25
+"""Cell of the pruning grid [m]; finer prunes more and costs more to fill."""
+SEARCH_BOUNDS_M = (0.005, 0.01, 0.02, 0.05, 0.2, CAP_M)
+"""Samples are searched in groups whose present distances lie below these [m]: the tree takes one bound per search."""
+BOUND_SLACK = 1.0 + 1e-9
+"""The tree compares squares; a relative slack keeps rounding from hiding a neighbour at the bound itself."""
+
+
+@dataclass(frozen=True)
+class Completion:
+    """How much of the true surface has been seen."""
+
+    ratio_percent: float
+    """Share of the samples nearer than 5 cm to a seen point [%]."""
+    completion_cm: float
+    """Mean distance of the samples to the nearest seen point, each capped at 1 m [cm]."""
+    observable_ratio_percent: float | None
+    """The ratio among the observable samples alone [%]; None where it is not known which those are."""
+
+
+class DistanceBound:
+    """Lower bounds on the distances of fixed samples to any cloud of points, from a coarse grid."""
+
+    def __init__(self, samples: Float[np.ndarray, "n 3"]) -> None:
+        self._low = samples.min(axis=0)
+        self._shape = tuple(np.floor((samples.max(axis=0) - self._low) / GRID_CELL_M).astype(int) + 1)
+        self.cell = self._cells(samples)
+
+    def _cells(self, points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
+        # Moving a point to the grid's border brings it nearer to every sample, so the bound stays a lower bound.
+        index = np.floor((points - self._low) / GRID_CELL_M).astype(np.int64)
+        return np.asarray(np.ravel_multi_index(tuple(index.T), self._shape, mode="clip"))
+
+    def per_cell(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " cells"]:
+        """Lower bound on the distance between anything in a cell and the points, for every cell [m]."""
+        empty = np.ones(self._shape, dtype=bool)
+        empty.ravel()[self._cells(points)] = False
+        between_centres = distance_transform_edt(empty, sampling=GRID_CELL_M)
+        return np.maximum(np.asarray(between_centres).ravel() - np.sqrt(3.0) * GRID_CELL_M, 0.0)
+
+
+class Coverage:
+    """Running completion of a true surface by depth frames.
+
+    Args:
+        samples: Samples of the true surface, world [m].
+        observable: Which of them can be seen at all, where that is known.
+    """
+
+    def __init__(self, samples: Float32[np.ndarray, "n 3"], observable: Bool[np.ndarray, " n"] | None = None) -> None:
+        exact = samples.astype(np.float64)
+        bound = DistanceBound(exact)
+        # Samples that lie together are searched together: the tree's nodes stay in the cache.
+        self._order = np.argsort(bound.cell, kind="stable")
+        self._samples = exact[self._order]
+        self._cell = bound.cell[self._order]
+        self._bound = bound
+        self._observable = observable
+        self._distance_m = np.full(len(samples), np.inf)
+        self._pending: list[Float[np.ndarray, "m 3"]] = []
+
+    def add(
+        self,
+        depth_mm: UInt16[np.ndarray, "rows cols"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Take in a frame that :func:`~anm_mj.evaluation.depth.reduce_depth` made.
+
+        Args:
+            depth_mm: Reduced depth [mm].
+            intrinsics: Of the original, unreduced image.
+            T_world_camera: Camera to world, CV axes.
+        """
+        self.add_points(back_project_reduced(depth_mm, intrinsics, T_world_camera))
+
+    def add_points(self, points_world: Float[np.ndarray, "m 3"]) -> None:
+        """Take in the seen points of a frame [m]."""
+        self._pending.append(points_world)
+        if len(self._pending) >= BATCH_FRAMES:
+            self._search()
+
+    def completion(self) -> Completion:
+        """The completion by all frames so far."""
+        distance_m = self.distance_m
+        covered = distance_m < COVERED_M
+        return Completion(
+            ratio_percent=100.0 * float(np.mean(covered)),
+            completion_cm=100.0 * float(np.mean(np.minimum(distance_m, CAP_M))),
+            observable_ratio_percent=None if self._observable is None else _percent(covered[self._observable]),
+        )
+
+    @property
+    def distance_m(self) -> Float[np.ndarray, " n"]:
+        """Distance of every sample to the nearest seen point [m]; infinite from 1 m on, where it is not needed."""
+        self._search()
+        distance_m = np.empty_like(self._distance_m)
+        distance_m[self._order] = self._distance_m
+        return distance_m
+
+    def _search(self) -> None:
+        points = np.concatenate(self._pending) if self._pending else np.empty((0, 3))
+        self._pending = []
+        if len(points) == 0:
+            return
+        present_m = np.minimum(self._distance_m, CAP_M)
+        improvable = self._bound.per_cell(points)[self._cell] < present_m
+        tree: KDTree | None = None
+        lower_m = 0.0
+        for upper_m in SEARCH_BOUNDS_M:
+            group = np.flatnonzero(improvable & (present_m > lower_m) & (present_m <= upper_m))
+            lower_m = upper_m
+            if len(group) == 0:
+                continue
+            if tree is None:
+                tree = KDTree(points, balanced_tree=False, compact_nodes=False)
+            found_m, _ = tree.query(self._samples[group], distance_upper_bound=upper_m * BOUND_SLACK)
+            self._distance_m[group] = np.minimum(self._distance_m[group], np.where(found_m < CAP_M, found_m, np.inf))
+
+
+def _percent(flags: Bool[np.ndarray, " n"]) -> float:
+    return 100.0 * float(np.mean(flags)) if len(flags) else 0.0

@@ -1,0 +1,95 @@
+"""Completion against steps: the same rows whether made during a run or from its folder."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt16
+
+from anm_mj.evaluation.coverage import Coverage
+from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.types import Intrinsics, Pose2
+
+CHECKPOINT_STEPS = 10
+"""Steps between two rows of the curve."""
+CURVE_HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m"
+"""First line of ``curve.csv``; ratios in per cent."""
+
+
+@dataclass(frozen=True)
+class CurveRow:
+    """How far a run has come by a step."""
+
+    step: int
+    completion_ratio: float
+    """Share of the true surface within 5 cm of what was seen [%]."""
+    completion_cm: float
+    """Mean distance of the true surface to what was seen, capped at 1 m [cm]."""
+    observable_ratio: float | None
+    """The ratio among what can be seen at all [%]; None where that is not known."""
+    path_m: float
+    """Distance driven [m]."""
+
+    @property
+    def csv(self) -> str:
+        """The row as a line of ``curve.csv``, every digit kept."""
+        observable = "" if self.observable_ratio is None else repr(self.observable_ratio)
+        return f"{self.step},{self.completion_ratio!r},{self.completion_cm!r},{observable},{self.path_m!r}"
+
+
+class CompletionCurve:
+    """Takes in the frames of a run in their order and keeps a row at every tenth step and at the last."""
+
+    def __init__(self, truth: GroundTruth) -> None:
+        self.rows: list[CurveRow] = []
+        self._coverage = Coverage(truth.samples, truth.observable)
+        self._step: int | None = None
+        self._pose: Pose2 | None = None
+        self._path_m = 0.0
+
+    @property
+    def path_m(self) -> float:
+        """Distance driven: the sum of the straight ways from each frame's place to the next [m]."""
+        return self._path_m
+
+    @property
+    def distance_m(self) -> Float[np.ndarray, " n"]:
+        """Distance of every sample to the nearest seen point [m]; infinite from 1 m on."""
+        return self._coverage.distance_m
+
+    def frame(
+        self,
+        step: int,
+        depth_mm: UInt16[np.ndarray, "rows cols"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        pose: Pose2,
+    ) -> CurveRow | None:
+        """Take in the frame seen after ``step`` actions; the row it makes, if it makes one.
+
+        Args:
+            step: Number of actions before the frame.
+            depth_mm: Reduced depth [mm].
+            intrinsics: Of the original image.
+            T_world_camera: Camera to world, CV axes.
+            pose: Where the robot stood.
+        """
+        self._coverage.add(depth_mm, intrinsics, T_world_camera)
+        if self._pose is not None:
+            self._path_m += math.dist(self._pose.xy_m, pose.xy_m)
+        self._step, self._pose = step, pose
+        return self._row(step) if step % CHECKPOINT_STEPS == 0 else None
+
+    def last(self) -> CurveRow | None:
+        """A row for the last frame; None where it has one already, or there is no frame."""
+        if self._step is None or (self.rows and self.rows[-1].step == self._step):
+            return None
+        return self._row(self._step)
+
+    def _row(self, step: int) -> CurveRow:
+        now = self._coverage.completion()
+        row = CurveRow(step, now.ratio_percent, now.completion_cm, now.observable_ratio_percent, self._path_m)
+        self.rows.append(row)
+        return row

@@ -1,0 +1,103 @@
+"""The true surface of a scene, as the evaluation sees it: never shown to the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32
+
+from anm_mj.errors import RunFolderError, SceneError
+
+NUM_SAMPLES = 200_000
+"""Samples that stand for the true surface (paper's protocol)."""
+
+
+def sample_triangles(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int, seed: int
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
+    """Uniform samples of a surface and the face each lies on.
+
+    Source: Osada et al., Shape Distributions, ACM Transactions on Graphics 21(4), 2002, section 4.1.
+
+    Raises:
+        SceneError: The surface has no area.
+    """
+    corners = vertices.astype(np.float64)[faces]
+    edge_a, edge_b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * np.linalg.norm(np.cross(edge_a, edge_b), axis=1)
+    total = float(area.sum())
+    if not total > 0.0:
+        raise SceneError(f"The mesh has {len(faces)} faces and an area of {total} m2; a surface is needed to evaluate.")
+    rng = np.random.default_rng(seed)
+    cumulative = np.cumsum(area)
+    face = np.searchsorted(cumulative, rng.random(num_samples) * cumulative[-1], side="right")
+    face = np.minimum(face, len(faces) - 1)
+    along, across = np.sqrt(rng.random(num_samples)), rng.random(num_samples)
+    a, b = along * (1.0 - across), along * across
+    return corners[face, 0] + a[:, None] * edge_a[face] + b[:, None] * edge_b[face], face
+
+
+def sample_surface(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int = NUM_SAMPLES, seed: int = 0
+) -> Float32[np.ndarray, "n 3"]:
+    """Uniform samples of a surface [m]: the whole of it, hidden and unreachable parts too, as in the paper's protocol.
+
+    Raises:
+        SceneError: The surface has no area.
+    """
+    return sample_triangles(vertices, faces, num_samples, seed)[0].astype(np.float32)
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """A scene's true surface and the samples that completion is counted on."""
+
+    samples: Float32[np.ndarray, "n 3"]
+    """Area-weighted samples of the surface, world [m]."""
+    vertices: Float32[np.ndarray, "v 3"]
+    """World [m]."""
+    faces: Int32[np.ndarray, "f 3"]
+    observable: Bool[np.ndarray, " n"] | None = None
+    """Which samples can be seen at all from where the robot can go; None where that is not known."""
+
+    @classmethod
+    def sample(
+        cls,
+        vertices: Float[np.ndarray, "v 3"],
+        faces: Int[np.ndarray, "f 3"],
+        num_samples: int = NUM_SAMPLES,
+        seed: int = 0,
+    ) -> GroundTruth:
+        """Sample a mesh in world coordinates [m].
+
+        Raises:
+            SceneError: The mesh has no area.
+        """
+        samples = sample_surface(vertices, faces, num_samples, seed)
+        return cls(samples, vertices.astype(np.float32), faces.astype(np.int32))
+
+    def save(self, path: Path) -> None:
+        """Write all of it to an ``.npz`` file."""
+        observable = {} if self.observable is None else {"observable": self.observable}
+        np.savez_compressed(
+            path, allow_pickle=False, samples=self.samples, vertices=self.vertices, faces=self.faces, **observable
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> GroundTruth:
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            RunFolderError: The file is missing or holds something else.
+        """
+        try:
+            with np.load(path) as data:
+                observable = data.get("observable")
+                return cls(data["samples"], data["vertices"], data["faces"], observable)
+        except FileNotFoundError as err:
+            raise RunFolderError(f"{path} is missing; without the true surface nothing can be evaluated.") from err
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as err:
+            raise RunFolderError(f"{path} cannot be read as a true surface ({err}); copy the run again.") from err

@@ -1,0 +1,46 @@
+"""The mesh out of the neural map, as a PLY file with colours."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+
+from anm_mj.errors import RunFolderError
+
+logger = logging.getLogger(__name__)
+
+
+def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
+    """Write a mesh, whole or not at all; one without faces is not written, and that is logged.
+
+    Raises:
+        RunFolderError: The file cannot be written.
+    """
+    if len(mesh.faces) == 0:
+        logger.warning("The neural map holds no surface, so %s is not written.", path.name)
+        return
+    unfinished = path.with_name(path.name + ".part")
+    try:
+        mesh.export(unfinished, file_type="ply")
+        unfinished.replace(path)
+    except OSError as err:
+        raise RunFolderError(f"{path} cannot be written ({err.strerror}); free some space.") from err
+    logger.info("Wrote %s: %d vertices, %d faces.", path, len(mesh.vertices), len(mesh.faces))
+
+
+def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """Vertices (world [m]) and faces of a mesh file.
+
+    Raises:
+        RunFolderError: The file is cut short or holds no mesh.
+    """
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    except Exception as err:
+        # Readers of trimesh raise whatever the damaged bytes lead them to.
+        raise RunFolderError(f"{path} cannot be read as a mesh ({err}); delete it and evaluate again.") from err

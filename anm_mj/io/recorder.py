@@ -1,0 +1,228 @@
+"""Writes the run folder as the run goes: what has happened is on disk before the next step begins."""
+
+from __future__ import annotations
+
+import math
+import resource
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from PIL import Image
+
+from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve, CurveRow
+from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.evaluate import write_results
+from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.evaluation.metrics import Ending, Metrics, Travel
+from anm_mj.io.jsonable import write_json
+from anm_mj.io.lines import LineWriter
+from anm_mj.io.mesh_file import write_mesh
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, StopReason
+from anm_mj.viz.plots import draw_topdown
+
+MESH_RESOLUTION_M = 0.05
+"""Grid of the final mesh [m] (the paper's released code)."""
+
+
+class FinishedMap(Protocol):
+    """What is asked of the neural map when a run has ended."""
+
+    def mesh(self, resolution_m: float) -> trimesh.Trimesh:
+        """The surface as a coloured mesh, world [m]."""
+        ...
+
+    def save(self, path: Path) -> None:
+        """Write the map so that it can be loaded again."""
+        ...
+
+
+class RunRecorder:
+    """Keeps what a run does, and how complete its view of the scene is.
+
+    Args:
+        folder: A new run folder.
+        truth: The true surface, for the numbers only.
+
+    Raises:
+        RunFolderError: From every method, when the folder can no longer be written.
+    """
+
+    def __init__(self, folder: RunFolder, truth: GroundTruth) -> None:
+        self._folder = folder
+        self._truth = truth
+        truth.save(folder.ground_truth)
+        self._steps = LineWriter(folder.steps)
+        self._plans = LineWriter(folder.plans)
+        self._frames = LineWriter(folder.frames)
+        self._trajectory = LineWriter(folder.trajectory)
+        self._curve_file = LineWriter(folder.curve)
+        self._curve_file.line(CURVE_HEADER)
+        self._curve = CompletionCurve(truth)
+        self._travel = Travel()
+        self._poses: list[Pose2] = []
+        self._last_map_plan: Plan | None = None
+        self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
+
+    @property
+    def completion(self) -> CurveRow | None:
+        """The latest row of the curve, at most ten steps old; None before the first observation."""
+        return self._curve.rows[-1] if self._curve.rows else None
+
+    def observation(self, observation: Observation) -> None:
+        """An observation has been made; the first one stands before any action."""
+        if not self._poses:
+            _write_camera(self._folder.camera, observation)
+        depth_mm = reduce_depth(observation.depth_m)
+        path = self._folder.depth(observation.step)
+        try:
+            # The lowest compression: a fifth larger than the highest, at a fraction of its time.
+            Image.fromarray(depth_mm).save(path, compress_level=1)
+        except OSError as err:
+            raise RunFolderError(f"{path} cannot be written ({err.strerror}); free some space.") from err
+        pose = observation.pose
+        self._frames.json(
+            {
+                "step": observation.step,
+                "time_s": observation.time_s,
+                "x_m": pose.x_m,
+                "y_m": pose.y_m,
+                "yaw_rad": pose.yaw_rad,
+                "T_world_camera": observation.T_world_camera,
+            }
+        )
+        self._trajectory.line(tum_line(observation.time_s, pose))
+        self._poses.append(pose)
+        row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, observation.T_world_camera, pose)
+        if row is not None:
+            self._curve_file.line(row.csv)
+
+    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
+        """An action has been executed; ``pose`` is where the robot stands after it."""
+        self._travel = self._travel.after(result.action, result.collided)
+        self._steps.json(
+            {
+                "step": step,
+                "action": result.action.name,
+                "x_m": pose.x_m,
+                "y_m": pose.y_m,
+                "yaw_rad": pose.yaw_rad,
+                "collided": result.collided,
+                "moved_m": result.moved_m,
+                "left_radps": result.wheel_speeds.left_radps,
+                "right_radps": result.wheel_speeds.right_radps,
+                "loss": update.loss,
+                "iterations": update.num_iterations,
+                "keyframes": update.num_keyframes,
+                "ms": stage_ms,
+            }
+        )
+
+    def plan(self, step: int, plan: Plan) -> None:
+        """A decision has been made."""
+        if plan.target_xy_m is not None:
+            self._last_target_xy_m = plan.target_xy_m
+        if plan.topdown is not None:
+            self._last_map_plan = plan
+        path = plan.path_xy_m
+        self._plans.json(
+            {
+                "step": step,
+                "reason": plan.reason,
+                "target_xy_m": plan.target_xy_m,
+                "path_length_m": sum(math.dist(a, b) for a, b in pairwise(path)),
+                "headings_rad": plan.headings_rad,
+                "actions": [action.name for action in plan.actions],
+                "stop": plan.stop,
+                "vertices": None if plan.graph is None else len(plan.graph.vertex_xy_m),
+                "regions": len(plan.regions),
+                "candidates": plan.candidates,
+                "ms": plan.stage_ms,
+            }
+        )
+
+    def finish(self, stop_reason: StopReason, finished: FinishedMap, *, wall_s: float, loop_s: float) -> Metrics:
+        """Write what only a finished run has: mesh, map, pictures and numbers.
+
+        Args:
+            stop_reason: Why the run ended.
+            finished: The neural map.
+            wall_s: Wall time from the start of the program to the end of the loop [s].
+            loop_s: Wall time of the loop itself, without set-up [s].
+        """
+        ending = Ending(
+            stop_reason=stop_reason.value,
+            wall_s=wall_s,
+            hz=self._travel.steps / loop_s if loop_s > 0.0 else None,
+            peak_rss_mib=peak_rss_mib(),
+        )
+        self.close()
+        # First what nobody could compute again, then what may take long: a run killed in between has lost nothing.
+        write_json(self._folder.metrics, ending)
+        finished.save(self._folder.map)
+        write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
+        metrics = write_results(self._folder, self._truth, self._curve, self._travel, ending)
+        plan = self._last_map_plan
+        if plan is not None and plan.topdown is not None:
+            draw_topdown(
+                self._folder.topdown_picture,
+                plan.topdown,
+                plan.graph,
+                plan.regions,
+                self._poses,
+                target_xy_m=self._last_target_xy_m,
+                title=_title(self._folder.path.name, metrics),
+            )
+        return metrics
+
+    def close(self) -> None:
+        """Close all files; a second time does nothing."""
+        for file in (self._steps, self._plans, self._frames, self._trajectory, self._curve_file):
+            file.close()
+
+    def __enter__(self) -> RunRecorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def tum_line(time_s: float, pose: Pose2) -> str:
+    """A base pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
+    half = pose.yaw_rad / 2.0
+    values = (time_s, pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+    return " ".join(f"{value:.9g}" for value in values)
+
+
+def peak_rss_mib() -> float:
+    """Largest memory this process has held [MiB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Linux counts in KiB, macOS in bytes.
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def _write_camera(path: Path, observation: Observation) -> None:
+    rows, cols = reduce_depth(observation.depth_m).shape
+    write_json(
+        path,
+        {
+            "intrinsics": observation.intrinsics,
+            "depth": {
+                "rows": rows,
+                "cols": cols,
+                "unit": "millimetre of planar z, 0 where nothing",
+                "pixels": "row i is row floor(i * height / rows) of the original image, columns likewise",
+            },
+        },
+    )
+
+
+def _title(name: str, metrics: Metrics) -> str:
+    seen = "" if metrics.completion_ratio is None else f", {metrics.completion_ratio:.1f} % complete"
+    return f"{name}{seen}, {metrics.steps} steps, {metrics.path_m:.1f} m"

@@ -1,0 +1,153 @@
+"""Pictures of a run for paper and screen, drawn without any window system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from anm_mj.types import FREE, OCCUPIED, Pose2, Region, TopDownMap, VoronoiGraph
+
+DOTS_PER_INCH = 150
+UNKNOWN_COLOUR, WALL_COLOUR = "#e7e5e1", "#3a3a3f"
+NEAR_COLOUR, CLEAR_COLOUR = "#dfe9f2", "#ffffff"
+GRAPH_COLOUR, REGION_COLOUR, TARGET_COLOUR, START_COLOUR = "#4c9a6a", "#e08a1e", "#c8323c", "#1f1f1f"
+RATIO_COLOUR, DISTANCE_COLOUR = "#2b6ca3", "#c8641e"
+FULL_CLEARANCE_M = 1.5
+"""Free space this clear or clearer is drawn in the brightest tint [m]."""
+
+
+def draw_topdown(
+    path: Path,
+    topdown: TopDownMap,
+    graph: VoronoiGraph | None,
+    regions: Sequence[Region],
+    poses: Sequence[Pose2],
+    *,
+    target_xy_m: Float[np.ndarray, "2"] | None,
+    title: str,
+) -> None:
+    """Draw the map from above with the graph, the regions of interest and the way that was driven.
+
+    Args:
+        path: PNG file to write.
+        topdown: The map as last planned on.
+        graph: Its Voronoi graph.
+        regions: Regions of interest of the same plan.
+        poses: Where the robot stood, step by step.
+        target_xy_m: The last target, world [m].
+        title: Above the picture.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    rows, cols = topdown.state.shape
+    west, south = topdown.origin_xy_m
+    east, north = west + cols * topdown.resolution_m, south + rows * topdown.resolution_m
+    long_side = max(east - west, north - south)
+    size = (2.6 + 7.4 * (east - west) / long_side, 1.5 + 7.4 * (north - south) / long_side)
+    figure = Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
+    axes.imshow(_tint(topdown), origin="lower", extent=(west, east, south, north), interpolation="nearest")
+    if graph is not None and len(graph.edges):
+        ends = graph.vertex_xy_m[graph.edges]
+        axes.add_collection(LineCollection(list(ends), colors=GRAPH_COLOUR, linewidths=1.0, label="Voronoi graph"))
+    _draw_regions(axes, regions, graph)
+    _draw_trajectory(figure, axes, poses)
+    if target_xy_m is not None:
+        axes.plot(*target_xy_m, "*", ms=14, color=TARGET_COLOUR, mec="white", mew=0.8, label="last target", zorder=6)
+    axes.set(title=title, xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
+    axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
+    _save(figure, path)
+
+
+def draw_curve(
+    path: Path,
+    steps: Int[np.ndarray, " n"],
+    completion_ratio: Float[np.ndarray, " n"],
+    completion_cm: Float[np.ndarray, " n"],
+    *,
+    title: str,
+) -> None:
+    """Draw completion against steps.
+
+    Args:
+        path: PNG file to write.
+        steps: When; may be empty.
+        completion_ratio: Share of the true surface seen by then [%].
+        completion_cm: Its mean distance to what was seen [cm].
+        title: Above the picture.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    figure = Figure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
+    ratio_axes = figure.add_subplot()
+    cm_axes = ratio_axes.twinx()
+    ratio_axes.plot(steps, completion_ratio, color=RATIO_COLOUR, lw=2.0)
+    cm_axes.plot(steps, completion_cm, color=DISTANCE_COLOUR, lw=1.5)
+    ratio_axes.set(title=title, xlabel="step", ylim=(0.0, 100.0), xlim=(0, int(steps.max(initial=1))))
+    ratio_axes.set_ylabel("completion ratio [%]", color=RATIO_COLOUR)
+    ratio_axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ratio_axes.grid(alpha=0.3)
+    cm_axes.set_ylabel("completion [cm]", color=DISTANCE_COLOUR)
+    cm_axes.set_ylim(bottom=0.0)
+    _save(figure, path)
+
+
+def _tint(topdown: TopDownMap) -> Float[np.ndarray, "rows cols 3"]:
+    near, clear = np.array(to_rgb(NEAR_COLOUR)), np.array(to_rgb(CLEAR_COLOUR))
+    clearance = np.clip(topdown.clearance_m / FULL_CLEARANCE_M, 0.0, 1.0)[..., None]
+    image = np.empty((*topdown.state.shape, 3))
+    image[:] = to_rgb(UNKNOWN_COLOUR)
+    free = topdown.state == FREE
+    image[free] = (near + (clear - near) * clearance)[free]
+    image[topdown.state == OCCUPIED] = to_rgb(WALL_COLOUR)
+    return image
+
+
+def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | None) -> None:
+    if not regions:
+        return
+    centres = np.array([region.centre_m[:2] for region in regions])
+    if graph is not None:
+        anchors = graph.vertex_xy_m[[region.vertex for region in regions]]
+        ties = np.stack([centres, anchors], axis=1)
+        axes.add_collection(LineCollection(list(ties), colors=REGION_COLOUR, linewidths=0.8, linestyles="dotted"))
+    area = 18.0 + 60.0 * np.sqrt([region.num_members / max(r.num_members for r in regions) for region in regions])
+    axes.scatter(
+        *centres.T,
+        s=area,
+        color=REGION_COLOUR,
+        alpha=0.8,
+        edgecolors="white",
+        linewidths=0.6,
+        label="region of interest",
+        zorder=4,
+    )
+
+
+def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None:
+    if not poses:
+        return
+    way = np.array([pose.xy_m for pose in poses])
+    pieces = np.stack([way[:-1], way[1:]], axis=1)
+    moved = np.flatnonzero(np.any(pieces[:, 0] != pieces[:, 1], axis=1))
+    drawn = LineCollection(list(pieces[moved]), cmap="plasma", linewidths=2.0, capstyle="round", zorder=3)
+    drawn.set_array(moved.astype(float))
+    drawn.set_clim(0.0, float(max(1, len(poses) - 1)))
+    axes.add_collection(drawn)
+    figure.colorbar(drawn, ax=axes, label="step", shrink=0.7, pad=0.01)
+    axes.plot(*way[0], "o", ms=8, color=START_COLOUR, mec="white", mew=1.0, label="start", zorder=5)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    FigureCanvasAgg(figure).print_figure(path, format="png")
