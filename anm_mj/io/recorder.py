@@ -7,7 +7,7 @@ import resource
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import trimesh
@@ -31,6 +31,7 @@ MESH_RESOLUTION_M = 0.05
 """Grid of the final mesh [m] (the paper's released code)."""
 
 
+@runtime_checkable
 class FinishedMap(Protocol):
     """What is asked of the neural map when a run has ended."""
 
