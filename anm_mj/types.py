@@ -88,7 +88,7 @@ class Pose2:
     @property
     def xy_m(self) -> Float[np.ndarray, "2"]:
         """Position as an array [m]."""
-        return np.array([self.x_m, self.y_m])
+        return np.array([self.x_m, self.y_m], float)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from jaxtyping import install_import_hook
 
+import tests.typechecker  # noqa: F401  The hook finds it by name, as an attribute of tests.
+
 # Each worker has a core to itself, where torch and BLAS would start a thread per core of the machine. They read
 # these once, when they are loaded; processes that tests start inherit them.
 if "PYTEST_XDIST_WORKER" in os.environ:
@@ -13,7 +15,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
         os.environ.setdefault(_name, "1")
 
 # Only modules imported after this line are checked, so it stands before the first import of anm_mj.
-install_import_hook("anm_mj", "beartype.beartype")
+install_import_hook("anm_mj", "tests.typechecker.check")
 
 from anm_mj.errors import RenderError  # noqa: E402
 from anm_mj.sim.gl import select_backend  # noqa: E402

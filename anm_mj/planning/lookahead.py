@@ -13,7 +13,7 @@ LOOKAHEAD_STEPS = 2
 
 
 def way_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
-    """Whether the body would touch occupied voxels that it does not touch now, within the next forward steps.
+    """Whether the next forward steps would bring occupied voxels into the body, and nearer than any is now.
 
     Args:
         grid: the occupancy.
@@ -35,6 +35,6 @@ def way_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
     y = grid.origin_m[1] + (row + rows.start + 0.5) * resolution - pose.y_m
     ahead = x * math.cos(pose.yaw_rad) + y * math.sin(pose.yaw_rad)
     aside = -x * math.sin(pose.yaw_rad) + y * math.cos(pose.yaw_rad)
-    touched_now = np.hypot(ahead, aside) < footprint.radius_m
-    nearest = np.hypot(ahead - np.clip(ahead, 0.0, reach), aside)
-    return bool(((nearest < footprint.radius_m) & ~touched_now).any())
+    nearest_now = np.hypot(ahead, aside).min()
+    nearest = np.hypot(ahead - np.clip(ahead, 0.0, reach), aside).min()
+    return bool(nearest < min(footprint.radius_m, nearest_now - 1e-6))

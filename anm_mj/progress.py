@@ -1,0 +1,104 @@
+"""What a person sees of a run in the terminal: one live line while it goes, a table at its end."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from types import FrameType
+from typing import Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from anm_mj.evaluation.metrics import Metrics
+from anm_mj.explore import Progress
+from anm_mj.io.recorder import RunRecorder
+
+PLAIN_EVERY = 50
+"""Without a terminal, a line is printed after this many steps."""
+
+
+class ProgressLine:
+    """One live line: step, rate, coverage, target, why, loss. In a file or a pipe, a plain line now and then."""
+
+    def __init__(self, console: Console):
+        """Nothing is shown before the first step."""
+        self._console = console
+        self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def update(self, progress: Progress, recorder: RunRecorder, num_steps: int) -> None:
+        """Show how the run stands."""
+        if self._live is None and progress.step % PLAIN_EVERY and progress.step != num_steps:
+            return
+        target = progress.plan.target_xy_m
+        row = recorder.completion
+        parts = [
+            f"step {progress.step}/{num_steps}",
+            f"{progress.step / max(progress.loop_s, 1e-9):.1f} Hz",
+            f"covered {row.completion_ratio:.1f} %" if row is not None else "",
+            f"target {target[0]:.1f},{target[1]:.1f}" if target is not None else "",
+            f"loss {progress.update.loss:.3g}",
+            progress.plan.reason,
+        ]
+        line = " · ".join(part for part in parts if part)
+        if self._live is None:
+            self._console.print(line, highlight=False, soft_wrap=True)
+        else:
+            self._live.update(Text(line, no_wrap=True, overflow="ellipsis"))
+
+
+class Interrupt:
+    """The first Ctrl-C asks the run to end well, the second ends the program."""
+
+    def __init__(self, console: Console):
+        """Nothing is asked for yet."""
+        self._console = console
+        self._requested = False
+
+    def __enter__(self) -> Self:
+        self._former = signal.signal(signal.SIGINT, self._on_signal)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, self._former)
+
+    def requested(self) -> bool:
+        """Whether the run is to end."""
+        return self._requested
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if self._requested:
+            signal.default_int_handler(number, frame)
+        self._requested = True
+        self._console.print("Ending after this step and writing everything; Ctrl-C again to quit at once.")
+
+
+def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
+    """The result of a run and where it lies."""
+    table = Table(box=None, show_header=False)
+    for label, value, unit in (
+        ("true surface seen to 5 cm", metrics.completion_ratio, "%"),
+        ("mean distance of it to what was seen", metrics.completion_cm, "cm"),
+        ("mesh accuracy", metrics.accuracy_cm, "cm"),
+        ("true surface within 5 cm of the mesh", metrics.mesh_completion_ratio, "%"),
+        ("steps", metrics.steps, f"of which {metrics.turns} turns, {metrics.collisions} collisions"),
+        ("distance driven", metrics.path_m, "m"),
+        ("steps per second", metrics.hz, "Hz"),
+        ("largest memory", metrics.peak_rss_mib, "MiB"),
+    ):
+        if value is not None:
+            table.add_row(label, f"{value:.2f}" if isinstance(value, float) else str(value), unit)
+    table.add_row("ended because", metrics.stop_reason or "the program was killed", "")
+    console.print(table)
+    console.print(f"Everything of this run lies in {folder}", highlight=False, soft_wrap=True)

@@ -1,0 +1,87 @@
+"""One run, from a configuration to a run folder: puts the stages together and lets ``explore`` loop."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from anm_mj.config import RunConfig, default_steps
+from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.evaluation.metrics import Metrics
+from anm_mj.explore import Progress, explore
+from anm_mj.io.manifest import RunFacts, manifest
+from anm_mj.io.recorder import RunRecorder
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.planning.policies.make import policy_class
+from anm_mj.protocols import Viewer
+from anm_mj.scene.folder import load_scene
+from anm_mj.sim.gl import select_backend
+from anm_mj.types import Pose2
+from anm_mj.viz.viewer import NullViewer
+
+
+def run(
+    config: RunConfig,
+    *,
+    out: Path | None = None,
+    viewer: Viewer | None = None,
+    stop_requested: Callable[[], bool] = lambda: False,
+    on_step: Callable[[Progress, RunRecorder, int], None] = lambda progress, recorder, num_steps: None,
+) -> tuple[RunFolder, Metrics]:
+    """Explore a scene and write everything about it.
+
+    Args:
+        config: what to do.
+        out: the run folder; None = a new one below ``runs/``.
+        viewer: shows the run while it goes; None = nothing does.
+        stop_requested: asked before every step; True ends the run with INTERRUPTED and everything written.
+        on_step: told after every step, with the budget.
+
+    Raises:
+        AnmError: the scene, start, policy, device, renderer or output folder cannot be used; nothing has been written
+            then, but for an error in the loop itself.
+    """
+    begin = time.perf_counter()
+    make_policy = policy_class(config.policy)
+    scene = load_scene(config.scene)
+    steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
+    backend = select_backend()
+    # mujoco and torch are imported from here on: the first because its GL back-end is chosen only now, both because
+    # they take seconds that a mistyped option should not cost.
+    from anm_mj.mapping.neural_map import NeuralMap
+    from anm_mj.robots import make_robot
+
+    mapper = NeuralMap(config.mapping, seed=config.seed, device=config.device)
+    robot = make_robot(scene, start=_start_pose(config), drive=config.drive, image_px=config.image_px)
+    folder = RunFolder.create(out, scene.name, config.policy)
+    facts = RunFacts(
+        config.scene, scene.hash, config.policy, config.seed, mapper.device_name, backend.name, backend.renderer_string
+    )
+    folder.write_manifest(manifest(facts, sys.argv))
+    folder.write_config(config)
+    viewer = viewer or NullViewer()
+    # Always the same samples of a scene, whatever the run's seed, so that runs differ by what they saw alone.
+    truth = GroundTruth.from_mesh(*scene.triangles())
+    with robot, RunRecorder(folder, truth) as recorder:
+        outcome = explore(
+            robot,
+            mapper,
+            make_policy(config.planning, robot.footprint, config.seed),
+            num_steps=steps,
+            recorder=recorder,
+            viewer=viewer,
+            stop_requested=stop_requested,
+            on_step=lambda progress: on_step(progress, recorder, steps),
+        )
+        wall_s = time.perf_counter() - begin
+        return folder, recorder.finish(outcome.stop_reason, mapper, wall_s=wall_s, loop_s=outcome.loop_s)
+
+
+def _start_pose(config: RunConfig) -> Pose2 | None:
+    if config.start is None:
+        return None
+    x, y, yaw_deg = config.start
+    return Pose2(x, y, math.radians(yaw_deg))

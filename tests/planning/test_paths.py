@@ -1,0 +1,85 @@
+import math
+
+import numpy as np
+import pytest
+
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.gvg import voronoi_graph
+from anm_mj.planning.paths import clearance_at, path_steps, reach, segments_clear
+from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.types import Footprint, Pose2
+from tests.planning.worlds import room
+
+SAFE_M = 0.22
+CONFIG = PlanningConfig(horizon_m=20.0)
+
+
+def situation(world, pose):
+    topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, pose)
+    return voronoi_graph(topdown, pose.xy_m, CONFIG, SAFE_M), topdown
+
+
+def nearest(graph, x, y):
+    return int(np.argmin(np.linalg.norm(graph.vertex_xy_m - [x, y], axis=1)))
+
+
+def length(path):
+    return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+
+
+def test_a_path_through_a_door_is_nearly_as_short_as_the_straight_lines_through_it():
+    wall = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
+    pose = Pose2(1.0, 0.8, 0.0)
+    graph, topdown = situation(room(8, 3, boxes=wall), pose)
+    target = nearest(graph, 7.0, 2.6)
+    path = reach(graph, topdown, pose, SAFE_M).path_to(target)
+    # The shortest way rounds the door posts at the safe distance.
+    through_door = math.dist((1.0, 0.8), (4.2, 1.45)) + math.dist((4.2, 1.45), graph.vertex_xy_m[target])
+    assert np.allclose(path[0], pose.xy_m)
+    assert np.allclose(path[-1], graph.vertex_xy_m[target])
+    assert length(path) < through_door * 1.08
+    assert segments_clear(topdown, path[:-1], path[1:], SAFE_M, pose).all()
+
+
+def test_a_path_is_never_longer_than_the_one_along_the_graph():
+    pose = Pose2(1.0, 0.8, 0.0)
+    graph, topdown = situation(room(8, 3, boxes=[(3, 1, 3.5, 2)]), pose)
+    paths = reach(graph, topdown, pose, SAFE_M)
+    for vertex in range(0, len(graph.vertex_xy_m), 7):
+        if np.isfinite(paths.distance_m[vertex]):
+            assert length(paths.path_to(vertex)) <= paths.distance_m[vertex] + 1e-9
+
+
+def test_what_lies_behind_a_wall_cannot_be_reached():
+    pose = Pose2(1.0, 1.5, 0.0)
+    graph, topdown = situation(room(8, 3, boxes=[(4.2, 0.2, 4.3, 3.2)]), pose)
+    paths = reach(graph, topdown, pose, SAFE_M)
+    behind = nearest(graph, 6.5, 1.7)
+    assert not np.isfinite(paths.distance_m[behind])
+    assert len(paths.path_to(behind)) == 0
+
+
+def test_a_robot_in_a_tight_corner_still_finds_a_way_out():
+    # 0.19 m from both walls: nearer than any planned way may lead, yet not touching.
+    pose = Pose2(0.39, 0.39, 0.0)
+    graph, topdown = situation(room(4, 3), pose)
+    paths = reach(graph, topdown, pose, SAFE_M)
+    assert np.isfinite(paths.distance_m).any()
+    assert len(paths.path_to(nearest(graph, 2.2, 1.7))) >= 2
+
+
+def test_segments_keep_the_whole_way_clear_not_only_its_ends():
+    pose = Pose2(1.0, 1.5, 0.0)
+    _, topdown = situation(room(4, 3, boxes=[(2.2, 1.5, 2.25, 1.55)]), pose)
+    ends = np.array([[3.5, 1.5], [3.5, 2.8]])
+    clear = segments_clear(topdown, np.array([[1.0, 1.5], [1.0, 2.8]]), ends, SAFE_M)
+    assert clear.tolist() == [False, True]
+    assert clearance_at(topdown, np.array([[99.0, 99.0]]))[0] == -np.inf
+
+
+def test_steps_count_metres_and_turns_as_the_budget_does():
+    path = np.array([[0.0, 0.0], [0.65, 0.0], [0.65, 0.65]])
+    assert path_steps(path, 0.0) == pytest.approx(10 + 9 + 10)
+    assert path_steps(path, math.pi / 2) == pytest.approx(9 + 10 + 9 + 10)
+    assert path_steps(path, 0.0, final_yaw_rad=math.pi) == pytest.approx(10 + 9 + 10 + 9)
+    assert path_steps(np.zeros((0, 2)), 0.0, final_yaw_rad=math.radians(-30)) == pytest.approx(3)

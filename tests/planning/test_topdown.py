@@ -1,0 +1,84 @@
+import numpy as np
+
+from anm_mj.frames import world_to_cell
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.paths import clearance_at
+from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, VoxelGrid
+from tests.planning.worlds import BoxWorld, room
+
+BODY = Footprint(0.18, 0.05, 1.35)
+
+
+def topdown_of(world, pose, config=PlanningConfig()):  # noqa: B008
+    return TopDownMapper(config, BODY).update(world.occupancy, world.sdf, pose)
+
+
+def state_at(topdown, x, y):
+    row, col = world_to_cell(np.array([[x, y]]), topdown.origin_xy_m, topdown.resolution_m)[0]
+    return topdown.state[row, col]
+
+
+def test_free_occupied_and_unknown_columns_are_told_apart():
+    world = room(4, 3, boxes=[(2, 1, 2.5, 1.5)], unknown=[(3, 2, 4.2, 3.2)])
+    topdown = topdown_of(world, Pose2(1, 1, 0))
+    assert state_at(topdown, 1.0, 1.0) == FREE
+    assert state_at(topdown, 2.2, 1.2) == OCCUPIED
+    assert state_at(topdown, 3.6, 2.6) == UNKNOWN
+
+
+def test_clearance_in_a_room_is_the_distance_to_the_nearest_wall():
+    topdown = topdown_of(room(4, 3), Pose2(2, 1.5, 0))
+    assert abs(clearance_at(topdown, np.array([[1.225, 1.725]]))[0] - 1.025) < 0.03
+    assert clearance_at(topdown, np.array([[0.1, 1.0]]))[0] < 0
+
+
+def test_zero_crossings_lie_on_the_wall_to_a_centimetre_although_cells_are_five():
+    # The wall's face lies inside a cell, at 1.12 m: only the SDF knows where.
+    world = BoxWorld((3, 3), [(0, 0, 1.10, 3)])
+    world.boxes = np.array([[0, 0, 1.12, 3.0]])
+    topdown = topdown_of(world, Pose2(2, 1.5, 0))
+    near = topdown.surface_xy_m[np.abs(topdown.surface_xy_m[:, 1] - 1.5) < 1.0]
+    assert len(near) > 10
+    assert np.abs(near[:, 0] - 1.12).max() < 0.012
+
+
+def test_an_extrapolated_sign_opens_no_way_into_the_unknown():
+    world = room(4, 3, unknown=[(3, 0.2, 4.2, 3.2)])
+    world.sdf = lambda points: np.full(len(points), 0.1, np.float32)
+    assert state_at(topdown_of(world, Pose2(1, 1, 0)), 3.6, 1.0) == UNKNOWN
+
+
+def test_small_enclosed_unknown_is_taken_as_free_and_large_is_not():
+    config = PlanningConfig(hole_area_m2=0.15)
+    small = topdown_of(room(4, 3, unknown=[(2, 1, 2.3, 1.3)]), Pose2(1, 1, 0), config)
+    large = topdown_of(room(4, 3, unknown=[(2, 1, 2.6, 1.6)]), Pose2(1, 1, 0), config)
+    assert state_at(small, 2.15, 1.15) == FREE
+    assert state_at(large, 2.3, 1.3) == UNKNOWN
+
+
+def test_remembered_sdf_stays_in_place_when_the_grid_grows():
+    world = BoxWorld((3, 3), [(0, 0, 1.10, 3)])
+    world.boxes = np.array([[0, 0, 1.12, 3.0]])
+    mapper = TopDownMapper(PlanningConfig(), BODY)
+    before = mapper.update(world.occupancy, world.sdf, Pose2(2, 1.5, 0))
+    old = world.occupancy
+    grown = VoxelGrid(
+        np.pad(old.state, ((0, 0), (20, 0), (40, 0)), constant_values=UNKNOWN),
+        np.pad(old.seen_range_m, ((0, 0), (20, 0), (40, 0)), constant_values=np.inf),
+        old.origin_m - np.array([2.0, 1.0, 0.0]),
+        old.resolution_m,
+    )
+    # Far from the wall nothing is asked anew, so what is known of it must have been kept.
+    after = mapper.update(grown, lambda points: np.full(len(points), np.nan, np.float32), Pose2(40.0, 40.0, 0))
+    near = after.surface_xy_m[(np.abs(after.surface_xy_m[:, 1] - 1.5) < 0.5) & (after.surface_xy_m[:, 0] > 1.0)]
+    assert np.abs(near[:, 0] - 1.12).max() < 0.012
+    assert len(before.surface_xy_m) > 0
+
+
+def test_a_place_that_blocked_the_robot_is_an_obstacle_from_then_on():
+    world = room(4, 3)
+    mapper = TopDownMapper(PlanningConfig(), BODY)
+    mapper.add_blocked(np.array([2.0, 2.0]))
+    topdown = mapper.update(world.occupancy, world.sdf, Pose2(1, 1, 0))
+    assert state_at(topdown, 2.0, 2.0) == OCCUPIED

@@ -1,0 +1,50 @@
+"""Analytic worlds: voxel grids of boxes, fully seen, and the exact SDF that goes with them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, MapUpdate, Observation, SurfacePoints, VoxelGrid
+
+RESOLUTION_M = 0.05
+HEIGHT_M = 2.0
+
+
+class BoxWorld:
+    """A map of axis-aligned boxes [x0, y0, x1, y1] from floor to ceiling, everything else seen free."""
+
+    def __init__(self, size_m, boxes, unknown=()):
+        cols, rows = (round(s / RESOLUTION_M) for s in size_m)
+        layers = round(HEIGHT_M / RESOLUTION_M)
+        state = np.full((layers, rows, cols), FREE, np.int8)
+        for value, areas in ((UNKNOWN, unknown), (OCCUPIED, boxes)):
+            for x0, y0, x1, y1 in areas:
+                c0, r0, c1, r1 = (round(v / RESOLUTION_M) for v in (x0, y0, x1, y1))
+                state[:, r0:r1, c0:c1] = value
+        seen = np.where(state == OCCUPIED, np.float32(1.0), np.float32(np.inf))
+        self.boxes = np.array(boxes, float).reshape(-1, 4)
+        self.occupancy = VoxelGrid(state, seen, np.zeros(3), RESOLUTION_M)
+
+    def integrate(self, observation: Observation) -> MapUpdate:
+        return MapUpdate(0.0, 0, 0)
+
+    def sdf(self, points_m):
+        low, high = self.boxes[:, :2], self.boxes[:, 2:]
+        centre, half = (low + high) / 2, (high - low) / 2
+        q = np.abs(points_m[:, None, :2] - centre) - half
+        outside = np.linalg.norm(np.maximum(q, 0), axis=-1)
+        distance = (outside + np.minimum(q.max(axis=-1), 0)).min(axis=1)
+        return np.clip(distance, -0.1, 0.1).astype(np.float32)
+
+    def uncertainty(self, points_m):
+        return np.ones(len(points_m), np.float32)
+
+    def surface(self, centre_xy_m, radius_m) -> SurfacePoints:
+        return SurfacePoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+
+
+def room(width_m, height_m, wall_m=0.2, boxes=(), unknown=()):
+    """A closed room whose free inside is ``width_m`` by ``height_m``, its lower left inner corner at (wall, wall)."""
+    w, h = width_m + 2 * wall_m, height_m + 2 * wall_m
+    walls = [(0, 0, w, wall_m), (0, h - wall_m, w, h), (0, 0, wall_m, h), (w - wall_m, 0, w, h)]
+    return BoxWorld((w, h), [*walls, *boxes], unknown)
