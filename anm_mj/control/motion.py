@@ -1,0 +1,72 @@
+"""What a discrete action asks of the base: how far, and how fast."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from anm_mj.errors import RobotError
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action
+
+_MOTIONS = {
+    Action.STOP: (0.0, 0.0),
+    Action.MOVE_FORWARD: (FORWARD_STEP_M, 0.0),
+    Action.TURN_LEFT: (0.0, TURN_STEP_RAD),
+    Action.TURN_RIGHT: (0.0, -TURN_STEP_RAD),
+}
+
+
+def action_motion(action: Action) -> tuple[float, float]:
+    """Distance to roll forward [m] and angle to turn [rad] of an action; one of the two is 0."""
+    return _MOTIONS[action]
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """How fast the base moves. At these accelerations the wheels of the robot in ``models/diff_drive`` do not slip."""
+
+    forward_mps: float = 0.5
+    """Highest forward speed [m/s]."""
+    forward_mps2: float = 1.5
+    """Forward acceleration and deceleration [m/s²]."""
+    turn_radps: float = 1.8
+    """Highest turn rate [rad/s]."""
+    turn_radps2: float = 6.0
+    """Angular acceleration and deceleration [rad/s²]."""
+
+    def __post_init__(self):
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise RobotError(f"MotionLimits.{name} is {value}; it must be positive.")
+
+
+class Trapezoid:
+    """Progress of a motion from rest to rest that accelerates, cruises and decelerates.
+
+    Source: Lynch and Park, Modern Robotics, 2017, section 9.2.2.2 (trapezoidal time scaling).
+    """
+
+    def __init__(self, length: float, max_speed: float, acceleration: float):
+        """All in one unit and positive: m, m/s and m/s², or rad, rad/s and rad/s²."""
+        self._length, self._acceleration = length, acceleration
+        # A short motion never reaches the highest speed.
+        self._speed = min(max_speed, math.sqrt(length * acceleration))
+        self._ramp_s = self._speed / acceleration
+        self.duration_s = length / self._speed + self._ramp_s
+
+    def fraction(self, time_s: float) -> float:
+        """Share of the length that is done at a time after the start, in [0, 1]."""
+        t = min(max(time_s, 0.0), self.duration_s)
+        if t < self._ramp_s:
+            return 0.5 * self._acceleration * t**2 / self._length
+        if t > self.duration_s - self._ramp_s:
+            return 1.0 - 0.5 * self._acceleration * (self.duration_s - t) ** 2 / self._length
+        return self._speed * (t - 0.5 * self._ramp_s) / self._length
+
+
+def action_profile(action: Action, limits: MotionLimits) -> Trapezoid:
+    """The profile of an action that moves (not STOP)."""
+    forward_m, turn_rad = action_motion(action)
+    if forward_m:
+        return Trapezoid(forward_m, limits.forward_mps, limits.forward_mps2)
+    return Trapezoid(abs(turn_rad), limits.turn_radps, limits.turn_radps2)

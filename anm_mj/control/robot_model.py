@@ -1,0 +1,134 @@
+"""The robot's own kinematic model, read by pinocchio from the MJCF that the simulator reads.
+
+It is what a real robot would run: it knows nothing of a simulator. pinocchio's MJCF reader leaves out silently what it
+does not know (``<frame>``, masses in defaults, all but the first body of the world), so every part is asked for by
+name.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+
+from anm_mj.errors import RobotError
+from anm_mj.frames import move_pose, pose_matrix
+from anm_mj.types import Pose2, WheelSpeeds
+
+BASE_JOINT = "base"
+WHEEL_JOINTS = ("wheel_left", "wheel_right")
+"""Left, right."""
+CAMERA = "camera"
+"""Name of the MJCF camera, and of the site that has its place and the axes x right, y down, z forward."""
+
+
+class RobotModel:
+    """A differential-drive base with a camera: where things are on it, and how wheels move it."""
+
+    def __init__(self, mjcf_path: Path):
+        """Read the model.
+
+        Args:
+            mjcf_path: a robot with a free joint "base", hinges "wheel_left" and "wheel_right", and a site "camera".
+
+        Raises:
+            RobotError: if the file cannot be read, or is not such a robot.
+        """
+        try:
+            self._model = pin.buildModelFromMJCF(str(mjcf_path))
+        except (ValueError, RuntimeError) as err:
+            raise RobotError(f"pinocchio cannot read the robot {mjcf_path}: {err}") from err
+        self._data = self._model.createData()
+        _require_parts(self._model, mjcf_path)
+        self._camera_frame = self._model.getFrameId(CAMERA, pin.FrameType.OP_FRAME)
+
+        left, right = (self._model.jointPlacements[self._model.getJointId(name)] for name in WHEEL_JOINTS)
+        _require_differential_drive(left, right, mjcf_path)
+        self._wheel_radius_m = float(left.translation[2])
+        self._track_m = float(left.translation[1] - right.translation[1])
+        pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
+        self._T_base_camera = self._data.oMf[self._camera_frame].homogeneous.copy()
+
+    @property
+    def pinocchio_model(self) -> pin.Model:
+        """The model as pinocchio has it; configurations are x, y, z, quaternion xyzw, left and right wheel angle."""
+        return self._model
+
+    @property
+    def wheel_radius_m(self) -> float:
+        """Height of the wheels' axis above the floor: the radius that they roll with."""
+        return self._wheel_radius_m
+
+    @property
+    def track_m(self) -> float:
+        """Distance between the wheels' planes."""
+        return self._track_m
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass of the whole robot."""
+        return float(pin.computeTotalMass(self._model))
+
+    @property
+    def T_base_camera(self) -> Float[np.ndarray, "4 4"]:
+        """Camera to base; camera axes x right, y down, z forward."""
+        return self._T_base_camera.copy()
+
+    @property
+    def wheel_jacobian(self) -> Float[np.ndarray, "2 2"]:
+        """Forward speed and turn rate per left and right wheel speed, rolling without slip.
+
+        Source: Lynch and Park, Modern Robotics, 2017, section 13.3.1 (differential drive).
+        """
+        r, track = self._wheel_radius_m, self._track_m
+        return np.array([[r / 2.0, r / 2.0], [-r / track, r / track]])
+
+    def T_world_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
+        """Camera to world by forward kinematics of a base that stands on the floor."""
+        return pose_matrix(pose) @ self._T_base_camera
+
+    def body_motion(self, left: float, right: float) -> tuple[float, float]:
+        """Forward motion and turn from the wheels': m and rad from rad, or m/s and rad/s from rad/s."""
+        forward = self._wheel_radius_m * (right + left) / 2.0
+        turn = self._wheel_radius_m * (right - left) / self._track_m
+        return forward, turn
+
+    def wheel_motion(self, forward: float, turn: float) -> tuple[float, float]:
+        """Left and right wheel motion from the body's: the inverse of :meth:`body_motion`."""
+        half_track = self._track_m / 2.0
+        return (forward - turn * half_track) / self._wheel_radius_m, (
+            forward + turn * half_track
+        ) / self._wheel_radius_m
+
+    def wheel_speeds(self, forward_mps: float, turn_radps: float) -> WheelSpeeds:
+        """Wheel speeds that roll the base forward and turn it."""
+        return WheelSpeeds(*self.wheel_motion(forward_mps, turn_radps))
+
+    def odometry(self, pose: Pose2, left_rad: float, right_rad: float) -> Pose2:
+        """The pose after the wheels have turned by these angles at a constant ratio: the SE(2) exponential."""
+        return move_pose(pose, *self.body_motion(left_rad, right_rad))
+
+
+def _require_parts(model: pin.Model, path: Path) -> None:
+    """Raises RobotError unless all joints and the camera's site are there."""
+    missing = [name for name in (BASE_JOINT, *WHEEL_JOINTS) if not model.existJointName(name)]
+    if missing:
+        raise RobotError(
+            f"The robot {path} has no joint {', '.join(missing)} (pinocchio found {list(model.names)[1:]}); a free "
+            'joint "base" and hinges "wheel_left" and "wheel_right" are needed, in the first body of the world and not '
+            "in a <frame>."
+        )
+    if not model.existFrame(CAMERA, pin.FrameType.OP_FRAME):
+        raise RobotError(f'The robot {path} has no site "{CAMERA}" at its camera; add one (z forward, y down).')
+
+
+def _require_differential_drive(left: pin.SE3, right: pin.SE3, path: Path) -> None:
+    """Raises RobotError unless the wheels mirror each other on an axle through the base's origin."""
+    (xl, yl, zl), (xr, yr, zr) = left.translation, right.translation
+    if not (np.allclose([xl, xr, yl + yr, zl - zr], 0.0, atol=1e-9) and yl > 0.0 and zl > 0.0):
+        raise RobotError(
+            f"The robot {path} has wheels at {left.translation} and {right.translation} in its base; they must lie at "
+            "(0, y, r) and (0, -y, r): one axle through the base's origin, left wheel at positive y."
+        )
