@@ -37,4 +37,4 @@ def way_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
     aside = -x * math.sin(pose.yaw_rad) + y * math.cos(pose.yaw_rad)
     nearest_now = np.hypot(ahead, aside).min()
     nearest = np.hypot(ahead - np.clip(ahead, 0.0, reach), aside).min()
-    return bool(nearest < min(footprint.radius_m, nearest_now - 1e-6))
+    return bool(nearest < min(footprint.radius_m, nearest_now - resolution / 4))
