@@ -1,0 +1,77 @@
+"""What the robot bumps into: merged boxes over the footprint of everything between ankle and head height.
+
+The robot is an upright cylinder that sweeps its full height wherever it goes, so for it a table is as solid as its
+outline: one slice through all body heights says all there is to say, and layers of boxes would only cost time. The
+slice is taken from the exact triangles (no convex hulls, which close doorways; no simplification, which loses legs).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int
+from scipy import ndimage
+
+from anm_mj.scene.raster import Grid, clip_to_slab, distance_cells, grid_over, label_components, rasterise
+
+SLICE_Z_MIN_M = 0.03
+"""What is lower (rugs, thresholds) is driven over [m]."""
+SLICE_Z_MAX_M = 1.4
+"""What is higher (lamps, lintels) is driven under; a little above the robot's top [m]."""
+RESOLUTION_M = 0.025
+"""Cell size of the slice: half of the thinnest wall or table leg that is common indoors [m]."""
+POCKET_RADIUS_M = 0.1
+"""Free pockets in which no disc of this radius fits are filled, so that a hollow wall or cupboard is one box [m]."""
+
+
+def collision_boxes(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "n 4"]:
+    """Rectangles x_min, y_min, x_max, y_max [m] that cover all triangles between SLICE_Z_MIN_M and SLICE_Z_MAX_M.
+
+    Surfaces come out at most one cell too thick, never too thin.
+    """
+    polygons = clip_to_slab(triangles_m, SLICE_Z_MIN_M, SLICE_Z_MAX_M)
+    if not len(polygons):
+        return np.zeros((0, 4))
+    corners = polygons.reshape(-1, 2)
+    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), RESOLUTION_M)
+    occupied = fill_pockets(rasterise(polygons, grid), POCKET_RADIUS_M / RESOLUTION_M)
+    return merge_cells(occupied, grid)
+
+
+def fill_pockets(occupied: Bool[np.ndarray, "rows cols"], radius_cells: float) -> Bool[np.ndarray, "rows cols"]:
+    """The same cells and all closed free pockets that hold no disc of the given radius [cells]."""
+    free, num = label_components(~occupied)
+    if not num:
+        return occupied
+    # The border counts as free, so that the outside is never taken for a pocket.
+    distance = distance_cells(np.pad(~occupied, 1, constant_values=True))[1:-1, 1:-1]
+    widest = np.asarray(ndimage.maximum(distance, free, index=np.arange(num + 1)))
+    on_border = np.unique(np.concatenate([free[0], free[-1], free[:, 0], free[:, -1]]))
+    pocket = widest < radius_cells
+    pocket[on_border] = False
+    pocket[0] = False
+    return occupied | pocket[free]
+
+
+def merge_cells(occupied: Bool[np.ndarray, "rows cols"], grid: Grid) -> Float64[np.ndarray, "n 4"]:
+    """Rectangles x_min, y_min, x_max, y_max [m] that cover exactly the occupied cells without overlap.
+
+    Runs along one axis that continue unchanged in the next line are one rectangle; the axis with fewer wins.
+    """
+    by_row, by_col = _merge_runs(occupied), _merge_runs(occupied.T)[:, [1, 0, 3, 2]]
+    rectangles = by_row if len(by_row) <= len(by_col) else by_col
+    corner = np.tile(grid.origin_xy_m, 2)
+    return corner + grid.resolution_m * rectangles[:, [1, 0, 3, 2]]
+
+
+def _merge_runs(cells: Bool[np.ndarray, "lines places"]) -> Int[np.ndarray, "n 4"]:
+    """First line, first place, behind the last line, behind the last place of maximal equal runs in adjacent lines."""
+    padded = np.pad(cells, ((0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(padded, axis=1)
+    lines, first = np.nonzero(change == 1)
+    _, behind = np.nonzero(change == -1)
+    order = np.lexsort((lines, behind, first))
+    lines, first, behind = lines[order], first[order], behind[order]
+    continues = (np.diff(first) == 0) & (np.diff(behind) == 0) & (np.diff(lines) == 1)
+    starts = np.flatnonzero(np.concatenate([[True], ~continues]))[: len(lines)]
+    ends = np.flatnonzero(np.concatenate([~continues, [True]]))[: len(lines)]
+    return np.stack([lines[starts], first[starts], lines[ends] + 1, behind[starts]], axis=1)

@@ -1,0 +1,178 @@
+"""The scene folder: what every other stage knows about a scene.
+
+scene.toml     name, licence, source, how axes and units were found, bounds, start poses, hash
+scene.xml      MJCF that MuJoCo loads by itself
+assets/        meshes and textures of scene.xml
+geometry.npz   vertices (V, 3) float32 in the world [m] and faces (F, 3) int32: the exact source triangles
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+from anm_mj.errors import SceneError
+from anm_mj.types import Pose2
+
+if TYPE_CHECKING:
+    import trimesh
+
+TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
+"""Names of what a scene folder holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene folder, read; the geometry is loaded when asked for."""
+
+    name: str
+    folder: Path
+    bounds_m: Float64[np.ndarray, "2 3"]
+    """Smallest and largest world x, y, z of the geometry [m]; the floor is at z = 0."""
+    num_triangles: int
+    starts: tuple[Pose2, ...]
+    """Poses that are clear and reach most of the floor, far from one another."""
+    has_ceiling: bool
+    cull_face: bool
+    """True if the renderer may leave out triangles seen from behind without opening a wall."""
+    licence: str
+    source: str
+    """Where the geometry came from: a file, or the generator that made it."""
+    rooms: int | None
+    budget_steps: int | None
+    """Number of steps a run should get here, or None where the scene has no opinion."""
+    hash: str
+    """sha256 over geometry, texture coordinates, colours and textures."""
+
+    @property
+    def xml(self) -> Path:
+        """The MJCF file."""
+        return self.folder / XML
+
+    def triangles(self) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
+        """Vertices in the world [m] and faces of the exact source triangles; read-only, loaded once.
+
+        Raises:
+            SceneError: if geometry.npz cannot be read.
+        """
+        return _read_geometry(self.folder / GEOMETRY, self.hash)
+
+    def geometry(self) -> trimesh.Trimesh:
+        """The exact source triangles as a mesh in the world [m]; loaded once, not to be changed.
+
+        Raises:
+            SceneError: if geometry.npz cannot be read.
+        """
+        return _geometry_mesh(self.folder / GEOMETRY, self.hash)
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """The scene in a folder, or the scene of that name in the catalogue.
+
+    Raises:
+        SceneError: if there is no such scene, or the folder is not a complete scene folder.
+    """
+    path = Path(name_or_path)
+    if isinstance(name_or_path, str) and path.name == name_or_path and not path.is_dir():
+        known = {entry.name: entry for root in scene_roots() for entry in scene_folders(root)}
+        if name_or_path not in known:
+            names = ", ".join(sorted(known)) or "none yet"
+            raise SceneError(
+                f"There is no scene {name_or_path!r}; the catalogue holds {names}. "
+                "Give one of these, the path of a scene folder, or import a mesh file first."
+            )
+        path = known[name_or_path]
+    return read_scene_folder(path)
+
+
+def scene_roots() -> list[Path]:
+    """Folders whose subfolders are scenes: the repository's own, then the user's (ANM_MJ_SCENES overrides it)."""
+    data_home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    user = os.environ.get("ANM_MJ_SCENES") or Path(data_home) / "anm_mj" / "scenes"
+    return [Path(__file__).resolve().parents[2] / "scenes", Path(user).expanduser()]
+
+
+def scene_folders(root: Path) -> list[Path]:
+    """The scene folders directly below a folder, by name; none when it does not exist or may not be read."""
+    try:
+        return sorted(entry for entry in root.iterdir() if (entry / TOML).is_file())
+    except OSError:
+        return []
+
+
+def read_scene_folder(folder: Path) -> Scene:
+    """The scene in a folder.
+
+    Raises:
+        SceneError: if the folder is missing, is not a scene folder, or lacks a part.
+    """
+    if not folder.exists():
+        raise SceneError(f"{folder} does not exist: give a scene's name, or the path of a scene folder.")
+    if not folder.is_dir():
+        raise SceneError(
+            f"{folder} is a file, not a scene folder: turn it into one with `anm-mj scene import` and give that."
+        )
+    if not (folder / TOML).is_file():
+        raise SceneError(f"{folder} is not a scene folder: it holds no {TOML}. Make one with `anm-mj scene import`.")
+    missing = [part for part in (XML, GEOMETRY, ASSETS) if not (folder / part).exists()]
+    if missing:
+        raise SceneError(f"Scene folder {folder} is incomplete: {', '.join(missing)} missing. Import the scene again.")
+    try:
+        with (folder / TOML).open("rb") as file:
+            return _scene_of(folder, tomllib.load(file))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
+        raise SceneError(f"{folder / TOML} cannot be read ({err}): mend it or import the scene again.") from err
+    except (KeyError, TypeError, ValueError) as err:
+        raise SceneError(f"{folder / TOML} lacks or misstates an entry ({err}): import the scene again.") from err
+
+
+def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
+    """The scene that scene.toml describes."""
+    bounds = np.asarray(entries["bounds"], dtype=np.float64)
+    if bounds.shape != (2, 3) or not np.isfinite(bounds).all():
+        raise ValueError("bounds must be [[x, y, z], [x, y, z]]")
+    return Scene(
+        name=str(entries["name"]),
+        folder=folder,
+        bounds_m=bounds,
+        num_triangles=int(entries["triangles"]),
+        starts=tuple(Pose2(float(x), float(y), math.radians(float(yaw_deg))) for x, y, yaw_deg in entries["starts"]),
+        has_ceiling=bool(entries["has_ceiling"]),
+        cull_face=bool(entries["cull_face"]),
+        licence=str(entries["licence"]),
+        source=str(entries["source"]),
+        rooms=entries.get("rooms"),
+        budget_steps=entries.get("budget_steps"),
+        hash=str(entries["hash"]),
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _read_geometry(path: Path, content_hash: str) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
+    """Vertices and faces of a geometry.npz; the hash is there so that a scene imported anew is read anew."""
+    del content_hash
+    try:
+        with np.load(path) as arrays:
+            vertices, faces = arrays["vertices"].astype(np.float32), arrays["faces"].astype(np.int32)
+    except (OSError, ValueError, KeyError) as err:
+        raise SceneError(f"{path} cannot be read ({err}): import the scene again.") from err
+    vertices.setflags(write=False)
+    faces.setflags(write=False)
+    return vertices, faces
+
+
+@functools.lru_cache(maxsize=4)
+def _geometry_mesh(path: Path, content_hash: str) -> trimesh.Trimesh:
+    """The mesh of a geometry.npz."""
+    import trimesh
+
+    vertices, faces = _read_geometry(path, content_hash)
+    return trimesh.Trimesh(vertices, faces, process=False)

@@ -1,0 +1,183 @@
+"""Where the robot may stand: floor below, nothing in the way, and a way to get there."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int
+from scipy import ndimage
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.folder import Scene
+from anm_mj.scene.raster import Grid, clip_to_slab, distance_cells, grid_over, label_components, level_mask, rasterise
+from anm_mj.types import Footprint, Pose2
+
+RESOLUTION_M = 0.025
+"""Cell size of the grid of standing places [m]."""
+FLOOR_TOLERANCE_M = 0.06
+"""How far the floor may lie above or below z = 0 [m]."""
+DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.06, z_max_m=1.35)
+"""The robot that start poses are chosen for."""
+_START_MARGIN_M = 0.12
+"""Start poses keep this much more distance than they need, where the scene has such places [m]."""
+_NUM_STARTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class NavigableArea:
+    """Standing places of a cylinder on the floor, on a grid."""
+
+    grid: Grid
+    clearance_m: Float32[np.ndarray, "rows cols"]
+    """Distance from a cell's centre to the nearest obstacle or missing floor, on the grid [m]; 0 in an obstacle."""
+    component: Int[np.ndarray, "rows cols"]
+    """0 where the cylinder may not stand; else the number of the connected component, 1 being the largest."""
+
+    @property
+    def area_m2(self) -> float:
+        """Area of the largest component, counted at the cylinder's axis [m2]."""
+        return float(np.count_nonzero(self.component == 1)) * self.grid.resolution_m**2
+
+    def nearest(self, xy_m: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "2"]:
+        """Centre of the cell of the largest component that is nearest to a place in the world [m]."""
+        places = self.places(1)
+        return places[np.argmin(((places - xy_m) ** 2).sum(axis=1))]
+
+    def places(self, component: int) -> Float64[np.ndarray, "n 2"]:
+        """Centres of all cells of a component, row by row [m]."""
+        rows, cols = np.nonzero(self.component == component)
+        return self.grid.origin_xy_m + (np.stack([cols, rows], axis=1) + 0.5) * self.grid.resolution_m
+
+
+def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint) -> NavigableArea:
+    """Where an upright cylinder may stand on a floor at z = 0 among triangles in the world.
+
+    Distances are taken between cell centres, so they are good to one cell; see :func:`is_clear` for exact ones.
+
+    Raises:
+        SceneError: if it may stand nowhere.
+    """
+    corners = triangles_m.reshape(-1, 3)
+    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), RESOLUTION_M, 2 * RESOLUTION_M)
+    blocked = rasterise(clip_to_slab(triangles_m, footprint.z_min_m, footprint.z_max_m), grid)
+    floor = rasterise(clip_to_slab(triangles_m[level_mask(triangles_m)], -FLOOR_TOLERANCE_M, FLOOR_TOLERANCE_M), grid)
+    # Joints between floor tiles and thresholds leave slits that no wheel falls into.
+    floor = np.asarray(ndimage.binary_closing(floor, iterations=2))
+    clearance = (distance_cells(~blocked) * grid.resolution_m).astype(np.float32)
+    labels, num = label_components((clearance >= footprint.radius_m) & floor)
+    if not num:
+        raise SceneError(
+            f"There is no place where a robot of radius {footprint.radius_m:g} m and height {footprint.z_max_m:g} m "
+            f"can stand on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0: check the up axis and the scale."
+        )
+    sizes = np.bincount(labels.ravel(), minlength=num + 1)
+    sizes[0] = 0
+    rank = np.zeros(num + 1, dtype=np.int64)
+    rank[np.argsort(-sizes, kind="stable")[:num]] = np.arange(1, num + 1)
+    # A robot beside the edge of the floor has nothing to fall from in a building, but starts should keep away from it.
+    to_edge = (distance_cells(floor) * grid.resolution_m).astype(np.float32)
+    return NavigableArea(grid, np.minimum(clearance, to_edge), rank[labels])
+
+
+def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STARTS) -> tuple[Pose2, ...]:
+    """Start poses in the largest component, each as far from the others as can be, looking along the longest view.
+
+    The first stands nearest to the middle of the roomiest places, so that it suits as the default; the others follow
+    by farthest-point sampling.
+    """
+    reachable = area.component == 1
+    roomy = reachable & (area.clearance_m >= footprint.radius_m + _START_MARGIN_M)
+    rows, cols = np.nonzero(roomy if np.count_nonzero(roomy) >= num else reachable)
+    cells = np.stack([rows, cols], axis=1).astype(np.float64)
+    chosen = [int(np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1)))]
+    distance = np.full(len(cells), np.inf)
+    while len(chosen) < min(num, len(cells)):
+        distance = np.minimum(distance, ((cells - cells[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(np.argmax(distance)))
+    free = area.clearance_m > 0.0
+    return tuple(_start_at(area, free, int(rows[i]), int(cols[i])) for i in chosen)
+
+
+def _start_at(area: NavigableArea, free: Bool[np.ndarray, "rows cols"], row: int, col: int) -> Pose2:
+    """The pose at a cell that looks along the longest run of free cells, out of 24 directions."""
+    reach = np.arange(1, max(free.shape) + 1)
+    best_yaw_deg, best_run = 0, -1
+    for yaw_deg in range(0, 360, 15):
+        rows = np.round(row + reach * math.sin(math.radians(yaw_deg))).astype(int)
+        cols = np.round(col + reach * math.cos(math.radians(yaw_deg))).astype(int)
+        inside = (rows >= 0) & (rows < free.shape[0]) & (cols >= 0) & (cols < free.shape[1])
+        open_cells = np.zeros(len(reach), dtype=bool)
+        open_cells[inside] = free[rows[inside], cols[inside]]
+        run = int(np.argmin(open_cells)) if not open_cells.all() else len(reach)
+        if run > best_run:
+            best_yaw_deg, best_run = yaw_deg, run
+    x, y = area.grid.origin_xy_m + (np.array([col, row]) + 0.5) * area.grid.resolution_m
+    yaw_deg = best_yaw_deg - 360 if best_yaw_deg > 180 else best_yaw_deg
+    return Pose2(round(float(x), 3), round(float(y), 3), math.radians(yaw_deg))
+
+
+def scene_area(scene: Scene, footprint: Footprint) -> NavigableArea:
+    """Where a robot may stand in a scene; computed once per scene and footprint.
+
+    Raises:
+        SceneError: if it may stand nowhere.
+    """
+    return _scene_area(scene, footprint.radius_m, footprint.z_min_m, footprint.z_max_m)
+
+
+@functools.lru_cache(maxsize=4)
+def _scene_area(scene: Scene, radius_m: float, z_min_m: float, z_max_m: float) -> NavigableArea:
+    vertices, faces = scene.triangles()
+    return navigable_area(vertices[faces], Footprint(radius_m, z_min_m, z_max_m))
+
+
+def is_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> bool:
+    """True if the robot's cylinder meets no triangle at a pose and has floor below: exact, not on a grid."""
+    area = scene_area(scene, footprint)
+    col, row = np.floor((pose.xy_m - area.grid.origin_xy_m) / area.grid.resolution_m).astype(int)
+    if not (0 <= row < area.grid.rows and 0 <= col < area.grid.cols) or area.clearance_m[row, col] == 0.0:
+        return False
+    polygons = _scene_polygons(scene, footprint.z_min_m, footprint.z_max_m)
+    low, high = polygons.min(axis=1), polygons.max(axis=1)
+    near = ((low <= pose.xy_m + footprint.radius_m) & (high >= pose.xy_m - footprint.radius_m)).all(axis=1)
+    return bool((_distance_to_outline(polygons[near], pose.xy_m) > footprint.radius_m).all())
+
+
+@functools.lru_cache(maxsize=4)
+def _scene_polygons(scene: Scene, z_min_m: float, z_max_m: float) -> Float64[np.ndarray, "p 5 2"]:
+    vertices, faces = scene.triangles()
+    return clip_to_slab(vertices[faces], z_min_m, z_max_m)
+
+
+def _distance_to_outline(
+    polygons_m: Float64[np.ndarray, "p k 2"], xy_m: Float[np.ndarray, "2"]
+) -> Float64[np.ndarray, " p"]:
+    """Distance from a place to the convex polygons [m]; 0 inside."""
+    edges = np.roll(polygons_m, -1, axis=1) - polygons_m
+    to_place = xy_m - polygons_m
+    length2 = (edges**2).sum(axis=2)
+    share = np.clip((to_place * edges).sum(axis=2) / np.maximum(length2, 1e-18), 0.0, 1.0)
+    distance = np.linalg.norm(to_place - share[:, :, None] * edges, axis=2).min(axis=1)
+    side = edges[:, :, 0] * to_place[:, :, 1] - edges[:, :, 1] * to_place[:, :, 0]
+    proper = (np.abs(side) > 0).any(axis=1)
+    inside = proper & ((side >= 0).all(axis=1) | (side <= 0).all(axis=1))
+    return np.where(inside, 0.0, distance)
+
+
+def require_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> None:
+    """Accept a start pose, or say where the nearest one is.
+
+    Raises:
+        SceneError: if the robot does not fit at the pose, or there is no floor below it.
+    """
+    if is_clear(scene, pose, footprint):
+        return
+    near = scene_area(scene, footprint).nearest(pose.xy_m)
+    raise SceneError(
+        f"The robot cannot start at ({pose.x_m:.2f}, {pose.y_m:.2f}) in scene {scene.name}: something stands within "
+        f"{footprint.radius_m:g} m of there, or there is no floor. The nearest clear place is "
+        f"({near[0]:.2f}, {near[1]:.2f})."
+    )

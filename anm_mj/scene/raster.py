@@ -1,0 +1,166 @@
+"""Triangles of a height range, seen from above: exact clipped polygons, and the grid cells they touch.
+
+All triangles are clipped at once to the slab z_min..z_max, which leaves convex polygons of at most five corners. A
+polygon covers, in each grid row it crosses, one run of cells, whose ends follow from its edges. So a scene of half a
+million triangles needs no loop over triangles and no test per cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int
+from scipy import ndimage
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where a two-dimensional grid lies; cells are indexed ``[row, col]``, row along world y and col along world x."""
+
+    origin_xy_m: Float64[np.ndarray, "2"]
+    """World x, y of the outer corner of cell [0, 0]."""
+    resolution_m: float
+    rows: int
+    cols: int
+
+
+def grid_over(bounds_m: Float[np.ndarray, "2 n"], resolution_m: float, margin_m: float = 0.0) -> Grid:
+    """A grid that covers the x, y of ``bounds_m`` and a margin about it.
+
+    Cell *centres* lie on multiples of the resolution: walls of man-made scenes stand at round numbers, and a surface in
+    the middle of its cell is not thrown from one cell to the next by rounding.
+    """
+    low = np.floor((bounds_m[0, :2] - margin_m) / resolution_m)
+    high = np.ceil((bounds_m[1, :2] + margin_m) / resolution_m)
+    cols, rows = (high - low + 1).astype(int)
+    return Grid((low - 0.5) * resolution_m, resolution_m, int(rows), int(cols))
+
+
+def clip_to_slab(
+    triangles_m: Float[np.ndarray, "f 3 3"], z_min_m: float, z_max_m: float
+) -> Float64[np.ndarray, "p 5 2"]:
+    """The parts of triangles with z_min <= z <= z_max, as convex polygons in the plane [m].
+
+    Triangles outside the slab are dropped. Polygons with fewer than five corners repeat their last one; one of a
+    vertical triangle has no area.
+    """
+    z = triangles_m[:, :, 2]
+    inside = triangles_m[(z.max(axis=1) >= z_min_m) & (z.min(axis=1) <= z_max_m)].astype(np.float64)
+    z = inside[:, :, 2]
+    whole = (z.min(axis=1) >= z_min_m) & (z.max(axis=1) <= z_max_m)
+    cut = _clip(_clip(inside[~whole], z_min_m, 1.0), z_max_m, -1.0)
+    polygons = np.concatenate([inside[whole][:, [0, 1, 2, 2, 2]], cut])
+    return polygons[:, :, :2]
+
+
+def _clip(polygons: Float64[np.ndarray, "n k 3"], bound_m: float, sign: float) -> Float64[np.ndarray, "n l 3"]:
+    """Convex polygons cut by the plane z = bound; what has ``sign * (z - bound) >= 0`` is kept (Sutherland-Hodgman)."""
+    num, corners = polygons.shape[:2]
+    height = sign * (polygons[:, :, 2] - bound_m)
+    following = np.roll(polygons, -1, axis=1)
+    height_following = np.roll(height, -1, axis=1)
+    crossing = (height >= 0) != (height_following >= 0)
+    share = np.divide(height, height - height_following, out=np.zeros_like(height), where=crossing)
+    cuts = polygons + share[:, :, None] * (following - polygons)
+    # Each corner may give itself and the cut of the edge behind it, in this order.
+    points = np.stack([polygons, cuts], axis=2).reshape(num, 2 * corners, 3)
+    kept = np.stack([height >= 0, crossing], axis=2).reshape(num, 2 * corners)
+    order = np.argsort(~kept, axis=1, kind="stable")[:, : corners + 1]
+    # A polygon that merely touches the plane keeps at least one corner, so slot 0 is always valid.
+    last = np.maximum(kept.sum(axis=1), 1) - 1
+    slots = np.minimum(np.arange(corners + 1), last[:, None])
+    chosen = np.take_along_axis(order, np.minimum(slots, corners), axis=1)
+    return np.take_along_axis(points, chosen[:, :, None], axis=1)
+
+
+def rasterise(polygons_m: Float64[np.ndarray, "p k 2"], grid: Grid) -> Bool[np.ndarray, "rows cols"]:
+    """True for every cell that a convex polygon touches; what lies outside the grid is left out."""
+    in_cells = (polygons_m - grid.origin_xy_m) / grid.resolution_m
+    x, y = in_cells[:, :, 0], in_cells[:, :, 1]
+    first_row, last_row = _cells(y.min(axis=1)), _cells(y.max(axis=1))
+    flat = first_row == last_row
+    rows = first_row[flat]
+    first_col, last_col = _cells(x[flat].min(axis=1)), _cells(x[flat].max(axis=1))
+    tall_rows, tall_first, tall_last = _row_runs(x[~flat], y[~flat], first_row[~flat], last_row[~flat])
+    return _fill_runs(
+        np.concatenate([rows, tall_rows]),
+        np.concatenate([first_col, tall_first]),
+        np.concatenate([last_col, tall_last]),
+        grid,
+    )
+
+
+def _cells(coordinates: Float64[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Index of the cell that holds each coordinate."""
+    return np.floor(coordinates).astype(np.int64)
+
+
+def _row_runs(
+    x: Float64[np.ndarray, "n k"],
+    y: Float64[np.ndarray, "n k"],
+    first_row: Int[np.ndarray, " n"],
+    last_row: Int[np.ndarray, " n"],
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Row, first and last column of every run of cells that polygons of more than one row cover."""
+    counts = last_row - first_row + 1
+    which = np.repeat(np.arange(len(counts)), counts)
+    rows = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts) + first_row[which]
+    low, high = np.full(len(which), np.inf), np.full(len(which), -np.inf)
+    for a in range(x.shape[1]):
+        b = (a + 1) % x.shape[1]
+        xa, ya = x[which, a], y[which, a]
+        dx, dy = x[which, b] - xa, y[which, b] - ya
+        # The piece of the edge within the row's strip, as shares of the edge; a level edge lies in the strip whole.
+        level = dy == 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bottom, top = (rows - ya) / dy, (rows + 1 - ya) / dy
+        enter = np.where(level, 0.0, np.maximum(np.minimum(bottom, top), 0.0))
+        leave = np.where(level, 1.0, np.minimum(np.maximum(bottom, top), 1.0))
+        hit = (enter <= leave) & (~level | ((ya >= rows) & (ya <= rows + 1)))
+        xa_in, xb_in = xa + enter * dx, xa + leave * dx
+        np.minimum(low, np.minimum(xa_in, xb_in), out=low, where=hit)
+        np.maximum(high, np.maximum(xa_in, xb_in), out=high, where=hit)
+    found = low <= high
+    return rows[found], _cells(low[found]), _cells(high[found])
+
+
+def _fill_runs(
+    rows: Int[np.ndarray, " m"], first_col: Int[np.ndarray, " m"], last_col: Int[np.ndarray, " m"], grid: Grid
+) -> Bool[np.ndarray, "rows cols"]:
+    """A grid with all runs set: +1 where one begins, -1 behind its end, summed along the rows."""
+    inside = (rows >= 0) & (rows < grid.rows) & (last_col >= 0) & (first_col < grid.cols)
+    rows = rows[inside]
+    first = np.clip(first_col[inside], 0, grid.cols - 1)
+    behind = np.clip(last_col[inside], 0, grid.cols - 1) + 1
+    size, width = grid.rows * (grid.cols + 1), grid.cols + 1
+    change = np.bincount(rows * width + first, minlength=size) - np.bincount(rows * width + behind, minlength=size)
+    return np.cumsum(change.reshape(grid.rows, width), axis=1)[:, : grid.cols] > 0
+
+
+def level_mask(triangles_m: Float[np.ndarray, "f 3 3"], min_cosine: float = 0.95) -> Bool[np.ndarray, " f"]:
+    """True for triangles that lie flat, whichever way they face: |cos| of the angle of their normal to z is enough."""
+    normal = _normals(triangles_m)
+    return np.abs(normal[:, 2]) >= min_cosine * np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
+
+
+def areas(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, " f"]:
+    """Area of every triangle [m2]."""
+    return 0.5 * np.linalg.norm(_normals(triangles_m), axis=1)
+
+
+def _normals(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "f 3"]:
+    """Normals of twice the area's length."""
+    corners = triangles_m.astype(np.float64)
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def distance_cells(free: Bool[np.ndarray, "rows cols"]) -> Float64[np.ndarray, "rows cols"]:
+    """Distance from every free cell's centre to the nearest centre of a cell that is not free [cells]."""
+    return np.asarray(ndimage.distance_transform_edt(free), dtype=np.float64)
+
+
+def label_components(cells: Bool[np.ndarray, "rows cols"]) -> tuple[Int[np.ndarray, "rows cols"], int]:
+    """Number of the 4-connected component of every set cell, from 1, and 0 elsewhere; and how many there are."""
+    return cast(tuple[np.ndarray, int], ndimage.label(cells))

@@ -1,0 +1,134 @@
+"""Finds a scene's unit, up axis and floor from its triangles.
+
+Files say little about them: glTF prescribes metres and y up, yet the scans people have are often z up in a .glb, and
+models from CAD come in millimetres. What an indoor scene is tells more: its smallest extent is about a storey, and
+its floor is the largest level surface near the bottom with room for a person above it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from anm_mj.scene.raster import areas, clip_to_slab, grid_over, level_mask, rasterise
+
+UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm"}
+"""Metres per unit of the source, and the unit's name."""
+_TYPICAL_HEIGHT_M = 2.8
+_HEADROOM_M = 1.2
+"""A level with less room above it is a table, a step or the underside of a slab, not a floor [m]."""
+_FLOOR_ROUGHNESS_M = 0.05
+"""What lies less than this above a level belongs to it: rugs, thresholds, noise of a scan [m]."""
+_CELL_M = 0.1
+_BIN_M = 0.02
+_T_WORLD_SOURCE = {
+    "z": np.eye(3),
+    # +90 degrees about x: source y becomes world z.
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    # Cyclic: source x becomes world z.
+    "x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+}
+
+
+@dataclass(frozen=True)
+class Level:
+    """A horizontal surface that one could stand on."""
+
+    z_m: float
+    walkable_m2: float
+    """Its area with headroom [m2]."""
+
+
+def rotation_to_z_up(up: str) -> Float64[np.ndarray, "3 3"]:
+    """Rotation from source axes with ``up`` ("x", "y" or "z") to world axes with z up."""
+    return _T_WORLD_SOURCE[up]
+
+
+def find_scale(extents: Float[np.ndarray, "3"]) -> float:
+    """Metres per unit: the one of m, cm and mm that makes the smallest extent most like the height of a storey."""
+    smallest = max(float(np.min(extents)), 1e-9)
+    if smallest < 1e-6 * float(np.max(extents)):
+        return 1.0
+    return min(UNITS, key=lambda scale: abs(math.log(smallest * scale / _TYPICAL_HEIGHT_M)))
+
+
+def find_up(triangles_m: Float[np.ndarray, "f 3 3"], preferred: str) -> str:
+    """Up axis "y" or "z": the one along which the scene looks more like a storey with a floor.
+
+    Each axis scores the room to walk on its floor, times how near the extent along it is to the height of a storey. A
+    wall is the floor of a scene that lies on its side, but seldom scores as much; where the two are about equal, it is
+    ``preferred``.
+    """
+    other = "y" if preferred == "z" else "z"
+    score = {up: _storey_score(triangles_m @ rotation_to_z_up(up).T) for up in (preferred, other)}
+    return other if score[other] > 1.25 * score[preferred] else preferred
+
+
+def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
+    """Walkable area of the floor [m2], discounted by the ratio of the height to that of a usual storey."""
+    floor = find_floor(triangles_m)
+    if floor is None:
+        return 0.0
+    ratio = float(np.ptp(triangles_m[:, :, 2])) / _TYPICAL_HEIGHT_M
+    return floor.walkable_m2 * min(ratio, 1.0 / max(ratio, 1e-9))
+
+
+def find_floor(triangles_m: Float[np.ndarray, "f 3 3"]) -> Level | None:
+    """The lowest of the large walkable levels of triangles with z up, or None when nothing is level.
+
+    A level is large when it has at least half as much room as the roomiest one: so a cellar slab or the underside of
+    the floor does not count, and of two storeys the lower one is taken.
+    """
+    level = triangles_m[level_mask(triangles_m)]
+    if not len(level):
+        return None
+    z, area = level[:, :, 2].mean(axis=1), areas(level)
+    low = float(z.min())
+    histogram = np.bincount(((z - low) / _BIN_M).astype(np.int64), weights=area)
+    # A level may straddle two bins.
+    histogram = histogram + np.append(histogram[1:], 0.0)
+    candidates = []
+    remaining = histogram.copy()
+    while remaining.max() >= 0.15 * histogram.max() and len(candidates) < 8:
+        peak = int(np.argmax(remaining))
+        near = np.abs(z - (low + (peak + 1) * _BIN_M)) <= 1.5 * _BIN_M
+        candidates.append(_weighted_median(z[near], area[near]))
+        remaining[max(0, peak - 2) : peak + 3] = 0.0
+    levels = [Level(height, _walkable_m2(triangles_m, level, height)) for height in sorted(set(candidates))]
+    most = max(found.walkable_m2 for found in levels)
+    large = [found for found in levels if found.walkable_m2 >= 0.5 * most]
+    # A thin floor slab has two large levels, of which the upper is walked on.
+    return [found for found in large if found.z_m <= large[0].z_m + _FLOOR_ROUGHNESS_M][-1]
+
+
+def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]) -> float:
+    """The value that half of the weight lies below."""
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(share, share[-1] / 2.0)])
+
+
+def _walkable_m2(triangles_m: Float[np.ndarray, "f 3 3"], level: Float[np.ndarray, "l 3 3"], z_m: float) -> float:
+    """Area of the level at a height that has headroom [m2]."""
+    ground = clip_to_slab(level, z_m - _BIN_M, z_m + _BIN_M)
+    if not len(ground):
+        return 0.0
+    corners = ground.reshape(-1, 2)
+    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), _CELL_M)
+    above = clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M)
+    return float(np.count_nonzero(rasterise(ground, grid) & ~rasterise(above, grid))) * _CELL_M**2
+
+
+def covered_share(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
+    """Share of the floor at z = 0 that has a level surface higher than 1.8 m above it (a ceiling, a roof)."""
+    level = triangles_m[level_mask(triangles_m, 0.5)]
+    floor = clip_to_slab(level, -_FLOOR_ROUGHNESS_M, _FLOOR_ROUGHNESS_M)
+    if not len(floor):
+        return 0.0
+    corners = floor.reshape(-1, 2)
+    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), _CELL_M)
+    ground = rasterise(floor, grid)
+    return float(np.mean(rasterise(clip_to_slab(level, 1.8, np.inf), grid)[ground]))

@@ -1,0 +1,198 @@
+"""Writes scene folders: the one place that knows how parts become one, for imported and for generated scenes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import re
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.collision import collision_boxes
+from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_folder
+from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, choose_starts, navigable_area
+from anm_mj.scene.part import Part, merge_geometry, without_degenerate_faces
+from anm_mj.scene.upright import covered_share
+from anm_mj.types import Pose2
+
+_PNG_COMPRESSION = 3
+"""Four times as quick as Pillow's own choice, for files a few per cent larger."""
+
+
+@dataclass(frozen=True)
+class SceneInfo:
+    """What the geometry itself does not say about a scene."""
+
+    name: str
+    source: str
+    """The file or the generator that the geometry came from."""
+    licence: str
+    up: str = "z"
+    """Up axis of the source."""
+    up_how: str = "given"
+    """"found" or "given"."""
+    scale: float = 1.0
+    """Metres per unit of the source."""
+    scale_how: str = "given"
+    """"found" or "given"."""
+    floor_removed_m: float = 0.0
+    """Height of the source's floor, subtracted so that the floor is at z = 0 [m]."""
+    rooms: int | None = None
+    budget_steps: int | None = None
+    cull_face: bool = False
+    """Whether the renderer may leave out triangles seen from behind. Off unless every surface is known to be closed or
+    two-sided: a one-sided wall seen from behind must not open the view into the next room."""
+
+
+def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pose2, ...] | None = None) -> Scene:
+    """Write a scene folder and read it back.
+
+    Collision boxes, whether there is a ceiling, and start poses (unless given) are worked out from the parts. The
+    folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
+
+    Args:
+        parts: Everything in the scene, in the world (z up, floor at z = 0) [m].
+        info: Name, origin and licence.
+        out: The scene folder to make.
+        starts: Start poses, the default one first; None to choose them.
+
+    Raises:
+        SceneError: if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
+    """
+    proper = [part for part in (without_degenerate_faces(part) for part in parts) if part is not None]
+    if not proper:
+        raise SceneError(f"Scene {info.name} holds no triangles (of {len(parts)} parts): give a file with a surface.")
+    vertices, faces = merge_geometry(proper)
+    vertices, faces = vertices.astype(np.float32), faces.astype(np.int32)
+    triangles = vertices[faces]
+    if starts is None:
+        starts = choose_starts(navigable_area(triangles, DEFAULT_FOOTPRINT), DEFAULT_FOOTPRINT)
+    bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
+    entries = {
+        "name": info.name,
+        "source": info.source,
+        "licence": info.licence,
+        "up": info.up,
+        "up_how": info.up_how,
+        "scale": info.scale,
+        "scale_how": info.scale_how,
+        "floor_removed": round(info.floor_removed_m, 4),
+        "bounds": bounds.round(4).tolist(),
+        "triangles": len(faces),
+        "rooms": info.rooms,
+        "has_ceiling": covered_share(triangles) > 0.5,
+        "cull_face": info.cull_face,
+        "starts": [[pose.x_m, pose.y_m, round(math.degrees(pose.yaw_rad), 2)] for pose in starts],
+        "budget_steps": info.budget_steps,
+        "hash": _content_hash(proper),
+    }
+    with replaced_folder(out) as folder:
+        drawn = _write_assets(proper, folder / ASSETS)
+        mjcf = scene_mjcf(info.name, drawn, collision_boxes(triangles), bounds)
+        (folder / XML).write_text(mjcf, encoding="utf-8")
+        np.savez_compressed(folder / GEOMETRY, vertices=vertices, faces=faces)
+        (folder / TOML).write_text(_toml(entries), encoding="utf-8")
+    return read_scene_folder(out)
+
+
+@contextmanager
+def replaced_folder(out: Path) -> Iterator[Path]:
+    """A temporary folder that takes the place of ``out`` when the block ends well and vanishes when it does not.
+
+    Raises:
+        SceneError: if ``out`` is neither new, empty nor a scene folder, or cannot be written.
+    """
+    out = Path(os.path.abspath(out))
+    check_destination(out)
+    partial = out.with_name(f".{out.name}.{uuid.uuid4().hex[:8]}")
+    try:
+        try:
+            partial.mkdir(parents=True)
+            yield partial
+            old = out.with_name(f"{partial.name}.old")
+            if out.exists():
+                out.rename(old)
+            partial.rename(out)
+            shutil.rmtree(old, ignore_errors=True)
+        except OSError as err:
+            raise SceneError(
+                f"{out} cannot be written ({err.strerror or err}): choose a folder that you may write to."
+            ) from err
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def check_destination(out: Path) -> None:
+    """Accept a folder that is new, empty or a scene folder, before any work is done for it.
+
+    Raises:
+        SceneError: if it is something else, which must not be overwritten.
+    """
+    try:
+        if out.exists() and not out.is_dir():
+            raise SceneError(f"{out} is a file: choose a new folder for the scene.")
+        if out.is_dir() and not (out / TOML).is_file() and any(out.iterdir()):
+            raise SceneError(f"{out} is not empty and not a scene folder: choose a new folder for the scene.")
+        parent = next(folder for folder in out.absolute().parents if folder.exists())
+    except OSError as err:
+        raise SceneError(f"{out} cannot be looked at ({err.strerror}): choose a folder that you may write to.") from err
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise SceneError(f"{out} cannot be written, because {parent} is not writable: choose another folder.")
+
+
+def _write_assets(parts: list[Part], assets: Path) -> list[Drawn]:
+    """Write one mesh per part and each texture once; what was drawn, in order."""
+    assets.mkdir()
+    drawn, texture_files = [], {}
+    for i, part in enumerate(parts):
+        name = f"{i:03d}_{re.sub(r'[^A-Za-z0-9]+', '_', part.name).strip('_')[:40]}".rstrip("_")
+        texture_file = None
+        if part.texture is not None:
+            key = hashlib.sha256(part.texture.tobytes()).digest()
+            texture_file = texture_files.setdefault(key, f"{name}.png")
+            if texture_file == f"{name}.png":
+                _write_png(assets / texture_file, part.texture)
+        write_msh(assets / f"{name}.msh", part.vertices_m, part.faces, None if texture_file is None else part.uv)
+        drawn.append(Drawn(name, f"{name}.msh", texture_file, part.rgb))
+    return drawn
+
+
+def _write_png(path: Path, image: UInt8[np.ndarray, "h w 3"]) -> None:
+    """Write an image, row 0 at its top."""
+    Image.fromarray(image).save(path, compress_level=_PNG_COMPRESSION)
+
+
+def _content_hash(parts: list[Part]) -> str:
+    """sha256 over everything that can be seen or bumped into."""
+    digest = hashlib.sha256()
+    for part in parts:
+        arrays: list[Float[np.ndarray, "..."] | None] = [part.vertices_m, part.faces, part.uv, part.texture]
+        for array in arrays:
+            digest.update(b"-" if array is None else f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+        digest.update(repr(part.rgb).encode())
+    return digest.hexdigest()
+
+
+def _toml(entries: dict[str, object]) -> str:
+    """Entries as TOML, without those that are None.
+
+    JSON's strings, numbers, booleans and arrays are TOML's too, except for the delete character.
+    """
+    lines = [
+        f"{key} = {json.dumps(value, ensure_ascii=False)}\n".replace("\x7f", "\\u007f")
+        for key, value in entries.items()
+        if value is not None
+    ]
+    return "".join(lines)
