@@ -1,0 +1,94 @@
+"""The seam at which the mapper's engine is swapped: whole training steps in, losses out.
+
+A narrower seam (an encoding, a network) would cost as much again in copies and launches. Arrays are numpy at this
+border, in host memory; the parameter layout is the one of :mod:`anm_mj.mapping.field`. Given the same state, rays and
+seed, all engines draw the same samples (:func:`anm_mj.mapping.sampling.counter_uniform`) and agree to rounding.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from anm_mj.mapping.keyframes import RayBatch
+
+
+class StepLosses(NamedTuple):
+    """Losses of one training step: the weighted total, then the terms before weighting."""
+
+    total: float
+    rgb: float
+    depth: float
+    sdf: float
+    free_space: float
+    smoothness: float
+
+
+class MapperBackend(Protocol):
+    """An engine: holds the parameters and the optimiser's state, trains and answers queries."""
+
+    @property
+    def device(self) -> str:
+        """Where it computes, for the log: "cpu" or "cuda"."""
+        ...
+
+    def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
+        """One iteration: sample, render, losses, gradients, Adam.
+
+        Args:
+            rays: The batch.
+            seed: What the sample jitter is derived from.
+            smoothness_corner_m: Lowest corner of the smoothness lattice in the world [m]; None leaves the term out.
+
+        Returns:
+            The losses before the update.
+        """
+        ...
+
+    def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """The SDF s at world points [m], in fractions of the truncation, not clipped."""
+        ...
+
+    def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+        """Colours in [0, 1] at world points [m]."""
+        ...
+
+    def query_perturbed(
+        self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
+    ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
+        """The SDF s and colours at world points [m] under ``k`` sets of decoder weights, from one encoding.
+
+        Args:
+            points_m: World points [m].
+            decoders: Each row holds all decoder weights, in the order of the parameter layout, C-contiguous.
+        """
+        ...
+
+    def query_sensitivity(
+        self, points_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+        """Squared norm of the gradient by all decoder weights, of s and of the colour (mean of the three channels)."""
+        ...
+
+    def render(
+        self,
+        origin_m: Float32[np.ndarray, "n 3"],
+        direction: Float32[np.ndarray, "n 3"],
+        z_m: Float32[np.ndarray, "n samples"],
+    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+        """Rendered colour in [0, 1] and planar depth [m] of rays, from samples at the given depths (eq. 1)."""
+        ...
+
+    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+        """Copies of all parameters by name."""
+        ...
+
+    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+        """Take over parameters by name and start the optimiser afresh.
+
+        Raises:
+            MapError: If a name is missing or a shape differs from the configuration's.
+        """
+        ...

@@ -1,0 +1,177 @@
+"""Where a point is, as numbers a small network can read: a multiresolution hash grid and a one-blob code.
+
+Both live in metric world coordinates and know no bounds: cell ``floor(x / cell size)`` of a level has the same entry
+however large the map becomes, so nothing that was learnt moves when the robot opens a door to another room, and ground
+truth never has to tell how large the world is. The one-blob code (Müller et al., Neural Importance Sampling, 2019)
+spans a box in the original; here it is wound around a circle of a stated length per axis. Two places a period apart get
+the same code, and the grid's coarse levels, whose periods differ, tell them apart.
+
+The grid (Müller et al., Instant Neural Graphics Primitives, 2022) has ``num_levels`` tables of ``2^log2_table_size``
+entries. Coarse levels index by position modulo a box, so no two cells of a flat collide; fine ones by the spatial hash
+of that paper. One formula serves both: ``((x * ax) & mx) ^ ((y * ay) & my) ^ ((z * az) & mz)``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int32, Int64
+from torch import Tensor
+
+from anm_mj.mapping.config import FieldConfig
+
+NUM_FEATURES = 2
+"""Features per table entry."""
+_PRIMES = (1, 2654435761, 805459861)
+"""Factors of the spatial hash (Müller et al. 2022, eq. 4)."""
+
+
+def cell_sizes_m(config: FieldConfig) -> Float[np.ndarray, " levels"]:
+    """Edge of the cells on each level, coarse to fine [m]."""
+    if config.num_levels == 1:
+        return np.array([config.coarsest_cell_m])
+    ratio = config.finest_cell_m / config.coarsest_cell_m
+    return config.coarsest_cell_m * ratio ** (np.arange(config.num_levels) / (config.num_levels - 1))
+
+
+def index_factors(config: FieldConfig) -> tuple[Int64[np.ndarray, "3 levels"], Int64[np.ndarray, "3 levels"]]:
+    """Factors ``a`` and masks ``m`` of the index formula, per axis and level; all fit into 32 bits."""
+    bits = config.log2_table_size
+    z_bits = bits // 4
+    x_bits = (bits - z_bits + 1) // 2
+    shifts = np.array([0, x_bits, bits - z_bits])
+    widths = np.array([x_bits, bits - z_bits - x_bits, z_bits])
+    torus = cell_sizes_m(config) >= config.torus_min_cell_m
+    table_mask = (1 << bits) - 1
+    # Only the low bits of a product reach the index, so the factors can be cut to the table's size.
+    hash_factors = np.array([p & table_mask for p in _PRIMES])
+    factors = np.where(torus, (1 << shifts)[:, None], hash_factors[:, None])
+    masks = np.where(torus, (((1 << widths) - 1) << shifts)[:, None], table_mask)
+    return factors, masks
+
+
+class _Interpolate(torch.autograd.Function):
+    """Weighted sum of eight table entries per point and level.
+
+    Autograd's own route through advanced indexing is an order of magnitude slower on a CPU, forwards (it moves whole
+    rows) and backwards (it sorts); here each feature plane is gathered, and scattered, on its own.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: torch.autograd.function.FunctionCtx,
+        table: Float[Tensor, "features entries"],
+        index: Int32[Tensor, "8 m"],
+        weight: Float[Tensor, "8 m"],
+    ) -> Float[Tensor, "features m"]:
+        ctx.save_for_backward(index, weight)
+        ctx.entries = table.shape[1]  # type: ignore[attr-defined]
+        return gather_corners(table, index, weight)
+
+    @staticmethod
+    def backward(  # type: ignore[override]
+        ctx: torch.autograd.function.FunctionCtx, grad: Float[Tensor, "features m"]
+    ) -> tuple[Float[Tensor, "features entries"], None, None]:
+        index, weight = ctx.saved_tensors  # type: ignore[attr-defined]
+        entries = ctx.entries  # type: ignore[attr-defined]
+        flat = index.reshape(-1)
+        planes = []
+        for plane in grad:
+            values = (weight * plane).reshape(-1)
+            if values.is_cuda:
+                planes.append(values.new_zeros(entries).index_add_(0, flat, values))
+            else:
+                planes.append(torch.bincount(flat, values, minlength=entries).to(values.dtype))
+        return torch.stack(planes), None, None
+
+
+def gather_corners(
+    table: Float[Tensor, "features entries"], index: Int32[Tensor, "8 m"], weight: Float[Tensor, "8 m"]
+) -> Float[Tensor, "features m"]:
+    """The forward pass of the interpolation, corner by corner so that the temporaries stay in the cache."""
+    out = weight.new_zeros(table.shape[0], index.shape[1])
+    for corner in range(8):
+        for feature in range(table.shape[0]):
+            out[feature].addcmul_(table[feature].index_select(0, index[corner]), weight[corner])
+    return out
+
+
+class HashGrid:
+    """Looks points up in the multiresolution grid; holds the constants of its levels, not the table itself."""
+
+    def __init__(self, config: FieldConfig, device: torch.device) -> None:
+        factors, masks = index_factors(config)
+        entries = 1 << config.log2_table_size
+        self.num_levels = config.num_levels
+        self.num_entries = config.num_levels * entries
+        cells_per_m = (1.0 / cell_sizes_m(config)).astype(np.float32)
+        self._cells_per_m = torch.from_numpy(cells_per_m).to(device)[None, :, None]
+        self._factors = torch.from_numpy(factors.astype(np.int32)).to(device)[:, :, None]
+        self._masks = torch.from_numpy(masks.astype(np.int32)).to(device)[:, :, None]
+        offsets = torch.arange(self.num_levels, dtype=torch.int32, device=device) * entries
+        self._offsets = offsets[None, :, None]
+
+    def corners(self, points_m: Float[Tensor, "n 3"]) -> tuple[Int32[Tensor, "8 m"], Float[Tensor, "8 m"]]:
+        """Entries and trilinear weights of the eight cell corners about each point, for all levels.
+
+        Args:
+            points_m: World points [m].
+
+        Returns:
+            Indices into the whole table and weights, with ``m = levels * n``, level-major, so that one level's table
+            stays in the cache while it is read.
+        """
+        n = points_m.shape[0]
+        scaled = points_m.t()[:, None, :] * self._cells_per_m.to(points_m.dtype)
+        cell = scaled.floor()
+        upper = scaled - cell
+        weight = torch.stack((1.0 - upper, upper))
+        low = cell.to(torch.int32) * self._factors
+        key = torch.stack((low & self._masks, (low + self._factors) & self._masks))
+        yz = (key[:, None, 1] ^ key[None, :, 2]) + self._offsets
+        index = yz.view(4, 1, self.num_levels, n) ^ key[None, :, 0]
+        weight_yz = weight[:, None, 1] * weight[None, :, 2]
+        corner_weight = weight_yz.view(4, 1, self.num_levels, n) * weight[None, :, 0]
+        return index.view(8, self.num_levels * n), corner_weight.view(8, self.num_levels * n)
+
+    def features(
+        self, table: Float[Tensor, "features entries"], points_m: Float[Tensor, "n 3"]
+    ) -> Float[Tensor, "n features*levels"]:
+        """Interpolated features: the first of all levels, coarse to fine, then the second of all levels.
+
+        Differentiable in the table, not in the points.
+
+        Source: paper, section IV-B (the grid F of eq. 10); Müller et al., 2022.
+        """
+        index, weight = self.corners(points_m)
+        if torch.is_grad_enabled() and table.requires_grad:
+            out = _Interpolate.apply(table, index, weight)
+        else:
+            out = gather_corners(table, index, weight)
+        return out.view(table.shape[0] * self.num_levels, points_m.shape[0]).t()
+
+
+def one_blob(points_m: Float[Tensor, "n 3"], period_m: Float[Tensor, "3"], num_bins: int) -> Float[Tensor, "n 3*bins"]:
+    """Each coordinate as a bump over ``num_bins`` bins on a circle of length ``period_m``.
+
+    The bump is the quartic kernel with a radius of one bin, integrated over each bin: three neighbouring bins are not
+    zero, and their sum is one.
+
+    Source: Müller et al., Neural Importance Sampling, 2019, section 4.3, wound around a circle.
+    """
+    position = points_m * (num_bins / period_m)
+    centre = position.floor()
+    right = position - centre
+    below = _quartic_tail(right)
+    above = _quartic_tail(1.0 - right)
+    bins = centre.to(torch.int64)
+    index = torch.stack((bins - 1, bins, bins + 1), dim=-1).remainder_(num_bins)
+    value = torch.stack((below, 1.0 - below - above, above), dim=-1)
+    code = value.new_zeros(points_m.shape[0], 3, num_bins).scatter_(-1, index, value)
+    return code.view(points_m.shape[0], 3 * num_bins)
+
+
+def _quartic_tail(distance: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Mass of the unit quartic kernel beyond ``distance`` in [0, 1] of its centre."""
+    square = distance * distance
+    return 0.5 - 0.9375 * distance * (1.0 + square * (-2.0 / 3.0 + square * 0.2))

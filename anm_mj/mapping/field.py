@@ -1,0 +1,117 @@
+"""The neural field: world point to signed distance and colour (paper, eq. 10).
+
+Parameter layout, the same for every engine and in every checkpoint, all float32 and C-contiguous, in this order:
+
+======================  ================================  =====================================================
+name                    shape                             meaning
+======================  ================================  =====================================================
+``table``               (levels * 2^log2_table_size, 2)   hash grid entries, level-major, coarse to fine
+``sdf_hidden``          (hidden, 2 * levels + 3 * bins)   inputs: first grid feature of all levels, the second, blobs
+``sdf_out``             (1 + geometry, hidden)            output 0 is s, the rest feeds the colour decoder
+``color_hidden``        (hidden, 3 * bins + geometry)     inputs: one-blob x, y, z, then geometry features
+``color_out``           (3, hidden)                       red, green, blue before the sigmoid
+======================  ================================  =====================================================
+
+There are no biases. ``s`` is a fraction of the truncation distance: 1 in free space, 0 on the surface.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+from torch import Tensor
+
+from anm_mj.mapping.config import FieldConfig
+from anm_mj.mapping.encoding import NUM_FEATURES, HashGrid, one_blob
+
+DECODER_NAMES = ("sdf_hidden", "sdf_out", "color_hidden", "color_out")
+"""Names of the decoders' weights in the order of the parameter layout."""
+_TABLE_INIT = 1e-4
+"""Bound of the table's uniform start values (Müller et al., 2022)."""
+
+
+def decoder_shapes(config: FieldConfig) -> dict[str, tuple[int, int]]:
+    """Shapes of the decoders' weights by name, in the order of the parameter layout."""
+    blob = 3 * config.blob_bins
+    hidden, geometry = config.hidden_width, config.geometry_features
+    return {
+        "sdf_hidden": (hidden, NUM_FEATURES * config.num_levels + blob),
+        "sdf_out": (1 + geometry, hidden),
+        "color_hidden": (hidden, blob + geometry),
+        "color_out": (3, hidden),
+    }
+
+
+def initial_parameters(config: FieldConfig, seed: int) -> dict[str, Float32[np.ndarray, "rows cols"]]:
+    """Start values of all parameters, drawn on the host so that every engine starts from the same ones."""
+    rng = np.random.default_rng(seed)
+    entries = config.num_levels << config.log2_table_size
+    parameters = {"table": rng.uniform(-_TABLE_INIT, _TABLE_INIT, (entries, NUM_FEATURES)).astype(np.float32)}
+    for name, shape in decoder_shapes(config).items():
+        bound = 1.0 / math.sqrt(shape[1])
+        parameters[name] = rng.uniform(-bound, bound, shape).astype(np.float32)
+    return parameters
+
+
+class NeuralField(torch.nn.Module):
+    """Hash grid, one-blob code and two shallow decoders (Wang et al., Co-SLAM, 2023), in torch.
+
+    The table is kept as two planes, ``(2, entries)``, because gathering one float at a time is what a CPU does well.
+    """
+
+    def __init__(self, config: FieldConfig, seed: int, device: torch.device) -> None:
+        super().__init__()
+        self.config = config
+        self._grid = HashGrid(config, device)
+        self._period_m = torch.tensor(config.blob_period_m, device=device)
+        arrays = initial_parameters(config, seed)
+        self.table = torch.nn.Parameter(torch.from_numpy(arrays["table"].T.copy()).to(device))
+        self.decoders = torch.nn.ParameterDict({n: torch.from_numpy(arrays[n]).to(device) for n in DECODER_NAMES})
+
+    def encode(self, points_m: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n features"], Float[Tensor, "n blob"]]:
+        """Grid features and one-blob code of world points [m]."""
+        blob = one_blob(points_m, self._period_m.to(points_m.dtype), self.config.blob_bins)
+        return self._grid.features(self.table, points_m), blob
+
+    def grid_features(self, points_m: Float[Tensor, "n 3"]) -> Float[Tensor, "n features"]:
+        """Grid features alone, for the smoothness term."""
+        return self._grid.features(self.table, points_m)
+
+    def decode_sdf(
+        self, features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
+    ) -> Float[Tensor, "n outputs"]:
+        """The SDF s in column 0 and the geometry features in the others."""
+        return decode_sdf(self.decoders["sdf_hidden"], self.decoders["sdf_out"], features, blob)
+
+    def decode_color(
+        self, blob: Float[Tensor, "n blob"], geometry: Float[Tensor, "n geometry"]
+    ) -> Float[Tensor, "n 3"]:
+        """Red, green, blue in [0, 1]."""
+        return decode_color(self.decoders["color_hidden"], self.decoders["color_out"], blob, geometry)
+
+
+def decode_sdf(
+    hidden: Float[Tensor, "hidden inputs"],
+    out: Float[Tensor, "outputs hidden"],
+    features: Float[Tensor, "n features"],
+    blob: Float[Tensor, "n blob"],
+) -> Float[Tensor, "n outputs"]:
+    """The SDF decoder with given weights."""
+    # Two products instead of one on joined inputs: joining would copy them, at a tenth of a training step's cost.
+    split = features.shape[1]
+    return torch.relu(torch.addmm(features @ hidden[:, :split].t(), blob, hidden[:, split:].t())) @ out.t()
+
+
+def decode_color(
+    hidden: Float[Tensor, "hidden inputs"],
+    out: Float[Tensor, "3 hidden"],
+    blob: Float[Tensor, "n blob"],
+    geometry: Float[Tensor, "n geometry"],
+) -> Float[Tensor, "n 3"]:
+    """The colour decoder with given weights; the sigmoid keeps colours in [0, 1]."""
+    split = blob.shape[1]
+    joined = torch.addmm(blob @ hidden[:, :split].t(), geometry, hidden[:, split:].t())
+    return torch.sigmoid(torch.relu(joined) @ out.t())

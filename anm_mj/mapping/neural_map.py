@@ -1,0 +1,206 @@
+"""The map: a neural field trained online from posed RGB-D, and the occupancy grid that says where to trust it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float, Float32, UInt8
+
+from anm_mj.errors import MapError
+from anm_mj.mapping.backends.backend import MapperBackend, StepLosses
+from anm_mj.mapping.backends.torch_backend import TorchBackend
+from anm_mj.mapping.config import MappingConfig, config_from_dict
+from anm_mj.mapping.keyframes import KeyframeStore, concatenate, sample_frame
+from anm_mj.mapping.mesh import colored_mesh, extract_mesh
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.surface import SurfaceExtractor
+from anm_mj.mapping.uncertainty import predictive_variance
+from anm_mj.mapping.view import view_samples
+from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfacePoints, VoxelGrid
+
+_FORMAT = "anm-mj map 1"
+"""Marks a checkpoint of ours, and its version."""
+
+
+class NeuralMap:
+    """Implements :class:`anm_mj.protocols.Mapper`.
+
+    Training effort is counted in iterations, never in seconds: with the same seed, observations and machine type, the
+    parameters are the same bit for bit on a CPU.
+    """
+
+    def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
+        """An empty map.
+
+        Args:
+            config: Settings of the stage.
+            seed: Start values, choice of rays, jitter and perturbations all derive from it.
+            device: "auto" (CUDA where there is one), "cpu" or "cuda".
+
+        Raises:
+            MapError: If the device is unknown or absent.
+        """
+        self.config = config
+        self.seed = seed
+        self.backend: MapperBackend = TorchBackend(config, seed=seed, device=device)
+        self._rng = np.random.default_rng([seed, 1])
+        self._keyframes = KeyframeStore(config.schedule.replay_bytes, config.schedule.pixel_share)
+        self._occupancy = OccupancyGrid(config.occupancy)
+        self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
+        self._num_frames = 0
+
+    def integrate(self, observation: Observation) -> MapUpdate:
+        """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
+
+        Raises:
+            MapError: If the training loss is not finite.
+        """
+        schedule = self.config.schedule
+        self._occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        first = self._num_frames == 0
+        if self._num_frames % schedule.keyframe_every == 0:
+            self._keyframes.add(observation, self._rng)
+        num_iterations = 0
+        if first:
+            num_iterations = schedule.first_iterations
+        elif self._num_frames % schedule.train_every == 0:
+            num_iterations = schedule.iterations
+        self._num_frames += 1
+        loss = math.nan
+        for _ in range(num_iterations):
+            losses = self._train(observation, smooth=not first)
+            loss = losses.total
+            if not math.isfinite(loss):
+                raise MapError(
+                    f"The training loss became {loss} at step {observation.step} ({losses}); check that depth and pose "
+                    "are finite, or lower the learning rates."
+                )
+        return MapUpdate(loss, num_iterations, len(self._keyframes))
+
+    def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """Signed distance at world points [m], positive in free space, truncated to +-``truncation_m``.
+
+        Where nothing was observed the value means nothing; ask ``occupancy``.
+        """
+        truncation = np.float32(self.config.field.truncation_m)
+        return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * truncation
+
+    def rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+        """Colours in [0, 1] at world points [m]."""
+        return self.backend.query_rgb(points_m)
+
+    def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """Predictive variance under perturbed decoders at world points [m] (paper, eq. 5).
+
+        In squared truncations for s plus squared colour units; the same parameters always give the same answer.
+        """
+        return predictive_variance(self.backend, points_m, self.config.uncertainty, self.seed)
+
+    def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
+        """Zero-crossings near occupied voxels within ``radius_m`` [m] in the plane, with present uncertainties.
+
+        Positions and normals of a block are those of the last frame that saw it.
+        """
+        points, normals = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m)
+        return SurfacePoints(points, normals, self.uncertainty(points))
+
+    @property
+    def occupancy(self) -> VoxelGrid:
+        """Free, occupied and unknown space as fused from depth so far; views of the arrays within."""
+        return self._occupancy.grid
+
+    def mesh(self, resolution_m: float = 0.05) -> trimesh.Trimesh:
+        """The observed surface in the world [m], with vertex colours; faces look into free space.
+
+        Raises:
+            MapError: If the resolution is not positive.
+        """
+        vertices, faces = extract_mesh(self.backend.query_sdf, self._occupancy, resolution_m)
+        return colored_mesh(vertices, faces, self.rgb(vertices))
+
+    def render(
+        self, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
+    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+        """Colour and planar depth [m] as the map believes a camera would see them (eq. 1).
+
+        Samples lie about the first occupied voxel along each ray; a ray that meets none is black, with NaN depth.
+        """
+        origin, direction, z, hit = view_samples(
+            self._occupancy, intrinsics, T_world_camera, self.config.field.truncation_m
+        )
+        rgb = np.zeros((intrinsics.height * intrinsics.width, 3), np.uint8)
+        depth = np.full(len(rgb), np.nan, np.float32)
+        rendered, rendered_depth = self.backend.render(origin, direction, z)
+        rgb[hit] = np.rint(rendered * 255.0).astype(np.uint8)
+        depth[hit] = rendered_depth
+        shape = (intrinsics.height, intrinsics.width)
+        return rgb.reshape(*shape, 3), depth.reshape(shape)
+
+    def save(self, path: Path) -> None:
+        """Write parameters, configuration and occupancy to ``path`` (``map.pt``).
+
+        Keyframes and the optimiser's moments are not kept: a loaded map answers as the saved one does, and can take in
+        more frames, but replays none of the earlier ones.
+        """
+        arrays = {f"field.{name}": value for name, value in self.backend.get_state().items()}
+        arrays |= {f"occupancy.{name}": value for name, value in self._occupancy.get_state().items()}
+        torch.save(
+            {
+                "format": _FORMAT,
+                "config": asdict(self.config),
+                "seed": self.seed,
+                "num_frames": self._num_frames,
+                "arrays": {name: torch.from_numpy(np.asarray(value)) for name, value in arrays.items()},
+            },
+            path,
+        )
+
+    @classmethod
+    def load(cls, path: Path, *, device: str = "auto") -> NeuralMap:
+        """The map that was saved at ``path``.
+
+        Raises:
+            MapError: If the file is missing or is not such a map.
+        """
+        if not path.is_file():
+            raise MapError(f"There is no map at {path}; give the map.pt of a run folder.")
+        try:
+            saved: Any = torch.load(path, map_location="cpu", weights_only=True)
+        except (RuntimeError, ValueError, EOFError, OSError) as err:
+            raise MapError(f"{path} cannot be read as a map; give the map.pt of a run folder.") from err
+        if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
+            found = saved.get("format") if isinstance(saved, dict) else type(saved).__name__
+            raise MapError(f"{path} holds {found!r}, not {_FORMAT!r}; it was written by another program or version.")
+        loaded = cls(config_from_dict(saved["config"]), seed=saved["seed"], device=device)
+        arrays = {name: value.numpy() for name, value in saved["arrays"].items()}
+        loaded.backend.set_state(_part(arrays, "field."))
+        loaded._occupancy.set_state(_part(arrays, "occupancy."))
+        loaded._num_frames = saved["num_frames"]
+        return loaded
+
+    def _train(self, observation: Observation, *, smooth: bool) -> StepLosses:
+        """One iteration on rays of the keyframes and of the frame at hand."""
+        schedule = self.config.schedule
+        replay = self._keyframes.sample(schedule.num_rays, self._rng)
+        num_current = max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
+        rays = concatenate(replay, sample_frame(observation, num_current, self._rng))
+        corner = self._smoothness_corner() if smooth and self.config.loss.smoothness > 0.0 else None
+        return self.backend.step(rays, int(self._rng.integers(1 << 32)), corner)
+
+    def _smoothness_corner(self) -> Float[np.ndarray, "3"]:
+        """A random place for the smoothness lattice within the box that was fused so far, or about its middle."""
+        loss = self.config.loss
+        grid = self._occupancy.grid
+        size = np.array(grid.state.shape[::-1]) * grid.resolution_m
+        room = size - (loss.smoothness_points - 1) * loss.smoothness_spacing_m
+        return grid.origin_m + np.where(room > 0.0, self._rng.random(3), 0.5) * room
+
+
+def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}

@@ -1,0 +1,267 @@
+"""Free, occupied and unknown space, fused from depth; it stands beside the neural field, which knows no "unknown".
+
+Carving is conservative: a voxel becomes free only if the smallest depth in its whole pixel footprint lies behind it, so
+a table leg of a few pixels keeps its voxels, and so do the voxels it might hide. A hit weighs as much as several
+misses. Voxel centres lie at multiples of the voxel edge, so that a floor at z = 0 fills one layer and not, at random,
+two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int64
+
+from anm_mj.frames import pixel_directions
+from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
+
+BLOCK = 16
+"""Voxels along the edge of a block, the unit of growth and of change."""
+_LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
+"""Blocks that the grid grows by at least, in height and in the plane."""
+_MAX_REACH = 4
+"""Levels of the footprint pyramid beyond the first; the last spans 33 pixels."""
+
+
+class OccupancyGrid:
+    """Voxels ``[layer, row, col]`` = ``[z, y, x]`` with 8-bit log-odds; grows by blocks and keeps what it holds."""
+
+    def __init__(self, config: OccupancyConfig) -> None:
+        self.config = config
+        self._corner = np.zeros(3, np.int64)
+        shape = (0, 0, 0)
+        self._log_odds = np.zeros(shape, np.int8)
+        self._state = np.zeros(shape, np.int8)
+        self._seen_range_m = np.zeros(shape, np.float32)
+        self._block_stamp = np.zeros(shape, np.int32)
+        self._num_frames = 0
+        self._rays: tuple[Intrinsics, Float32[np.ndarray, "pixels 3"]] | None = None
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The grid as it stands; its arrays are views."""
+        origin = (self._corner - 0.5) * self.config.voxel_m
+        return VoxelGrid(self._state, self._seen_range_m, origin, self.config.voxel_m)
+
+    @property
+    def num_frames(self) -> int:
+        """Observations fused so far."""
+        return self._num_frames
+
+    @property
+    def corner(self) -> Int64[np.ndarray, "3"]:
+        """x, y, z index of cell [0, 0, 0]: its centre in the world in voxel edges; a multiple of ``BLOCK``."""
+        return self._corner
+
+    @property
+    def block_stamp(self) -> Int[np.ndarray, "layers rows cols"]:
+        """For each block, the number of the last frame (from 1) that had a hit in it; 0 where none had."""
+        return self._block_stamp
+
+    def integrate(
+        self,
+        depth_m: Float32[np.ndarray, "h w"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Fuse one depth image: carve what was looked through, then mark what was hit.
+
+        Args:
+            depth_m: Planar depth [m]; NaN where nothing was hit.
+            intrinsics: The camera.
+            T_world_camera: Camera to world.
+        """
+        self._num_frames += 1
+        rays = self._ray_directions(intrinsics)
+        rotation = T_world_camera[:3, :3].astype(np.float32)
+        position = T_world_camera[:3, 3].astype(np.float32)
+        hit = np.flatnonzero((depth_m > 0.0).ravel() & (depth_m <= self.config.hit_range_m).ravel())
+        hit_depth = depth_m.ravel()[hit]
+        inverse = np.float32(1.0 / self.config.voxel_m)
+        scaled = (rays[hit] * hit_depth[:, None]) @ (rotation.T * inverse) + position * inverse
+        voxels = np.rint(scaled).astype(np.int64)
+        low, high = self._view_box(depth_m, rays, rotation, position)
+        if len(voxels):
+            low = np.minimum(low, voxels.min(axis=0))
+            high = np.maximum(high, voxels.max(axis=0))
+        self._grow(low, high)
+        self._carve(depth_m, intrinsics, rotation, position, low, high)
+        self._mark(voxels, hit_depth)
+
+    def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+        """State of the voxels that hold world points; UNKNOWN outside the grid."""
+        return self.state_of(np.rint(points_m / self.config.voxel_m).astype(np.int64))
+
+    def state_of(self, voxels: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+        """State of voxels given by x, y, z index; UNKNOWN outside the grid."""
+        x, y, z = (voxels - self._corner).T
+        layers, rows, cols = self._state.shape
+        inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
+        out = np.full(len(voxels), UNKNOWN, np.int8)
+        out[inside] = self._state[z[inside], y[inside], x[inside]]
+        return out
+
+    def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
+        """True for points with an occupied voxel within ``reach_m`` (at most a voxel edge) along every axis."""
+        low = np.rint((points_m - reach_m) / self.config.voxel_m).astype(np.int64)
+        high = np.rint((points_m + reach_m) / self.config.voxel_m).astype(np.int64)
+        near = np.zeros(len(points_m), bool)
+        for corner in range(8):
+            pick = np.array([corner & 1, corner >> 1 & 1, corner >> 2 & 1], bool)
+            near |= self.state_of(np.where(pick, high, low)) == OCCUPIED
+        return near
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Copies of all arrays by name."""
+        return {
+            "corner": self._corner.copy(),
+            "log_odds": self._log_odds.copy(),
+            "state": self._state.copy(),
+            "seen_range_m": self._seen_range_m.copy(),
+            "block_stamp": self._block_stamp.copy(),
+            "num_frames": np.array(self._num_frames),
+        }
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what ``get_state`` gave."""
+        self._corner = state["corner"].astype(np.int64)
+        self._log_odds = state["log_odds"].astype(np.int8)
+        self._state = state["state"].astype(np.int8)
+        self._seen_range_m = state["seen_range_m"].astype(np.float32)
+        self._block_stamp = state["block_stamp"].astype(np.int32)
+        self._num_frames = int(state["num_frames"])
+
+    def _ray_directions(self, intrinsics: Intrinsics) -> Float32[np.ndarray, "pixels 3"]:
+        if self._rays is None or self._rays[0] != intrinsics:
+            self._rays = (intrinsics, pixel_directions(intrinsics).reshape(-1, 3).astype(np.float32))
+        return self._rays[1]
+
+    def _view_box(
+        self,
+        depth_m: Float32[np.ndarray, "h w"],
+        rays: Float32[np.ndarray, "pixels 3"],
+        rotation: Float32[np.ndarray, "3 3"],
+        position: Float32[np.ndarray, "3"],
+    ) -> tuple[Int64[np.ndarray, "3"], Int64[np.ndarray, "3"]]:
+        """Lowest and highest voxel that the view may carve: the box about the camera and all ray ends in range."""
+        missing = self.config.carve_range_m if self.config.no_depth_is_free else 0.0
+        # Every fourth pixel tells the box to within a voxel or two, and what sticks out is carved by another frame.
+        reach = np.nan_to_num(depth_m[::4, ::4], nan=missing, posinf=missing).clip(0.0, self.config.carve_range_m)
+        height, width = depth_m.shape
+        ends = (rays.reshape(height, width, 3)[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ rotation.T
+        low = np.minimum(ends.min(axis=0), 0.0) + position
+        high = np.maximum(ends.max(axis=0), 0.0) + position
+        edge = self.config.voxel_m
+        return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
+
+    def _grow(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
+        """Make room for voxels ``low`` to ``high`` (x, y, z, both included)."""
+        shape = np.array(self._state.shape[::-1])
+        if shape.all() and (low >= self._corner).all() and (high < self._corner + shape).all():
+            return
+        step = BLOCK * np.array([_PLANE_BLOCKS, _PLANE_BLOCKS, _LAYER_BLOCKS])
+        new_low = np.floor_divide(low, step) * step
+        new_high = (np.floor_divide(high, step) + 1) * step
+        if shape.all():
+            new_low = np.minimum(new_low, self._corner)
+            new_high = np.maximum(new_high, self._corner + shape)
+        before = (self._corner - new_low) if shape.all() else np.zeros(3, np.int64)
+        new_shape = tuple((new_high - new_low)[::-1])
+        self._log_odds = _moved(self._log_odds, new_shape, before, 0)
+        self._state = _moved(self._state, new_shape, before, UNKNOWN)
+        self._seen_range_m = _moved(self._seen_range_m, new_shape, before, np.inf)
+        block_shape = tuple(n // BLOCK for n in new_shape)
+        self._block_stamp = _moved(self._block_stamp, block_shape, before // BLOCK, 0)
+        self._corner = new_low
+
+    def _carve(
+        self,
+        depth_m: Float32[np.ndarray, "h w"],
+        intrinsics: Intrinsics,
+        rotation: Float32[np.ndarray, "3 3"],
+        position: Float32[np.ndarray, "3"],
+        low: Int64[np.ndarray, "3"],
+        high: Int64[np.ndarray, "3"],
+    ) -> None:
+        """Lower the log-odds of voxels in view that lie wholly in front of all depth in their footprint."""
+        cfg = self.config
+        edge = np.float32(cfg.voxel_m)
+        # The projection is affine in the voxel index before the division by depth, so each axis adds its own share.
+        axes = [np.arange(low[a], high[a] + 1) * edge - position[a] for a in range(3)]
+        x, y, z = axes[0], axes[1][:, None], axes[2][:, None, None]
+        depth_plane = rotation[0, 2] * x + rotation[1, 2] * y
+        planar = depth_plane + rotation[2, 2] * z
+        radius = edge * np.float32(0.5 * np.sqrt(3.0))
+        pyramid = footprint_minima(_carve_limit(depth_m, cfg))
+        nearest = max(intrinsics.fx * edge * 0.7 / (1 << _MAX_REACH), edge)
+        inside = np.flatnonzero((planar > nearest) & (planar < cfg.carve_range_m))
+        if not len(inside):
+            return
+        planar = planar.ravel()[inside]
+        inverse = np.float32(1.0) / planar
+        right = (rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z).ravel()[inside]
+        down = (rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z).ravel()[inside]
+        col = np.floor(right * inverse * np.float32(intrinsics.fx) + np.float32(intrinsics.cx)).astype(np.int32)
+        row = np.floor(down * inverse * np.float32(intrinsics.fy) + np.float32(intrinsics.cy)).astype(np.int32)
+        height, width = depth_m.shape
+        seen = (col >= 0) & (col < width) & (row >= 0) & (row < height)
+        inside, planar, inverse, col, row = (a[seen] for a in (inside, planar, inverse, col, row))
+        reach = np.ceil(np.log2(np.maximum(inverse * np.float32(intrinsics.fx * edge * 0.7), 1.0))).astype(np.int32)
+        nearest_seen = pyramid[reach, row, col]
+        inside = inside[planar + radius < nearest_seen]
+        box = tuple(slice(low[a] - self._corner[a], high[a] + 1 - self._corner[a]) for a in (2, 1, 0))
+        log_odds, state = self._log_odds[box], self._state[box]
+        where = np.unravel_index(inside, log_odds.shape)
+        value = np.maximum(log_odds[where].astype(np.int16) - cfg.miss, -cfg.limit).astype(np.int8)
+        log_odds[where] = value
+        state[where] = np.where(value > 0, OCCUPIED, FREE)
+
+    def _mark(self, voxels: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> None:
+        """Raise the log-odds of the voxels that were hit, once each, and note from how near."""
+        _, rows, cols = self._state.shape
+        x, y, z = (voxels - self._corner).T
+        flat = (z * rows + y) * cols + x
+        seen = self._seen_range_m.reshape(-1)
+        # With several pixels in a voxel the last one counts: all are equally near, to within the voxel.
+        seen[flat] = np.minimum(seen[flat], depth_m)
+        flat = np.unique(flat)
+        log_odds, state = self._log_odds.reshape(-1), self._state.reshape(-1)
+        value = np.minimum(log_odds[flat].astype(np.int16) + self.config.hit, self.config.limit).astype(np.int8)
+        log_odds[flat] = value
+        state[flat] = np.where(value > 0, OCCUPIED, FREE)
+        layer, rest = np.divmod(flat, rows * cols)
+        row, col = np.divmod(rest, cols)
+        self._block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = self._num_frames
+
+
+def footprint_minima(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "levels h w"]:
+    """Smallest depth within 1, 2, 4, 8, 16 pixels of each pixel along both axes."""
+    levels = [_spread(depth_m, 1)]
+    for level in range(_MAX_REACH):
+        levels.append(_spread(levels[-1], 1 << level))
+    return np.stack(levels)
+
+
+def _spread(image: Float32[np.ndarray, "h w"], shift: int) -> Float32[np.ndarray, "h w"]:
+    out = image.copy()
+    np.minimum(out[shift:], image[:-shift], out=out[shift:])
+    np.minimum(out[:-shift], image[shift:], out=out[:-shift])
+    rows = out.copy()
+    np.minimum(out[:, shift:], rows[:, :-shift], out=out[:, shift:])
+    np.minimum(out[:, :-shift], rows[:, shift:], out=out[:, :-shift])
+    return out
+
+
+def _carve_limit(depth_m: Float32[np.ndarray, "h w"], config: OccupancyConfig) -> Float32[np.ndarray, "h w"]:
+    """Depth up to which each pixel vouches for free space [m]."""
+    missing = np.float32(np.inf if config.no_depth_is_free else 0.0)
+    return np.where(depth_m > 0.0, depth_m, missing).astype(np.float32)
+
+
+def _moved(old: np.ndarray, shape: tuple[int, ...], before_xyz: Int64[np.ndarray, "3"], fill: float) -> np.ndarray:
+    """A larger array with the old one inside it, ``before_xyz`` cells from its start."""
+    new = np.full(shape, fill, old.dtype)
+    if old.size:
+        where = tuple(slice(b, b + n) for b, n in zip(before_xyz[::-1], old.shape, strict=True))
+        new[where] = old
+    return new
