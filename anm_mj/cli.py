@@ -32,7 +32,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run a command line and return its exit status."""
     arguments = _with_joined_start(sys.argv[1:] if argv is None else argv)
     parsed = _parser().parse_args(arguments)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    logging.getLogger("anm_mj").setLevel(logging.INFO)
     try:
         return parsed.command(parsed)
     except AnmError as err:

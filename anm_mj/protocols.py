@@ -6,7 +6,7 @@ these only.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -24,6 +24,7 @@ from anm_mj.types import (
 )
 
 
+@runtime_checkable
 class Robot(Protocol):
     """A body with an RGB-D camera that obeys discrete actions, simulated or real."""
 
@@ -41,6 +42,7 @@ class Robot(Protocol):
         ...
 
 
+@runtime_checkable
 class Drive(Protocol):
     """Turns one discrete action into wheel motion of a simulated robot."""
 
@@ -54,6 +56,7 @@ class Drive(Protocol):
         ...
 
 
+@runtime_checkable
 class Mapper(Protocol):
     """The map of the scene, learnt online: a neural field and, beside it, an occupancy grid."""
 
@@ -79,6 +82,7 @@ class Mapper(Protocol):
         ...
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Decides where to go and look next."""
 
@@ -91,6 +95,7 @@ class Policy(Protocol):
         ...
 
 
+@runtime_checkable
 class Recorder(Protocol):
     """Keeps what a run does as it does it."""
 
@@ -107,6 +112,7 @@ class Recorder(Protocol):
         ...
 
 
+@runtime_checkable
 class Viewer(Protocol):
     """Shows a run while it goes."""
 

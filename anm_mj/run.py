@@ -6,6 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from anm_mj.config import RunConfig, default_steps
@@ -55,29 +56,34 @@ def run(
     from anm_mj.robots import make_robot
 
     mapper = NeuralMap(config.mapping, seed=config.seed, device=config.device)
-    robot = make_robot(scene, start=_start_pose(config), drive=config.drive, image_px=config.image_px)
-    folder = RunFolder.create(out, scene.name, config.policy)
-    facts = RunFacts(
-        config.scene, scene.hash, config.policy, config.seed, mapper.device_name, backend.name, backend.renderer_string
-    )
-    folder.write_manifest(manifest(facts, sys.argv))
-    folder.write_config(config)
-    viewer = viewer or NullViewer()
-    # Always the same samples of a scene, whatever the run's seed, so that runs differ by what they saw alone.
-    truth = GroundTruth.from_mesh(*scene.triangles())
-    with robot, RunRecorder(folder, truth) as recorder:
-        outcome = explore(
-            robot,
-            mapper,
-            make_policy(config.planning, robot.footprint, config.seed),
-            num_steps=steps,
-            recorder=recorder,
-            viewer=viewer,
-            stop_requested=stop_requested,
-            on_step=lambda progress: on_step(progress, recorder, steps),
+    with make_robot(scene, start=_start_pose(config), drive=config.drive, image_px=config.image_px) as robot:
+        folder = RunFolder.create(out, scene.name, config.policy)
+        facts = RunFacts(
+            config.scene,
+            scene.hash,
+            config.policy,
+            config.seed,
+            mapper.backend.device,
+            backend.name,
+            backend.renderer_string,
         )
-        wall_s = time.perf_counter() - begin
-        return folder, recorder.finish(outcome.stop_reason, mapper, wall_s=wall_s, loop_s=outcome.loop_s)
+        folder.write_manifest(manifest(facts, sys.argv))
+        folder.write_config(replace(config, steps=steps))
+        # Always the same samples of a scene, whatever the run's seed, so that runs differ by what they saw alone.
+        truth = GroundTruth.sample(*scene.triangles())
+        with RunRecorder(folder, truth) as recorder:
+            outcome = explore(
+                robot,
+                mapper,
+                make_policy(config.planning, robot.footprint, config.seed),
+                num_steps=steps,
+                recorder=recorder,
+                viewer=viewer or NullViewer(),
+                stop_requested=stop_requested,
+                on_step=lambda progress: on_step(progress, recorder, steps),
+            )
+            wall_s = time.perf_counter() - begin
+            return folder, recorder.finish(outcome.stop_reason, mapper, wall_s=wall_s, loop_s=outcome.loop_s)
 
 
 def _start_pose(config: RunConfig) -> Pose2 | None:

@@ -37,6 +37,10 @@ class PhysicsDriveConfig:
     """Distance to the reference, along the heading, at which an action is done [m]."""
     settled_rad: float = math.radians(0.02)
     """Angle to the reference at which an action is done [rad]."""
+    rest_mps: float = 0.005
+    """Speed below which the base counts as standing [m/s]."""
+    rest_radps: float = 0.02
+    """Turn rate below which the base counts as standing [rad/s]."""
     blocked_m: float = 0.005
     """Distance to the reference, along the heading, that means an obstacle when it is left after settling [m]."""
     blocked_rad: float = math.radians(0.5)
@@ -151,7 +155,8 @@ class PhysicsDrive:
             fraction = profile.fraction(self._data.time + config.servo_period_s - start_s)
             if self._servo_period(move_pose(start, forward_m * fraction, turn_rad * fraction), bool(forward_m)):
                 return True
-            if fraction == 1.0 and self._is_at_reference(config.settled_m, config.settled_rad):
+            at_rest = self._base.speed_mps < config.rest_mps and abs(self._base.turn_rate_radps) < config.rest_radps
+            if fraction == 1.0 and at_rest and self._is_at_reference(config.settled_m, config.settled_rad):
                 return False
         return not self._is_at_reference(config.blocked_m, config.blocked_rad)
 

@@ -32,6 +32,7 @@ class SimulatedBase:
         if model.jnt_type[base] != mujoco.mjtJoint.mjJNT_FREE:
             raise RobotError(f'The joint "{prefix}{BASE_JOINT}" of the simulated robot must be a <freejoint>.')
         self._base_qpos = int(model.jnt_qposadr[base])
+        self._base_qvel = int(model.jnt_dofadr[base])
         self._wheel_qpos = np.array([model.jnt_qposadr[_joint_id(model, prefix + name)] for name in WHEEL_JOINTS])
 
     @property
@@ -46,6 +47,17 @@ class SimulatedBase:
         half = pose.yaw_rad / 2.0
         start = self._base_qpos
         self._data.qpos[start : start + 7] = (pose.x_m, pose.y_m, 0.0, math.cos(half), 0.0, 0.0, math.sin(half))
+
+    @property
+    def speed_mps(self) -> float:
+        """Speed of the base over the floor."""
+        vx, vy = self._data.qvel[self._base_qvel : self._base_qvel + 2]
+        return math.hypot(vx, vy)
+
+    @property
+    def turn_rate_radps(self) -> float:
+        """Turn rate of the base, counter-clockwise."""
+        return float(self._data.qvel[self._base_qvel + 5])
 
     @property
     def wheel_angles_rad(self) -> Float[np.ndarray, "2"]:

@@ -13,6 +13,8 @@ of that paper. One formula serves both: ``((x * ax) & mx) ^ ((y * ay) & my) ^ ((
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int32, Int64
@@ -59,40 +61,36 @@ class _Interpolate(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: torch.autograd.function.FunctionCtx,
-        table: Float[Tensor, "features entries"],
-        index: Int32[Tensor, "8 m"],
-        weight: Float[Tensor, "8 m"],
+        ctx: Any, index: Int32[Tensor, "8 m"], weight: Float[Tensor, "8 m"], *planes: Float[Tensor, " entries"]
     ) -> Float[Tensor, "features m"]:
         ctx.save_for_backward(index, weight)
-        ctx.entries = table.shape[1]  # type: ignore[attr-defined]
-        return gather_corners(table, index, weight)
+        ctx.entries = len(planes[0])
+        return gather_corners(index, weight, *planes)
 
     @staticmethod
-    def backward(  # type: ignore[override]
-        ctx: torch.autograd.function.FunctionCtx, grad: Float[Tensor, "features m"]
-    ) -> tuple[Float[Tensor, "features entries"], None, None]:
-        index, weight = ctx.saved_tensors  # type: ignore[attr-defined]
-        entries = ctx.entries  # type: ignore[attr-defined]
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]
+        ctx: Any, grad: Float[Tensor, "features m"]
+    ) -> tuple[Tensor | None, ...]:
+        index, weight = ctx.saved_tensors
         flat = index.reshape(-1)
-        planes = []
+        gradients = []
         for plane in grad:
             values = (weight * plane).reshape(-1)
             if values.is_cuda:
-                planes.append(values.new_zeros(entries).index_add_(0, flat, values))
+                gradients.append(values.new_zeros(ctx.entries).index_add_(0, flat, values))
             else:
-                planes.append(torch.bincount(flat, values, minlength=entries).to(values.dtype))
-        return torch.stack(planes), None, None
+                gradients.append(torch.bincount(flat, values, minlength=ctx.entries).to(values.dtype))
+        return None, None, *gradients
 
 
 def gather_corners(
-    table: Float[Tensor, "features entries"], index: Int32[Tensor, "8 m"], weight: Float[Tensor, "8 m"]
+    index: Int32[Tensor, "8 m"], weight: Float[Tensor, "8 m"], *planes: Float[Tensor, " entries"]
 ) -> Float[Tensor, "features m"]:
     """The forward pass of the interpolation, corner by corner so that the temporaries stay in the cache."""
-    out = weight.new_zeros(table.shape[0], index.shape[1])
+    out = weight.new_zeros(len(planes), index.shape[1])
     for corner in range(8):
-        for feature in range(table.shape[0]):
-            out[feature].addcmul_(table[feature].index_select(0, index[corner]), weight[corner])
+        for feature, plane in enumerate(planes):
+            out[feature].addcmul_(plane.index_select(0, index[corner]), weight[corner])
     return out
 
 
@@ -109,7 +107,7 @@ class HashGrid:
         self._factors = torch.from_numpy(factors.astype(np.int32)).to(device)[:, :, None]
         self._masks = torch.from_numpy(masks.astype(np.int32)).to(device)[:, :, None]
         offsets = torch.arange(self.num_levels, dtype=torch.int32, device=device) * entries
-        self._offsets = offsets[None, :, None]
+        self._offsets = offsets[:, None]
 
     def corners(self, points_m: Float[Tensor, "n 3"]) -> tuple[Int32[Tensor, "8 m"], Float[Tensor, "8 m"]]:
         """Entries and trilinear weights of the eight cell corners about each point, for all levels.
@@ -124,31 +122,37 @@ class HashGrid:
         n = points_m.shape[0]
         scaled = points_m.t()[:, None, :] * self._cells_per_m.to(points_m.dtype)
         cell = scaled.floor()
-        upper = scaled - cell
-        weight = torch.stack((1.0 - upper, upper))
-        low = cell.to(torch.int32) * self._factors
-        key = torch.stack((low & self._masks, (low + self._factors) & self._masks))
-        yz = (key[:, None, 1] ^ key[None, :, 2]) + self._offsets
-        index = yz.view(4, 1, self.num_levels, n) ^ key[None, :, 0]
-        weight_yz = weight[:, None, 1] * weight[None, :, 2]
-        corner_weight = weight_yz.view(4, 1, self.num_levels, n) * weight[None, :, 0]
-        return index.view(8, self.num_levels * n), corner_weight.view(8, self.num_levels * n)
+        high_weight = scaled - cell
+        weights = (1.0 - high_weight, high_weight)
+        low_key = cell.to(torch.int32) * self._factors
+        keys = (low_key & self._masks, (low_key + self._factors) & self._masks)
+        index = low_key.new_empty(8, self.num_levels, n)
+        weight = high_weight.new_empty(8, self.num_levels, n)
+        # Written corner by corner into one array: stacking them would move everything twice.
+        for y in range(2):
+            for z in range(2):
+                key_yz = (keys[y][1] ^ keys[z][2]) + self._offsets
+                weight_yz = weights[y][1] * weights[z][2]
+                for x in range(2):
+                    torch.bitwise_xor(keys[x][0], key_yz, out=index[4 * z + 2 * y + x])
+                    torch.mul(weights[x][0], weight_yz, out=weight[4 * z + 2 * y + x])
+        return index.view(8, self.num_levels * n), weight.view(8, self.num_levels * n)
 
     def features(
-        self, table: Float[Tensor, "features entries"], points_m: Float[Tensor, "n 3"]
+        self, points_m: Float[Tensor, "n 3"], *planes: Float[Tensor, " entries"]
     ) -> Float[Tensor, "n features*levels"]:
         """Interpolated features: the first of all levels, coarse to fine, then the second of all levels.
 
-        Differentiable in the table, not in the points.
+        Differentiable in the table's planes (one per feature), not in the points.
 
         Source: paper, section IV-B (the grid F of eq. 10); Müller et al., 2022.
         """
         index, weight = self.corners(points_m)
-        if torch.is_grad_enabled() and table.requires_grad:
-            out = _Interpolate.apply(table, index, weight)
+        if torch.is_grad_enabled() and planes[0].requires_grad:
+            out = _Interpolate.apply(index, weight, *planes)
         else:
-            out = gather_corners(table, index, weight)
-        return out.view(table.shape[0] * self.num_levels, points_m.shape[0]).t()
+            out = gather_corners(index, weight, *planes)
+        return out.view(len(planes) * self.num_levels, points_m.shape[0]).t()
 
 
 def one_blob(points_m: Float[Tensor, "n 3"], period_m: Float[Tensor, "3"], num_bins: int) -> Float[Tensor, "n 3*bins"]:

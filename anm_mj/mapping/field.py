@@ -59,7 +59,7 @@ def initial_parameters(config: FieldConfig, seed: int) -> dict[str, Float32[np.n
 class NeuralField(torch.nn.Module):
     """Hash grid, one-blob code and two shallow decoders (Wang et al., Co-SLAM, 2023), in torch.
 
-    The table is kept as two planes, ``(2, entries)``, because gathering one float at a time is what a CPU does well.
+    The table is kept as one plane per feature, because gathering one float at a time is what a CPU does well.
     """
 
     def __init__(self, config: FieldConfig, seed: int, device: torch.device) -> None:
@@ -68,17 +68,17 @@ class NeuralField(torch.nn.Module):
         self._grid = HashGrid(config, device)
         self._period_m = torch.tensor(config.blob_period_m, device=device)
         arrays = initial_parameters(config, seed)
-        self.table = torch.nn.Parameter(torch.from_numpy(arrays["table"].T.copy()).to(device))
+        self.planes = torch.nn.ParameterList([torch.from_numpy(p.copy()).to(device) for p in arrays["table"].T])
         self.decoders = torch.nn.ParameterDict({n: torch.from_numpy(arrays[n]).to(device) for n in DECODER_NAMES})
 
     def encode(self, points_m: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n features"], Float[Tensor, "n blob"]]:
         """Grid features and one-blob code of world points [m]."""
         blob = one_blob(points_m, self._period_m.to(points_m.dtype), self.config.blob_bins)
-        return self._grid.features(self.table, points_m), blob
+        return self._grid.features(points_m, *self.planes), blob
 
     def grid_features(self, points_m: Float[Tensor, "n 3"]) -> Float[Tensor, "n features"]:
         """Grid features alone, for the smoothness term."""
-        return self._grid.features(self.table, points_m)
+        return self._grid.features(points_m, *self.planes)
 
     def decode_sdf(
         self, features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]

@@ -8,6 +8,8 @@ two.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int64
 
@@ -19,6 +21,12 @@ BLOCK = 16
 """Voxels along the edge of a block, the unit of growth and of change."""
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
 """Blocks that the grid grows by at least, in height and in the plane."""
+_FOOTPRINT = 0.7
+"""Half width in voxel edges of what counts as a voxel's footprint: half the diagonal of a face."""
+_HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
+"""Half the diagonal of a voxel, in voxel edges."""
+_HIT_STRIDE = 2
+"""Every n-th pixel along both axes marks hits; which ones changes from frame to frame."""
 _MAX_REACH = 4
 """Levels of the footprint pyramid beyond the first; the last spans 33 pixels."""
 
@@ -35,7 +43,7 @@ class OccupancyGrid:
         self._seen_range_m = np.zeros(shape, np.float32)
         self._block_stamp = np.zeros(shape, np.int32)
         self._num_frames = 0
-        self._rays: tuple[Intrinsics, Float32[np.ndarray, "pixels 3"]] | None = None
+        self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
 
     @property
     def grid(self) -> VoxelGrid:
@@ -75,17 +83,21 @@ class OccupancyGrid:
         rays = self._ray_directions(intrinsics)
         rotation = T_world_camera[:3, :3].astype(np.float32)
         position = T_world_camera[:3, 3].astype(np.float32)
-        hit = np.flatnonzero((depth_m > 0.0).ravel() & (depth_m <= self.config.hit_range_m).ravel())
-        hit_depth = depth_m.ravel()[hit]
+        phase = self._num_frames % _HIT_STRIDE, self._num_frames // _HIT_STRIDE % _HIT_STRIDE
+        pick = slice(phase[0], None, _HIT_STRIDE), slice(phase[1], None, _HIT_STRIDE)
+        hit_depth = depth_m[pick]
+        hit = (hit_depth > 0.0) & (hit_depth <= self.config.hit_range_m)
+        hit_depth = hit_depth[hit]
         inverse = np.float32(1.0 / self.config.voxel_m)
-        scaled = (rays[hit] * hit_depth[:, None]) @ (rotation.T * inverse) + position * inverse
+        scaled = (rays[pick][hit] * hit_depth[:, None]) @ (rotation.T * inverse) + position * inverse
         voxels = np.rint(scaled).astype(np.int64)
-        low, high = self._view_box(depth_m, rays, rotation, position)
+        box_low, box_high = self._view_box(depth_m, rays, rotation, position)
+        low, high = box_low, box_high
         if len(voxels):
             low = np.minimum(low, voxels.min(axis=0))
             high = np.maximum(high, voxels.max(axis=0))
         self._grow(low, high)
-        self._carve(depth_m, intrinsics, rotation, position, low, high)
+        self._carve(depth_m, intrinsics, rotation, position, box_low, box_high)
         self._mark(voxels, hit_depth)
 
     def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
@@ -131,15 +143,15 @@ class OccupancyGrid:
         self._block_stamp = state["block_stamp"].astype(np.int32)
         self._num_frames = int(state["num_frames"])
 
-    def _ray_directions(self, intrinsics: Intrinsics) -> Float32[np.ndarray, "pixels 3"]:
+    def _ray_directions(self, intrinsics: Intrinsics) -> Float32[np.ndarray, "h w 3"]:
         if self._rays is None or self._rays[0] != intrinsics:
-            self._rays = (intrinsics, pixel_directions(intrinsics).reshape(-1, 3).astype(np.float32))
+            self._rays = (intrinsics, pixel_directions(intrinsics).astype(np.float32))
         return self._rays[1]
 
     def _view_box(
         self,
         depth_m: Float32[np.ndarray, "h w"],
-        rays: Float32[np.ndarray, "pixels 3"],
+        rays: Float32[np.ndarray, "h w 3"],
         rotation: Float32[np.ndarray, "3 3"],
         position: Float32[np.ndarray, "3"],
     ) -> tuple[Int64[np.ndarray, "3"], Int64[np.ndarray, "3"]]:
@@ -147,8 +159,7 @@ class OccupancyGrid:
         missing = self.config.carve_range_m if self.config.no_depth_is_free else 0.0
         # Every fourth pixel tells the box to within a voxel or two, and what sticks out is carved by another frame.
         reach = np.nan_to_num(depth_m[::4, ::4], nan=missing, posinf=missing).clip(0.0, self.config.carve_range_m)
-        height, width = depth_m.shape
-        ends = (rays.reshape(height, width, 3)[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ rotation.T
+        ends = (rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ rotation.T
         low = np.minimum(ends.min(axis=0), 0.0) + position
         high = np.maximum(ends.max(axis=0), 0.0) + position
         edge = self.config.voxel_m
@@ -186,35 +197,37 @@ class OccupancyGrid:
         """Lower the log-odds of voxels in view that lie wholly in front of all depth in their footprint."""
         cfg = self.config
         edge = np.float32(cfg.voxel_m)
-        # The projection is affine in the voxel index before the division by depth, so each axis adds its own share.
-        axes = [np.arange(low[a], high[a] + 1) * edge - position[a] for a in range(3)]
-        x, y, z = axes[0], axes[1][:, None], axes[2][:, None, None]
-        depth_plane = rotation[0, 2] * x + rotation[1, 2] * y
-        planar = depth_plane + rotation[2, 2] * z
-        radius = edge * np.float32(0.5 * np.sqrt(3.0))
-        pyramid = footprint_minima(_carve_limit(depth_m, cfg))
-        nearest = max(intrinsics.fx * edge * 0.7 / (1 << _MAX_REACH), edge)
-        inside = np.flatnonzero((planar > nearest) & (planar < cfg.carve_range_m))
-        if not len(inside):
-            return
-        planar = planar.ravel()[inside]
-        inverse = np.float32(1.0) / planar
-        right = (rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z).ravel()[inside]
-        down = (rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z).ravel()[inside]
-        col = np.floor(right * inverse * np.float32(intrinsics.fx) + np.float32(intrinsics.cx)).astype(np.int32)
-        row = np.floor(down * inverse * np.float32(intrinsics.fy) + np.float32(intrinsics.cy)).astype(np.int32)
         height, width = depth_m.shape
-        seen = (col >= 0) & (col < width) & (row >= 0) & (row < height)
-        inside, planar, inverse, col, row = (a[seen] for a in (inside, planar, inverse, col, row))
-        reach = np.ceil(np.log2(np.maximum(inverse * np.float32(intrinsics.fx * edge * 0.7), 1.0))).astype(np.int32)
-        nearest_seen = pyramid[reach, row, col]
-        inside = inside[planar + radius < nearest_seen]
-        box = tuple(slice(low[a] - self._corner[a], high[a] + 1 - self._corner[a]) for a in (2, 1, 0))
-        log_odds, state = self._log_odds[box], self._state[box]
-        where = np.unravel_index(inside, log_odds.shape)
-        value = np.maximum(log_odds[where].astype(np.int16) - cfg.miss, -cfg.limit).astype(np.int8)
-        log_odds[where] = value
-        state[where] = np.where(value > 0, OCCUPIED, FREE)
+        # Before the division by depth the projection is affine, so a column of voxels and a layer each add their share.
+        x, y, z = (np.arange(low[a], high[a] + 1, dtype=np.float32) * edge - position[a] for a in range(3))
+        column_shares = (rotation[0] * x[None, :, None] + rotation[1] * y[:, None, None]).reshape(-1, 3).T
+        layer_shares = np.outer(rotation[2], z)
+        footprint_px = np.float32(_FOOTPRINT * edge * max(intrinsics.fx, intrinsics.fy))
+        nearest = max(footprint_px / (1 << _MAX_REACH), edge)
+        columns = _columns_in_view(column_shares, layer_shares, intrinsics, nearest, cfg.carve_range_m)
+        right, down, planar = layer_shares[:, :, None] + column_shares[:, None, columns]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = right * (np.float32(intrinsics.fx) / planar) + np.float32(intrinsics.cx)
+            v = down * (np.float32(intrinsics.fy) / planar) + np.float32(intrinsics.cy)
+        seen = (planar > nearest) & (planar < cfg.carve_range_m)
+        seen &= (u >= 0.0) & (u < width) & (v >= 0.0) & (v < height)
+        chosen = np.flatnonzero(seen)
+        planar = planar.ravel()[chosen]
+        pixel = v.ravel()[chosen].astype(np.int32) * width + u.ravel()[chosen].astype(np.int32)
+        # The exponent of the footprint in pixels is the level of the pyramid whose window covers it.
+        reach = np.maximum(np.frexp(footprint_px / planar)[1], 0)
+        pyramid = footprint_minima(_carve_limit(depth_m, cfg)).reshape(-1)
+        in_front = planar + edge * np.float32(_HALF_DIAGONAL) < pyramid[reach * (height * width) + pixel]
+        layer, column = np.divmod(chosen[in_front], len(columns))
+        _, rows, cols = self._state.shape
+        start = low - self._corner
+        row, col = np.divmod(columns, len(x))
+        flat_column = (row + start[1]) * cols + col + start[0]
+        flat = (layer + start[2]) * (rows * cols) + flat_column[column]
+        log_odds, state = self._log_odds.reshape(-1), self._state.reshape(-1)
+        value = np.maximum(log_odds[flat], cfg.miss - cfg.limit) - np.int8(cfg.miss)
+        log_odds[flat] = value
+        state[flat] = np.where(value > 0, OCCUPIED, FREE)
 
     def _mark(self, voxels: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> None:
         """Raise the log-odds of the voxels that were hit, once each, and note from how near."""
@@ -232,6 +245,23 @@ class OccupancyGrid:
         layer, rest = np.divmod(flat, rows * cols)
         row, col = np.divmod(rest, cols)
         self._block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = self._num_frames
+
+
+def _columns_in_view(
+    column_shares: Float32[np.ndarray, "3 columns"],
+    layer_shares: Float32[np.ndarray, "3 layers"],
+    intrinsics: Intrinsics,
+    nearest_m: float,
+    furthest_m: float,
+) -> Int64[np.ndarray, " n"]:
+    """Indices of voxel columns that may reach into the frustum's depth range and between its left and right sides."""
+    left = intrinsics.cx / intrinsics.fx
+    right = (intrinsics.width - intrinsics.cx) / intrinsics.fx
+    # Each row is a plane with the frustum on its positive side, over (right, down, planar), and its offset.
+    planes = np.array([[0, 0, 1], [0, 0, -1], [1, 0, left], [-1, 0, right]], np.float32)
+    offsets = np.array([-nearest_m, furthest_m, 0.0, 0.0], np.float32)
+    best_layer = (planes @ layer_shares).max(axis=1)
+    return np.flatnonzero((planes @ column_shares + (best_layer + offsets)[:, None] > 0.0).all(axis=0))
 
 
 def footprint_minima(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "levels h w"]:

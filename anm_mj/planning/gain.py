@@ -152,7 +152,8 @@ class GainCaster:
             slices.append(slice(max(lo, 0), min(hi, size)))
         state = np.pad(grid.state[tuple(slices)], pad, constant_values=UNKNOWN)
         seen = np.pad(grid.seen_range_m[tuple(slices)], pad, constant_values=np.inf)
-        state = np.where((state == UNKNOWN) & _next_to(state == OCCUPIED), np.int8(OCCUPIED), state)
+        skin = (state == UNKNOWN) & _next_to(state == OCCUPIED)
+        state[skin], seen[skin] = OCCUPIED, 0.0
         origin = np.array(
             [
                 grid.origin_m[2],

@@ -8,6 +8,7 @@ way: the SDF is asked next to observed surface alone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -74,7 +75,8 @@ class TopDownMapper:
 
     def _columns(self, grid: VoxelGrid) -> Int8[np.ndarray, "rows cols"]:
         z0, z1 = (
-            round((z - grid.origin_m[2]) / grid.resolution_m) for z in (self.footprint.z_min_m, self.footprint.z_max_m)
+            math.ceil((z - grid.origin_m[2]) / grid.resolution_m - 1e-6)
+            for z in (self.footprint.z_min_m, self.footprint.z_max_m)
         )
         body = grid.state[max(z0, 0) : max(z1, 0)]
         num_free = np.count_nonzero(body == FREE, axis=0)

@@ -13,8 +13,8 @@ from scipy import ndimage
 
 from anm_mj.scene.raster import Grid, clip_to_slab, distance_cells, grid_over, label_components, rasterise
 
-SLICE_Z_MIN_M = 0.03
-"""What is lower (rugs, thresholds) is driven over [m]."""
+SLICE_Z_MIN_M = 0.05
+"""What is lower (rugs, thresholds) passes below the robot's shell [m]."""
 SLICE_Z_MAX_M = 1.4
 """What is higher (lamps, lintels) is driven under; a little above the robot's top [m]."""
 RESOLUTION_M = 0.025

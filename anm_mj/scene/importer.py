@@ -13,7 +13,7 @@ import numpy as np
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.part import Part, merge_geometry
-from anm_mj.scene.source import check_source, read_parts
+from anm_mj.scene.source import read_parts
 from anm_mj.scene.upright import UNITS, find_floor, find_scale, find_up, rotation_to_z_up
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
 
@@ -21,6 +21,9 @@ _logger = logging.getLogger(__name__)
 
 _FLOOR_AT_ZERO_M = 0.01
 """A floor this near to z = 0 was put there on purpose: coordinates then stay those of the file [m]."""
+
+_MAX_EXTENT_M = 500.0
+"""Larger buildings there are few; larger files are mostly misread units or a part that lies far off [m]."""
 
 UpAxis = Literal["x", "y", "z", "auto"]
 
@@ -57,7 +60,6 @@ def import_scene(
         raise SceneError(f"A scale of {scale:g} m per unit makes no sense: give 1 for m, 0.01 for cm, 0.001 for mm.")
     if up not in ("x", "y", "z", "auto"):
         raise SceneError(f"There is no up axis {up!r}: give x, y, z or auto.")
-    check_source(src)
     check_destination(out)
     parts = read_parts(src)
 
@@ -66,6 +68,12 @@ def import_scene(
     if scale is None:
         scale = find_scale(np.ptp(vertices[faces].reshape(-1, 3), axis=0))
     triangles = vertices[faces] * scale
+    largest_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    if largest_m > _MAX_EXTENT_M:
+        raise SceneError(
+            f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "
+            "give another scale, or remove stray parts."
+        )
     if up == "auto":
         up = "z" if find_up(triangles, "z" if src.suffix.lower() == ".ply" else "y") == "z" else "y"
     rotation = rotation_to_z_up(up)

@@ -19,11 +19,13 @@ RESOLUTION_M = 0.025
 """Cell size of the grid of standing places [m]."""
 FLOOR_TOLERANCE_M = 0.06
 """How far the floor may lie above or below z = 0 [m]."""
-DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.06, z_max_m=1.35)
+DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
 """The robot that start poses are chosen for."""
 _START_MARGIN_M = 0.12
 """Start poses keep this much more distance than they need, where the scene has such places [m]."""
 _NUM_STARTS = 8
+_MIN_AREA_M2 = 0.5
+"""A scene with less room to move was misread, or is no place for a robot [m2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,23 +60,24 @@ def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint
     Distances are taken between cell centres, so they are good to one cell; see :func:`is_clear` for exact ones.
 
     Raises:
-        SceneError: if it may stand nowhere.
+        SceneError: if there is next to no such place.
     """
     corners = triangles_m.reshape(-1, 3)
     grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), RESOLUTION_M, 2 * RESOLUTION_M)
     blocked = rasterise(clip_to_slab(triangles_m, footprint.z_min_m, footprint.z_max_m), grid)
     floor = rasterise(clip_to_slab(triangles_m[level_mask(triangles_m)], -FLOOR_TOLERANCE_M, FLOOR_TOLERANCE_M), grid)
     # Joints between floor tiles and thresholds leave slits that no wheel falls into.
-    floor = np.asarray(ndimage.binary_closing(floor, iterations=2))
+    floor = np.asarray(ndimage.binary_closing(floor, iterations=2), dtype=bool)
     clearance = (distance_cells(~blocked) * grid.resolution_m).astype(np.float32)
     labels, num = label_components((clearance >= footprint.radius_m) & floor)
-    if not num:
-        raise SceneError(
-            f"There is no place where a robot of radius {footprint.radius_m:g} m and height {footprint.z_max_m:g} m "
-            f"can stand on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0: check the up axis and the scale."
-        )
     sizes = np.bincount(labels.ravel(), minlength=num + 1)
     sizes[0] = 0
+    largest_m2 = float(sizes.max()) * grid.resolution_m**2
+    if largest_m2 < _MIN_AREA_M2:
+        raise SceneError(
+            f"A robot of radius {footprint.radius_m:g} m and height {footprint.z_max_m:g} m has only {largest_m2:.2g} m2 "
+            f"to move on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0: check the up axis and the scale."
+        )
     rank = np.zeros(num + 1, dtype=np.int64)
     rank[np.argsort(-sizes, kind="stable")[:num]] = np.arange(1, num + 1)
     # A robot beside the edge of the floor has nothing to fall from in a building, but starts should keep away from it.
@@ -85,8 +88,8 @@ def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint
 def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STARTS) -> tuple[Pose2, ...]:
     """Start poses in the largest component, each as far from the others as can be, looking along the longest view.
 
-    The first stands nearest to the middle of the roomiest places, so that it suits as the default; the others follow
-    by farthest-point sampling.
+    The first stands nearest to the middle of the floor, so that it suits as the default; the others follow by
+    farthest-point sampling.
     """
     reachable = area.component == 1
     roomy = reachable & (area.clearance_m >= footprint.radius_m + _START_MARGIN_M)
@@ -123,7 +126,7 @@ def scene_area(scene: Scene, footprint: Footprint) -> NavigableArea:
     """Where a robot may stand in a scene; computed once per scene and footprint.
 
     Raises:
-        SceneError: if it may stand nowhere.
+        SceneError: if there is next to no such place.
     """
     return _scene_area(scene, footprint.radius_m, footprint.z_min_m, footprint.z_max_m)
 

@@ -32,8 +32,9 @@ def grid_over(bounds_m: Float[np.ndarray, "2 n"], resolution_m: float, margin_m:
     Cell *centres* lie on multiples of the resolution: walls of man-made scenes stand at round numbers, and a surface in
     the middle of its cell is not thrown from one cell to the next by rounding.
     """
-    low = np.floor((bounds_m[0, :2] - margin_m) / resolution_m)
-    high = np.ceil((bounds_m[1, :2] + margin_m) / resolution_m)
+    bounds = bounds_m.astype(np.float64)
+    low = np.floor((bounds[0, :2] - margin_m) / resolution_m)
+    high = np.ceil((bounds[1, :2] + margin_m) / resolution_m)
     cols, rows = (high - low + 1).astype(int)
     return Grid((low - 0.5) * resolution_m, resolution_m, int(rows), int(cols))
 

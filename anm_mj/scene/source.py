@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import json
-import logging
-import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,16 +12,15 @@ from PIL import Image
 from anm_mj.errors import SceneError
 from anm_mj.scene.bake import bake_colours, corner_colours
 from anm_mj.scene.part import Part
+from anm_mj.scene.source_check import check_source, damaged
 
 if TYPE_CHECKING:
     import trimesh
 
-_logger = logging.getLogger(__name__)
-
-KINDS = (".glb", ".gltf", ".obj", ".ply")
-"""File kinds that can be read."""
 _MAX_TEXTURE_PX = 1024
 """At the robot's image size, larger textures cost memory and time and look worse (they alias)."""
+_PLAIN_RGB = (0.7, 0.7, 0.7)
+"""Colour of meshes that have none."""
 
 
 def read_parts(src: Path) -> list[Part]:
@@ -40,8 +35,6 @@ def read_parts(src: Path) -> list[Part]:
     import trimesh
 
     check_source(src)
-    if src.suffix.lower() in (".glb", ".gltf"):
-        _check_gltf(src)
     try:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
         loaded = trimesh.load_scene(src, process=False)
@@ -49,25 +42,10 @@ def read_parts(src: Path) -> list[Part]:
     except SceneError:
         raise
     except Exception as err:
-        reason = str(err).strip().split("\n")[0] or type(err).__name__
-        raise SceneError(f"{src} is damaged or no {src.suffix[1:]} file ({reason}): export it again.") from err
+        raise damaged(src, err) from err
     if not any(len(part.faces) for part in parts):
         raise SceneError(f"{src} holds no triangles (a point cloud, or empty): give a mesh with faces.")
     return parts
-
-
-def check_source(src: Path) -> None:
-    """Accept an existing, non-empty file of a kind that can be read.
-
-    Raises:
-        SceneError: if it is something else.
-    """
-    if not src.exists():
-        raise SceneError(f"{src} does not exist: give the path of a {', '.join(KINDS)} file.")
-    if src.suffix.lower() not in KINDS or not src.is_file():
-        raise SceneError(f"{src} is not of a kind that can be imported: give a {', '.join(KINDS)} file.")
-    if src.stat().st_size == 0:
-        raise SceneError(f"{src} is empty (0 bytes): copy or export it again.")
 
 
 def _placed_meshes(scene: trimesh.Scene) -> list[tuple[str, trimesh.Trimesh]]:
@@ -97,10 +75,6 @@ def _parts_of(name: str, mesh: trimesh.Trimesh) -> list[Part]:
     if visual.kind == "face":
         return bake_colours(name, vertices, faces, corner_colours(faces, face_rgb=_rgb8(visual.face_colors)))
     return [Part(name, vertices, faces, _PLAIN_RGB)]
-
-
-_PLAIN_RGB = (0.7, 0.7, 0.7)
-"""Colour of meshes that have none."""
 
 
 def _textured_parts(
@@ -150,45 +124,3 @@ def _shrunk(image: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
         size = tuple(max(1, round(side * _MAX_TEXTURE_PX / largest)) for side in rgb.size)
         rgb = rgb.resize((size[0], size[1]), Image.Resampling.LANCZOS)
     return np.array(rgb)
-
-
-def _check_gltf(src: Path) -> None:
-    """Refuse a glTF whose triangles cannot be decoded; warn of textures that cannot.
-
-    Raises:
-        SceneError: if the file is no glTF, or compressed in a way that cannot be undone here.
-    """
-    used = set(_gltf_header(src).get("extensionsUsed", []))
-    if "KHR_draco_mesh_compression" in used and importlib.util.find_spec("DracoPy") is None:
-        raise SceneError(f"{src} is Draco-compressed: `pip install DracoPy`, or export it without compression.")
-    if "EXT_meshopt_compression" in used:
-        raise SceneError(f"{src} is meshopt-compressed, which cannot be read: export it without compression.")
-    if used & {"KHR_texture_basisu", "GOOGLE_texture_basis"}:
-        _logger.warning(
-            "%s holds Basis Universal textures, which cannot be decoded here: its surfaces come out plain; "
-            "use the variant with JPEG or PNG textures.",
-            src,
-        )
-
-
-def _gltf_header(src: Path) -> dict[str, Any]:
-    """The JSON of a .gltf or .glb.
-
-    Raises:
-        SceneError: if there is none.
-    """
-    try:
-        data = src.read_bytes()
-        if src.suffix.lower() == ".glb":
-            magic, _, length, json_length, kind = struct.unpack_from("<4sIII4s", data)
-            if magic != b"glTF" or kind != b"JSON":
-                raise ValueError("it does not begin as a .glb does")
-            if length > len(data):
-                raise ValueError(f"it ends after {len(data)} of {length} bytes")
-            data = data[20 : 20 + json_length]
-        header = json.loads(data)
-        if not isinstance(header, dict):
-            raise ValueError("its JSON is not an object")
-    except (struct.error, ValueError) as err:
-        raise SceneError(f"{src} is damaged or no {src.suffix[1:]} file ({err}): export it again.") from err
-    return header

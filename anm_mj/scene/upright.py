@@ -131,4 +131,5 @@ def covered_share(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
     corners = floor.reshape(-1, 2)
     grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), _CELL_M)
     ground = rasterise(floor, grid)
-    return float(np.mean(rasterise(clip_to_slab(level, 1.8, np.inf), grid)[ground]))
+    overhead = clip_to_slab(level, 1.8, max(1.8, float(level[:, :, 2].max())))
+    return float(np.mean(rasterise(overhead, grid)[ground]))

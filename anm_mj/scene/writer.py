@@ -124,7 +124,12 @@ def replaced_folder(out: Path) -> Iterator[Path]:
             old = out.with_name(f"{partial.name}.old")
             if out.exists():
                 out.rename(old)
-            partial.rename(out)
+            try:
+                partial.rename(out)
+            except OSError:
+                if old.exists():
+                    old.rename(out)
+                raise
             shutil.rmtree(old, ignore_errors=True)
         except OSError as err:
             raise SceneError(

@@ -40,6 +40,13 @@ def test_a_wall_hides_the_unknown_behind_it(caster):
     assert caster.panoramas(grid, np.array([[2.0, 1.7]])).max() == 0.0
 
 
+def test_the_unseen_skin_on_a_surface_promises_nothing(caster):
+    grid = with_lid(room(4, 3))
+    grid.state[:, 4:6, :] = -1  # One cell of the wall at y = 0.2 and one in front of it were never resolved.
+    grid.state[:, 4, :] = OCCUPIED
+    assert caster.panoramas(grid, np.array([[2.0, 1.5]])).max() == 0.0
+
+
 def test_nearness_to_the_gain_raises_it_until_it_is_seen_whole(caster):
     grid = with_lid(room(10, 3, unknown=[(8.2, 0.2, 10.2, 3.2)]))
     far, near = (best_view(p)[0] for p in caster.panoramas(grid, np.array([[2.0, 1.7], [5.5, 1.7]])))

@@ -55,7 +55,7 @@ class TorchBackend:
 
     def _make_optimizer(self) -> torch.optim.Adam:
         cfg = self.config.optimizer
-        table = {"params": [self.field.table], "lr": cfg.table_learning_rate, "weight_decay": 0.0}
+        table = {"params": list(self.field.planes), "lr": cfg.table_learning_rate, "weight_decay": 0.0}
         decoders = {
             "params": list(self.field.decoders.values()),
             "lr": cfg.decoder_learning_rate,
@@ -185,7 +185,7 @@ class TorchBackend:
 
     def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
         """Copies of all parameters by name."""
-        state = {"table": np.ascontiguousarray(self.field.table.detach().cpu().numpy().T)}
+        state = {"table": np.stack([plane.detach().cpu().numpy() for plane in self.field.planes], axis=1)}
         for name in DECODER_NAMES:
             state[name] = self.field.decoders[name].detach().cpu().numpy().copy()
         return state
@@ -193,14 +193,14 @@ class TorchBackend:
     @torch.no_grad()
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
         """Take over parameters by name and start the optimiser afresh; see the protocol."""
-        shapes: dict[str, tuple[int, ...]] = {"table": tuple(self.field.table.t().shape)}
-        shapes |= decoder_shapes(self.config.field)
+        shapes = {"table": (len(self.field.planes[0]), len(self.field.planes)), **decoder_shapes(self.config.field)}
         for name, shape in shapes.items():
             if name not in state:
                 raise MapError(f"The map's state lacks {name!r}; it has {sorted(state)}.")
             if state[name].shape != shape:
                 raise MapError(f"The map's {name!r} has shape {state[name].shape}, but its configuration says {shape}.")
-        self.field.table.copy_(torch.from_numpy(state["table"]).t())
+        for plane, column in zip(self.field.planes, state["table"].T, strict=True):
+            plane.copy_(torch.from_numpy(column.copy()))
         for name in DECODER_NAMES:
             self.field.decoders[name].copy_(torch.from_numpy(state[name]))
         self._optimizer = self._make_optimizer()
