@@ -1,0 +1,128 @@
+"""The robot driven by wheel torque and contact, judged by where MuJoCo says that it is."""
+
+import math
+
+import numpy as np
+import pytest
+
+from anm_mj.control.motion import action_motion
+from anm_mj.control.physics_drive import PhysicsDrive, PhysicsDriveConfig
+from anm_mj.errors import RobotError
+from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.types import Action, Pose2
+
+_WALL_AT_1M = '<geom type="box" pos="1.05 0 1" size="0.05 3 1"/>'
+
+
+@pytest.fixture
+def make_drive(compile_scene, robot_xml, robot_model):
+    def make(obstacles: str = "", start: Pose2 | None = None):
+        model, data = compile_scene(obstacles)
+        drive = PhysicsDrive(model, data, robot_xml, robot_model)
+        drive.place(start or Pose2(0.0, 0.0, 0.0))
+        return drive, data
+
+    return make
+
+
+def test_thirty_mixed_actions_stay_at_the_commanded_pose(make_drive):
+    drive, _ = make_drive(start=Pose2(0.5, -1.0, 0.7))
+    commanded = drive.pose
+    rng = np.random.default_rng(0)
+    for action in rng.choice([Action.MOVE_FORWARD, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT], 30):
+        commanded = move_pose(commanded, *action_motion(Action(action)))
+        result = drive.act(Action(action))
+        error_m = math.hypot(drive.pose.x_m - commanded.x_m, drive.pose.y_m - commanded.y_m)
+        assert not result.collided
+        assert error_m < 0.005
+        assert abs(wrap_angle(drive.pose.yaw_rad - commanded.yaw_rad)) < math.radians(0.5)
+    assert drive.reference.x_m == pytest.approx(commanded.x_m, abs=1e-9)
+
+
+def test_the_robot_stands_after_each_action(make_drive):
+    drive, data = make_drive()
+    for action in (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD, Action.TURN_RIGHT):
+        drive.act(action)
+        assert np.linalg.norm(data.qvel[:3]) < 0.006
+        assert abs(data.qvel[5]) < 0.02
+
+
+def test_turns_add_up(make_drive):
+    drive, _ = make_drive()
+    for _ in range(36):
+        drive.act(Action.TURN_LEFT)
+    assert abs(drive.pose.yaw_rad) < math.radians(0.1)
+    assert math.hypot(drive.pose.x_m, drive.pose.y_m) < 0.005
+
+
+def test_wheel_odometry_tells_what_physics_did(make_drive, robot_model):
+    drive, data = make_drive()
+    estimate = drive.pose
+    for action in (Action.MOVE_FORWARD, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD):
+        before_s = data.time
+        speeds = drive.act(action).wheel_speeds
+        took_s = data.time - before_s
+        estimate = robot_model.odometry(estimate, speeds.left_radps * took_s, speeds.right_radps * took_s)
+    assert (estimate.x_m, estimate.y_m) == pytest.approx((drive.pose.x_m, drive.pose.y_m), abs=0.002)
+    assert estimate.yaw_rad == pytest.approx(drive.pose.yaw_rad, abs=math.radians(0.5))
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 30.0, -55.0])
+def test_a_wall_stops_the_robot_which_neither_passes_nor_tips_and_can_turn_away(make_drive, yaw_deg):
+    drive, data = make_drive(_WALL_AT_1M, Pose2(0.7, 0.0, math.radians(yaw_deg)))
+    collided = [drive.act(Action.MOVE_FORWARD).collided for _ in range(12)]
+    assert collided[-3:] == [True, True, True]
+    # The shell's radius is 0.17 m; a contact gives way by less than a millimetre.
+    assert 0.7 < drive.pose.x_m < 1.0 - 0.17 + 0.001
+    assert abs(data.body("base").xpos[2]) < 0.002
+    assert data.body("base").xmat[8] > 0.9999
+    stopped = drive.pose
+    assert drive.reference == stopped
+    for _ in range(18):
+        assert not drive.act(Action.TURN_LEFT).collided
+    assert not drive.act(Action.MOVE_FORWARD).collided
+    assert drive.pose.x_m < stopped.x_m
+
+
+def test_a_wall_at_the_side_is_driven_along(make_drive):
+    drive, _ = make_drive('<geom type="box" pos="0 0.2201 1" size="5 0.05 1"/>')
+    for _ in range(5):
+        assert not drive.act(Action.MOVE_FORWARD).collided
+    assert drive.pose.x_m == pytest.approx(5 * 0.065, abs=0.005)
+
+
+def test_a_thing_that_only_the_head_meets_stops_the_robot(make_drive):
+    drive, data = make_drive('<geom type="box" pos="0.5 0 1.3" size="0.2 1 0.04"/>')
+    collided = [drive.act(Action.MOVE_FORWARD).collided for _ in range(8)]
+    assert collided[-1]
+    assert drive.pose.x_m < 0.3
+    assert data.body("base").xmat[8] > 0.9999
+
+
+def test_an_obstacle_too_low_for_the_shell_is_noticed_by_not_getting_on(make_drive):
+    drive, data = make_drive('<geom type="box" pos="0.5 0 0.02" size="0.2 1 0.02"/>')
+    collided = [drive.act(Action.MOVE_FORWARD).collided for _ in range(6)]
+    assert collided[-1]
+    assert data.body("base").xmat[8] > 0.99
+
+
+def test_the_same_actions_give_the_same_bits(make_drive):
+    def drive_once() -> list[float]:
+        drive, data = make_drive(_WALL_AT_1M, Pose2(0.75, 0.0, 0.2))
+        for action in (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD, Action.MOVE_FORWARD):
+            drive.act(action)
+        return data.qpos.tolist()
+
+    assert drive_once() == drive_once()
+
+
+def test_a_servo_period_that_is_no_multiple_of_the_substep_is_refused():
+    with pytest.raises(RobotError, match=r"not a multiple of substep_s, 0\.003; for example 0\.021 is"):
+        PhysicsDriveConfig(substep_s=0.003)
+    with pytest.raises(RobotError, match=r"settle_s is -1\.0; it must be positive"):
+        PhysicsDriveConfig(settle_s=-1.0)
+
+
+def test_a_scene_without_the_robot_is_refused(compile_scene, robot_xml, robot_model):
+    with pytest.raises(RobotError, match='no joint "other/base"'):
+        PhysicsDrive(*compile_scene(), robot_xml, robot_model, prefix="other/")

@@ -1,0 +1,124 @@
+"""Robots put together with a scene that has been imported from a mesh file."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from anm_mj.errors import RobotError, SceneError
+from anm_mj.frames import back_project
+from anm_mj.robots import DRIVES, FOOTPRINT, ROBOT_XML, make_robot
+from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.scene.importer import import_scene
+from anm_mj.types import Action, Pose2
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory) -> Scene:
+    """A room 5 m by 4 m with walls 0.1 m thick and a crate in the middle."""
+    parts = [
+        trimesh.creation.box(bounds=bounds)
+        for bounds in (
+            [[-2.6, -2.1, -0.1], [2.6, 2.1, 0.0]],
+            [[-2.6, -2.1, 0.0], [-2.5, 2.1, 2.5]],
+            [[2.5, -2.1, 0.0], [2.6, 2.1, 2.5]],
+            [[-2.5, -2.1, 0.0], [2.5, -2.0, 2.5]],
+            [[-2.5, 2.0, 0.0], [2.5, 2.1, 2.5]],
+            [[-0.4, -0.4, 0.0], [0.4, 0.4, 0.8]],
+        )
+    ]
+    folder = tmp_path_factory.mktemp("scene")
+    trimesh.util.concatenate(parts).export(folder / "room.ply")
+    return import_scene(folder / "room.ply", folder / "room", up="z", scale=1.0)
+
+
+@pytest.fixture(params=DRIVES)
+def robot(request, room):
+    with make_robot(room, start=Pose2(-1.5, 0.0, 0.0), drive=request.param, image_px=64) as robot:
+        yield robot
+
+
+def test_what_the_robot_sees_lies_on_the_walls_that_it_drives_between(robot):
+    for _ in range(3):
+        observation = robot.observe()
+        points = back_project(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        x, y, z = np.abs(points).T
+        off_surfaces_m = np.stack(
+            [np.abs(x - 2.5), np.abs(y - 2.0), z, np.abs(x - 0.4), np.abs(y - 0.4), np.abs(z - 0.8)]
+        )
+        assert len(points) > 1000
+        assert off_surfaces_m.min(axis=0).max() < 1e-3
+        robot.act(Action.TURN_LEFT)
+
+
+def test_the_robot_drives_up_to_the_crate_and_no_further(robot):
+    results = [robot.act(Action.MOVE_FORWARD) for _ in range(20)]
+    assert results[-1].collided
+    assert not results[0].collided
+    # The crate begins at x = -0.4; the physics drive touches it with its shell, the kinematic one keeps the footprint.
+    assert -0.4 - 0.18 - 0.065 - 1e-6 < robot.pose.x_m < -0.4 - 0.169
+    observation = robot.observe()
+    assert observation.step == 20
+    assert observation.T_world_camera[2, 3] == pytest.approx(1.25, abs=1e-3)
+
+
+def test_the_picture_has_the_size_that_was_asked_for(robot):
+    observation = robot.observe()
+    assert observation.rgb.shape == (64, 64, 3)
+    assert (observation.intrinsics.fx, observation.intrinsics.cx) == pytest.approx((32.0, 32.0))
+
+
+def test_the_default_start_is_the_scenes_first(room):
+    with make_robot(room, image_px=16) as robot:
+        start, pose = room.starts[0], robot.pose
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((start.x_m, start.y_m, start.yaw_rad))
+
+
+def test_a_start_that_touches_something_is_refused_with_a_clear_one(room):
+    with pytest.raises(
+        SceneError, match=r"would touch something at the start pose \(0\.5 m, 0 m, 90 deg\).*example \("
+    ):
+        make_robot(room, start=Pose2(0.5, 0.0, math.pi / 2))
+
+
+def test_a_start_outside_the_scene_is_refused_with_its_extent(room):
+    with pytest.raises(SceneError, match=r"lies outside scene room, which reaches from \(-2\.6 m, -2\.1 m\)"):
+        make_robot(room, start=Pose2(7.0, 0.0, 0.0))
+
+
+def test_an_unknown_drive_is_refused_with_those_that_exist(room):
+    with pytest.raises(RobotError, match="choose one of kinematic, physics"):
+        make_robot(room, drive="magic")
+
+
+def test_the_footprint_encloses_the_robot():
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    tops_m = []
+    for i in range(model.ngeom):
+        centre, half = model.geom_aabb[i, :3], model.geom_aabb[i, 3:]
+        corners = centre + half * np.array(np.meshgrid(*[[-1, 1]] * 3)).T.reshape(-1, 3)
+        corners = corners @ data.geom_xmat[i].reshape(3, 3).T + data.geom_xpos[i]
+        # A bounding box's corners lie outside a round body: for these its own radius counts.
+        round_about_z = model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CYLINDER and model.geom(i).name != "lens"
+        reach_m = model.geom_size[i, 0] if round_about_z else np.linalg.norm(corners[:, :2], axis=1).max()
+        assert reach_m < FOOTPRINT.radius_m, model.geom(i).name
+        tops_m.append(corners[:, 2].max())
+    assert max(tops_m) == pytest.approx(FOOTPRINT.z_max_m)
+    assert model.geom("chassis").pos[2] - model.geom("chassis").size[1] == pytest.approx(FOOTPRINT.z_min_m)
+
+
+def test_a_real_scene_is_looked_at_and_driven_in(dev_scenes, tmp_path):
+    source = dev_scenes / "rmf_office.glb"
+    if not source.is_file():
+        pytest.skip(f"no rmf_office.glb in {dev_scenes}")
+    scene = import_scene(source, tmp_path / "office")
+    with make_robot(load_scene(scene.folder), image_px=64) as robot:
+        observation = robot.observe()
+        assert np.isfinite(observation.depth_m).mean() > 0.5
+        assert len(np.unique(observation.rgb.reshape(-1, 3), axis=0)) > 100
+        assert not robot.act(Action.TURN_LEFT).collided

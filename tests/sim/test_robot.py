@@ -1,0 +1,80 @@
+"""The simulated robot with a drive of the test's own."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from anm_mj.errors import RenderError
+from anm_mj.sim.camera import RgbdCamera
+from anm_mj.sim.robot import SimRobot
+from anm_mj.types import Action, ActionResult, Footprint, Pose2, WheelSpeeds
+
+_SCENE = """
+<mujoco>
+  <statistic extent="1"/>
+  <visual>
+    <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/>
+    <map znear="0.02" zfar="50"/>
+  </visual>
+  <worldbody>
+    <geom type="box" pos="3.5 0 0" size="0.5 9 9"/>
+    <body name="base">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <geom type="sphere" size="0.1" group="1"/>
+      <camera name="camera" pos="0 0 1.25" xyaxes="0 -1 0 0 0 1" fovy="90"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
+
+
+class _Slide:
+    """Moves along x by a metre, touching nothing but the joint."""
+
+    def __init__(self, data: mujoco.MjData):
+        self._data = data
+
+    @property
+    def pose(self) -> Pose2:
+        return Pose2(float(self._data.qpos[0]), 0.0, 0.0)
+
+    def act(self, action: Action) -> ActionResult:
+        moved_m = float(action == Action.MOVE_FORWARD)
+        self._data.qpos[0] += moved_m
+        self._data.time += 0.5 * moved_m
+        return ActionResult(action, collided=False, wheel_speeds=WheelSpeeds(0.0, 0.0), moved_m=moved_m)
+
+
+@pytest.fixture
+def robot():
+    model = mujoco.MjModel.from_xml_string(_SCENE)
+    data = mujoco.MjData(model)
+    with SimRobot(model, data, RgbdCamera(model, "camera", 64, 64), _Slide(data), _FOOTPRINT) as robot:
+        yield robot
+
+
+def test_an_observation_is_made_where_the_robot_stands_now(robot):
+    before = robot.observe()
+    robot.act(Action.MOVE_FORWARD)
+    after = robot.observe()
+    np.testing.assert_allclose(before.depth_m, 3.0, atol=1e-4)
+    np.testing.assert_allclose(after.depth_m, 2.0, atol=1e-4)
+    assert (before.pose, after.pose) == (Pose2(0.0, 0.0, 0.0), Pose2(1.0, 0.0, 0.0))
+    np.testing.assert_allclose(after.T_world_camera[:3, 3], [1.0, 0.0, 1.25])
+    np.testing.assert_allclose(after.T_world_camera[:3, :3], [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
+
+
+def test_steps_count_every_action_but_stop(robot):
+    for action in (Action.MOVE_FORWARD, Action.STOP, Action.TURN_LEFT):
+        robot.act(action)
+    observation = robot.observe()
+    assert observation.step == robot.step == 2
+    assert observation.time_s == 0.5
+    assert robot.footprint == _FOOTPRINT
+
+
+def test_a_closed_robot_says_so(robot):
+    robot.close()
+    with pytest.raises(RenderError, match="has been closed"):
+        robot.observe()
