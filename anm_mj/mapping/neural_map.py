@@ -74,7 +74,7 @@ class NeuralMap:
         self._num_frames += 1
         loss = math.nan
         for _ in range(num_iterations):
-            losses = self._train(observation, smooth=not first)
+            losses = self._train(observation, first=first)
             loss = losses.total
             if not math.isfinite(loss):
                 raise MapError(
@@ -184,13 +184,14 @@ class NeuralMap:
         loaded._num_frames = saved["num_frames"]
         return loaded
 
-    def _train(self, observation: Observation, *, smooth: bool) -> StepLosses:
-        """One iteration on rays of the keyframes and of the frame at hand."""
+    def _train(self, observation: Observation, *, first: bool) -> StepLosses:
+        """One iteration on rays of the keyframes and, after the first, of the frame at hand."""
         schedule = self.config.schedule
-        replay = self._keyframes.sample(schedule.num_rays, self._rng)
-        num_current = max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
-        rays = concatenate(replay, sample_frame(observation, num_current, self._rng))
-        corner = self._smoothness_corner() if smooth and self.config.loss.smoothness > 0.0 else None
+        rays = self._keyframes.sample(schedule.num_rays, self._rng)
+        if not first:
+            num_current = max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
+            rays = concatenate(rays, sample_frame(observation, num_current, self._rng))
+        corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
         return self.backend.step(rays, int(self._rng.integers(1 << 32)), corner)
 
     def _smoothness_corner(self) -> Float[np.ndarray, "3"]:

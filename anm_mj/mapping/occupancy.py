@@ -202,8 +202,8 @@ class OccupancyGrid:
         x, y, z = (np.arange(low[a], high[a] + 1, dtype=np.float32) * edge - position[a] for a in range(3))
         column_shares = (rotation[0] * x[None, :, None] + rotation[1] * y[:, None, None]).reshape(-1, 3).T
         layer_shares = np.outer(rotation[2], z)
-        footprint_px = np.float32(_FOOTPRINT * edge * max(intrinsics.fx, intrinsics.fy))
-        nearest = max(footprint_px / (1 << _MAX_REACH), edge)
+        footprint_px = np.float32(_FOOTPRINT * cfg.voxel_m * max(intrinsics.fx, intrinsics.fy))
+        nearest = max(float(footprint_px) / (1 << _MAX_REACH), cfg.voxel_m)
         columns = _columns_in_view(column_shares, layer_shares, intrinsics, nearest, cfg.carve_range_m)
         right, down, planar = layer_shares[:, :, None] + column_shares[:, None, columns]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -215,7 +215,7 @@ class OccupancyGrid:
         planar = planar.ravel()[chosen]
         pixel = v.ravel()[chosen].astype(np.int32) * width + u.ravel()[chosen].astype(np.int32)
         # The exponent of the footprint in pixels is the level of the pyramid whose window covers it.
-        reach = np.maximum(np.frexp(footprint_px / planar)[1], 0)
+        reach = np.frexp(footprint_px / planar)[1].clip(0, _MAX_REACH)
         pyramid = footprint_minima(_carve_limit(depth_m, cfg)).reshape(-1)
         in_front = planar + edge * np.float32(_HALF_DIAGONAL) < pyramid[reach * (height * width) + pixel]
         layer, column = np.divmod(chosen[in_front], len(columns))
