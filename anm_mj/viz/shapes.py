@@ -1,0 +1,124 @@
+"""What the live view draws, as meshcat's objects; all in the world frame [m] unless said otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from meshcat.geometry import (
+    LineBasicMaterial,
+    LineSegments,
+    Mesh,
+    MeshBasicMaterial,
+    MeshLambertMaterial,
+    Object,
+    PointsGeometry,
+    TriangularMeshGeometry,
+)
+
+from anm_mj.types import Intrinsics, Region, VoronoiGraph
+
+CEILING_CUT_M = 2.0
+"""Faces above this are left out, so that one can look into the rooms from above [m]."""
+GRAPH_HEIGHT_M, WAY_HEIGHT_M, PATH_HEIGHT_M = 0.03, 0.04, 0.05
+"""Bands lie just above the floor and one above the other, so that none flickers through another [m]."""
+GRAPH_WIDTH_M, WAY_WIDTH_M, PATH_WIDTH_M = 0.025, 0.045, 0.05
+CHASSIS_RADIUS_M, CHASSIS_HEIGHT_M, MAST_RADIUS_M = 0.17, 0.15, 0.02
+"""The body that stands for the robot: of the size of the one in ``models/diff_drive`` [m]."""
+FRUSTUM_DEPTH_M = 0.6
+
+
+def neural_surface(mesh: trimesh.Trimesh) -> Object:
+    """The mesh out of the neural map in its colours, without what lies above the cut."""
+    vertices = np.asarray(mesh.vertices, dtype=np.float32)
+    faces = np.asarray(mesh.faces)
+    kept = faces[(vertices[faces, 2] < CEILING_CUT_M).all(axis=1)]
+    colours = np.asarray(mesh.visual.vertex_colors, dtype=np.float32)[:, :3] / 255.0  # type: ignore[union-attr]
+    return Mesh(TriangularMeshGeometry(vertices, kept, colours), _lit(vertexColors=True))
+
+
+def ribbon(xy_m: Float[np.ndarray, "n 2"], height_m: float, width_m: float, colour: int) -> Object:
+    """A flat band along a polyline."""
+    return bands(np.stack([xy_m[:-1], xy_m[1:]], axis=1), height_m, width_m, colour)
+
+
+def graph_bands(graph: VoronoiGraph, colour: int) -> Object:
+    """The edges of the Voronoi graph as flat bands."""
+    return bands(graph.vertex_xy_m[graph.edges], GRAPH_HEIGHT_M, GRAPH_WIDTH_M, colour)
+
+
+def bands(ends_xy_m: Float[np.ndarray, "m 2 2"], height_m: float, width_m: float, colour: int) -> Object:
+    """Flat bands between pairs of points: browsers draw lines one pixel wide, whatever width is asked for."""
+    starts, ends = ends_xy_m[:, 0], ends_xy_m[:, 1]
+    length = np.linalg.norm(ends - starts, axis=1, keepdims=True)
+    along = (ends - starts) / np.where(length > 0.0, length, 1.0) * width_m / 2.0
+    aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    # Half a width longer at both ends, so that bends have no gaps.
+    starts, ends = starts - along, ends + along
+    corners = np.stack([starts - aside, starts + aside, ends + aside, ends - aside], axis=1)
+    vertices = np.full((4 * len(corners), 3), height_m, dtype=np.float32)
+    vertices[:, :2] = corners.reshape(-1, 2)
+    first = 4 * np.arange(len(corners))[:, None]
+    faces = np.concatenate([first + np.array([0, 3, 1]), first + np.array([1, 3, 2])])
+    # A basic material takes no light: the colour is the same from everywhere.
+    plain: Any = MeshBasicMaterial(color=colour)
+    return Mesh(TriangularMeshGeometry(vertices, faces), plain)
+
+
+def region_marks(regions: Sequence[Region], colour: int) -> Object:
+    """A ball at every region of interest, larger the more members it has, with its normal as a peg."""
+    most = max((region.num_members for region in regions), default=1)
+    parts = []
+    for region in regions:
+        ball = trimesh.creation.icosphere(subdivisions=1, radius=0.06 + 0.08 * (region.num_members / most) ** 0.5)
+        parts.append(ball.apply_translation(region.centre_m))
+        peg = np.stack([region.centre_m, region.centre_m + 0.3 * region.normal])
+        parts.append(trimesh.creation.cylinder(radius=0.012, segment=peg, sections=6))
+    return _solid(parts, colour)
+
+
+def robot_body(camera_height_m: float, colour: int) -> Object:
+    """A round base with a mast, in the base frame."""
+    chassis = trimesh.creation.cylinder(CHASSIS_RADIUS_M, CHASSIS_HEIGHT_M, sections=32)
+    chassis.apply_translation([0.0, 0.0, CHASSIS_HEIGHT_M / 2.0 + 0.02])
+    mast = trimesh.creation.cylinder(MAST_RADIUS_M, segment=[[0.0, 0.0, CHASSIS_HEIGHT_M], [0.0, 0.0, camera_height_m]])
+    head = trimesh.creation.box([0.06, 0.12, 0.06]).apply_translation([0.0, 0.0, camera_height_m])
+    return _solid([chassis, mast, head], colour)
+
+
+def camera_frustum(intrinsics: Intrinsics, colour: int) -> Object:
+    """The pyramid that the camera sees, in camera axes (x right, y down, z forward)."""
+    u = (np.array([0.0, intrinsics.width, intrinsics.width, 0.0]) - intrinsics.cx) / intrinsics.fx
+    v = (np.array([0.0, 0.0, intrinsics.height, intrinsics.height]) - intrinsics.cy) / intrinsics.fy
+    corners = FRUSTUM_DEPTH_M * np.stack([u, v, np.ones(4)], axis=1)
+    spokes = np.stack([np.zeros((4, 3)), corners], axis=1)
+    frame = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    ends = np.concatenate([spokes, frame]).reshape(-1, 3).astype(np.float32)
+    thin: Any = LineBasicMaterial(color=colour)
+    return LineSegments(PointsGeometry(ends.T), thin)
+
+
+def target_mark(colour: int) -> Object:
+    """An upright pin on the floor at the origin."""
+    pin = trimesh.creation.cone(radius=0.08, height=0.5, sections=16)
+    pin.apply_transform(np.diag([1.0, -1.0, -1.0, 1.0])).apply_translation([0.0, 0.0, 0.5])
+    return _solid([pin], colour)
+
+
+def _solid(parts: Sequence[trimesh.Trimesh], colour: int) -> Object:
+    vertices, faces = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
+    count = 0
+    for part in parts:
+        vertices.append(np.asarray(part.vertices))
+        faces.append(np.asarray(part.faces) + count)
+        count += len(part.vertices)
+    geometry = TriangularMeshGeometry(np.concatenate(vertices), np.concatenate(faces))
+    return Mesh(geometry, _lit(color=colour))
+
+
+def _lit(**properties: Any) -> Any:
+    # Of no declared type, because meshcat's own annotations know one material only.
+    return MeshLambertMaterial(**properties)
