@@ -45,7 +45,7 @@ class AnmS:
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the best vertex by tier and distance."""
-        if not self._bootstrapped:
+        if not self._bootstrapped and self.config.bootstrap_turns:
             self._bootstrapped = True
             return self._look_around("bootstrap: one full turn before the first decision")
         for region in self._headed_for:

@@ -74,7 +74,7 @@ class Gvg:
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the candidate with the best gain per step."""
-        if not self._bootstrapped:
+        if not self._bootstrapped and self.config.bootstrap_turns:
             self._bootstrapped = True
             turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
             return Plan("bootstrap: one full turn before the first decision", np.zeros((0, 2)), actions=turns)
@@ -118,9 +118,15 @@ class Gvg:
     def _option(self, vertex: int, xy_m: Float[np.ndarray, 2], gain: float, yaw: float, cost: float) -> _Option:
         worth_it = gain >= self.config.min_gain_m2 and cost >= LEAST_STEPS
         score = gain / (cost + self.config.cost_offset_steps) if worth_it else 0.0
-        if self._target_xy_m is not None and np.linalg.norm(xy_m - self._target_xy_m) < self.config.candidate_spacing_m:
+        if self._is_target(xy_m):
             score *= self.config.hysteresis
         return _Option(vertex, xy_m, gain, yaw, cost, score)
+
+    def _is_target(self, xy_m: Float[np.ndarray, 2]) -> bool:
+        """Whether a place is the present target: vertices move a little with every new frame."""
+        if self._target_xy_m is None:
+            return False
+        return float(np.linalg.norm(xy_m - self._target_xy_m)) < self.config.candidate_spacing_m
 
     def _thin(self, now: Situation, reachable: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
         """One vertex per square of the spacing, the one with most clearance; squares are anchored in the world."""
@@ -184,7 +190,7 @@ class Gvg:
         if best is None:
             return self._stop(now, options, unreachable, candidates)
         option, path = best
-        kept = self._target_xy_m is not None and bool(np.linalg.norm(option.xy_m - self._target_xy_m) < 1e-6)
+        kept = self._is_target(option.xy_m)
         self._target_xy_m = option.xy_m
         self._headed_for = tuple(r for r in now.regions if r.vertex == option.vertex)
         reason = (

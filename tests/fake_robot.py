@@ -1,0 +1,78 @@
+"""A robot without a simulator: a point that obeys actions in an analytic world and sees a blank picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anm_mj.frames import move_pose, pose_matrix
+from anm_mj.types import (
+    FORWARD_STEP_M,
+    TURN_STEP_RAD,
+    Action,
+    ActionResult,
+    Footprint,
+    Intrinsics,
+    Observation,
+    Pose2,
+    WheelSpeeds,
+)
+
+TWIST = {
+    Action.STOP: (0.0, 0.0),
+    Action.MOVE_FORWARD: (FORWARD_STEP_M, 0.0),
+    Action.TURN_LEFT: (0.0, TURN_STEP_RAD),
+    Action.TURN_RIGHT: (0.0, -TURN_STEP_RAD),
+}
+
+
+class FakeRobot:
+    """Moves exactly; a move that would bring it within its radius of a box is refused."""
+
+    footprint = Footprint(0.18, 0.05, 1.35)
+
+    def __init__(self, world, pose):
+        self.world = world
+        self.pose = pose
+        self.steps = 0
+
+    def observe(self) -> Observation:
+        T_world_camera = pose_matrix(self.pose)
+        T_world_camera[2, 3] = 1.25
+        return Observation(
+            self.steps,
+            0.1 * self.steps,
+            np.zeros((4, 4, 3), np.uint8),
+            np.full((4, 4), np.nan, np.float32),
+            Intrinsics.from_fov(4, 4, np.pi / 2),
+            T_world_camera,
+            self.pose,
+        )
+
+    def act(self, action: Action) -> ActionResult:
+        self.steps += 1
+        moved = move_pose(self.pose, *TWIST[action])
+        outside = np.maximum(self.world.boxes[:, :2] - moved.xy_m, moved.xy_m - self.world.boxes[:, 2:])
+        collided = action is Action.MOVE_FORWARD and bool(
+            (np.linalg.norm(np.maximum(outside, 0), axis=1) < self.footprint.radius_m).any()
+        )
+        before = self.pose
+        if not collided:
+            self.pose = moved
+        distance = float(np.hypot(self.pose.x_m - before.x_m, self.pose.y_m - before.y_m))
+        return ActionResult(action, collided, WheelSpeeds(0.0, 0.0), distance)
+
+
+class ListRecorder:
+    """Keeps everything in memory."""
+
+    def __init__(self):
+        self.observations, self.steps, self.plans = [], [], []
+
+    def observation(self, observation):
+        self.observations.append(observation)
+
+    def step(self, step, result, pose: Pose2, update, stage_ms):
+        self.steps.append((step, result, pose, stage_ms))
+
+    def plan(self, step, plan):
+        self.plans.append((step, plan))

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from anm_mj.errors import PlanError
+from anm_mj.explore import STUCK_COLLISIONS, explore
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.make import policy_class
+from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason
+from anm_mj.viz.viewer import NullViewer
+from tests.fake_robot import FakeRobot, ListRecorder
+from tests.planning.worlds import room
+
+
+def run(policy, world, pose, num_steps=200, **options):
+    robot, recorder = FakeRobot(world, pose), ListRecorder()
+    outcome = explore(robot, world, policy, num_steps=num_steps, recorder=recorder, viewer=NullViewer(), **options)
+    return outcome, recorder
+
+
+def make(name, **settings):
+    return policy_class(name)(PlanningConfig(**settings), FakeRobot.footprint, 0)
+
+
+def seen_room(**options):
+    """A room with floor and ceiling seen, of which only ``unknown`` is left to explore."""
+    world = room(5, 4, **options)
+    grid = world.occupancy
+    grid.state[0] = grid.state[-1] = OCCUPIED
+    grid.seen_range_m[0] = grid.seen_range_m[-1] = 1.0
+    return world
+
+
+class Scripted:
+    def __init__(self, *plans):
+        self.plans = list(plans)
+        self.blocked_at = []
+
+    def plan(self, mapper, observation):
+        return self.plans.pop(0) if len(self.plans) > 1 else self.plans[0]
+
+    def blocked(self, pose, action):
+        self.blocked_at.append((pose, action))
+
+
+def straight_to(x, y, start=(1.0, 1.5)):
+    return Plan("straight", np.array([start, (x, y)], float))
+
+
+def test_everything_is_recorded_in_the_order_it_happened():
+    turns = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * 3)
+    outcome, recorder = run(Scripted(turns), seen_room(), Pose2(1.0, 1.5, 0.0), num_steps=7)
+    assert outcome.stop_reason is StopReason.BUDGET
+    assert outcome.num_steps == 7
+    assert [observation.step for observation in recorder.observations] == list(range(8))
+    assert [step for step, *_ in recorder.steps] == list(range(1, 8))
+    assert [step for step, _ in recorder.plans] == [0, 3, 6]
+    assert set(recorder.steps[0][3]) == {"plan", "act", "observe", "map", "view"}
+    assert outcome.loop_s > 0
+
+
+def test_a_request_to_stop_ends_the_run_as_interrupted():
+    turns = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
+    asked = iter([False, False, True])
+    outcome, recorder = run(Scripted(turns), seen_room(), Pose2(1.0, 1.5, 0.0), stop_requested=lambda: next(asked))
+    assert outcome.stop_reason is StopReason.INTERRUPTED
+    assert outcome.num_steps == len(recorder.steps) == 2
+
+
+def test_a_policy_is_told_of_obstacles_and_a_robot_that_never_gets_on_is_stuck():
+    world = seen_room()
+    world.boxes = np.concatenate([world.boxes, [[1.3, 1.0, 1.35, 2.0]]])  # The grid does not show this one.
+    policy = Scripted(straight_to(3.0, 1.5))
+    outcome, recorder = run(policy, world, Pose2(1.0, 1.5, 0.0))
+    assert outcome.stop_reason is StopReason.STUCK
+    assert len(policy.blocked_at) == STUCK_COLLISIONS
+    assert all(action is Action.MOVE_FORWARD for _, action in policy.blocked_at)
+    assert sum(result.collided for _, result, *_ in recorder.steps) == STUCK_COLLISIONS
+
+
+def test_an_obstacle_that_shows_up_on_the_way_makes_the_policy_decide_anew():
+    world = seen_room()
+    world.occupancy.state[:, 20:40, 44:46] = OCCUPIED
+    turn = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
+    outcome, recorder = run(Scripted(straight_to(4.0, 1.5), turn), world, Pose2(1.0, 1.5, 0.0), num_steps=40)
+    assert not any(result.collided for _, result, *_ in recorder.steps)
+    assert max(pose.x_m for _, _, pose, _ in recorder.steps) < 2.2 - 0.18
+    assert [plan.reason for _, plan in recorder.plans[:2]] == ["straight", "turn"]
+    assert outcome.stop_reason is StopReason.BUDGET
+
+
+def test_a_plan_that_asks_for_nothing_is_refused():
+    with pytest.raises(PlanError, match="holds neither an action nor a stop"):
+        run(Scripted(Plan("nothing", np.zeros((0, 2)))), seen_room(), Pose2(1.0, 1.5, 0.0))
+
+
+def test_gvg_is_complete_in_a_room_that_is_known():
+    outcome, recorder = run(make("gvg"), seen_room(), Pose2(1.0, 1.5, 0.0))
+    assert outcome.stop_reason is StopReason.COMPLETE
+    assert outcome.num_steps == 36  # The look around at the start, and nothing after it.
+    assert "would add" in recorder.plans[-1][1].reason
+
+
+def test_gvg_goes_where_the_unknown_is():
+    world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
+    _, recorder = run(make("gvg", bootstrap_turns=0, gain_range_m=2.5), world, Pose2(1.0, 1.5, 0.0), num_steps=60)
+    assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 2.5
+    assert not any(result.collided for _, result, *_ in recorder.steps)
+
+
+def test_anm_s_looks_around_and_then_visits_vertices_without_collision():
+    outcome, recorder = run(make("anm-s"), seen_room(boxes=[(2.2, 1.6, 2.6, 2.0)]), Pose2(1.0, 1.5, 0.0), num_steps=150)
+    actions = [result.action for _, result, *_ in recorder.steps]
+    assert set(actions[:36]) == {Action.TURN_LEFT}
+    assert outcome.stop_reason is StopReason.BUDGET
+    assert not any(result.collided for _, result, *_ in recorder.steps)
+    assert np.ptp([pose.x_m for _, _, pose, _ in recorder.steps]) > 1.5
+
+
+def test_a_walled_in_robot_has_no_reachable_target():
+    walls = [(0.7, 1.2, 0.8, 1.8), (1.2, 1.2, 1.3, 1.8), (0.7, 1.2, 1.3, 1.3), (0.7, 1.7, 1.3, 1.8)]
+    outcome, _ = run(make("anm-s"), seen_room(boxes=walls), Pose2(1.0, 1.5, 0.0))
+    assert outcome.stop_reason is StopReason.NO_REACHABLE_TARGET
+
+
+def test_random_draws_the_same_actions_for_the_same_seed_and_others_for_another():
+    def actions(seed):
+        policy = policy_class("random")(PlanningConfig(), FakeRobot.footprint, seed)
+        _, recorder = run(policy, seen_room(), Pose2(1.0, 1.5, 0.0), num_steps=60)
+        return [result.action for _, result, *_ in recorder.steps]
+
+    assert actions(3) == actions(3)
+    assert actions(3) != actions(4)
+    assert set(actions(3)) == {Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT}
