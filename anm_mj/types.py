@@ -26,6 +26,8 @@ FORWARD_STEP_M = 0.065
 """Length of one forward step [m] (paper, section V-A)."""
 TURN_STEP_RAD = math.radians(10.0)
 """Angle of one turn [rad] (paper, section V-A)."""
+ARRIVED_M = 1.5 * FORWARD_STEP_M
+"""Nearer than this a place is reached [m]."""
 
 
 class Action(IntEnum):

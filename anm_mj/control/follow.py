@@ -8,10 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Plan, Pose2
+from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Plan, Pose2
 
-ARRIVED_M = 1.5 * FORWARD_STEP_M
-"""Nearer than this the end of a path is reached [m]."""
 CARROT_M = 0.35
 """The point steered for lies this far ahead on the path [m]."""
 TURN_ABOVE_RAD = 0.55 * TURN_STEP_RAD

@@ -45,6 +45,8 @@ class PhysicsDriveConfig:
     """Distance to the reference, along the heading, that means an obstacle when it is left after settling [m]."""
     blocked_rad: float = math.radians(0.5)
     """Angle to the reference that means an obstacle when it is left after settling [rad]."""
+    pushed_m: float = 0.005
+    """Sideways distance to the reference that means that something has pushed the robot aside [m]."""
     bump_cos: float = 0.25
     """Cosine between the heading and the direction to a touched obstacle above which the obstacle is in the way; what
     is touched with the robot's side is glided along."""
@@ -65,7 +67,7 @@ class PhysicsDrive:
     """Executes actions by a servo on the base's true pose.
 
     The servo follows the pose that has been commanded, which is carried over from action to action, so errors of single
-    actions do not add up. After a collision the commanded pose is where the robot stands.
+    actions do not add up. After a collision, or a push from the side, the commanded pose is where the robot stands.
     """
 
     def __init__(
@@ -133,6 +135,8 @@ class PhysicsDrive:
         blocked = self._follow(action)
         if blocked:
             self._halt()
+        # No wheel can undo a push from the side, and the next turn would take it for a distance to be driven.
+        if blocked or abs(self._offset_m()[1]) > self._config.pushed_m:
             self._reference = self._base.pose
         speeds = (self._base.wheel_angles_rad - start_angles) / (self._data.time - start_s)
         end = self._base.pose
@@ -177,10 +181,15 @@ class PhysicsDrive:
 
     def _is_at_reference(self, along_m: float, angle_rad: float) -> bool:
         """Whether the base is as near to the reference as it can drive: sideways it cannot."""
+        angle_off_rad = wrap_angle(self._reference.yaw_rad - self._base.pose.yaw_rad)
+        return abs(self._offset_m()[0]) < along_m and abs(angle_off_rad) < angle_rad
+
+    def _offset_m(self) -> tuple[float, float]:
+        """How far the reference lies ahead of the base, and how far to its left."""
         pose, reference = self._base.pose, self._reference
         dx, dy = reference.x_m - pose.x_m, reference.y_m - pose.y_m
-        ahead_m = dx * math.cos(pose.yaw_rad) + dy * math.sin(pose.yaw_rad)
-        return abs(ahead_m) < along_m and abs(wrap_angle(reference.yaw_rad - pose.yaw_rad)) < angle_rad
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        return dx * c + dy * s, dy * c - dx * s
 
     def _bumps(self) -> bool:
         """Whether the robot's shell touches something in the direction of its heading."""

@@ -12,6 +12,8 @@ import functools
 import math
 import os
 import tomllib
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -162,7 +164,7 @@ def _read_geometry(path: Path, content_hash: str) -> tuple[Float32[np.ndarray, "
     try:
         with np.load(path) as arrays:
             vertices, faces = arrays["vertices"].astype(np.float32), arrays["faces"].astype(np.int32)
-    except (OSError, ValueError, KeyError) as err:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as err:
         raise SceneError(f"{path} cannot be read ({err}): import the scene again.") from err
     vertices.setflags(write=False)
     faces.setflags(write=False)

@@ -75,8 +75,8 @@ def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint
     largest_m2 = float(sizes.max()) * grid.resolution_m**2
     if largest_m2 < _MIN_AREA_M2:
         raise SceneError(
-            f"A robot of radius {footprint.radius_m:g} m and height {footprint.z_max_m:g} m has only {largest_m2:.2g} m2 "
-            f"to move on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0: check the up axis and the scale."
+            f"A robot of radius {footprint.radius_m:g} m and height {footprint.z_max_m:g} m has only {largest_m2:.2g} "
+            f"m2 to move on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0: check the up axis and the scale."
         )
     rank = np.zeros(num + 1, dtype=np.int64)
     rank[np.argsort(-sizes, kind="stable")[:num]] = np.arange(1, num + 1)

@@ -101,9 +101,8 @@ def _material(material: Any) -> tuple[Image.Image | None, Float64[np.ndarray, "3
         factor = np.ones(3) if stored is None else _rgb8(np.asarray(stored)[None])[0] / 255.0
         return material.baseColorTexture, factor
     image = getattr(material, "image", None)
-    factor = _rgb8(np.asarray(material.main_color)[None])[0] / 255.0
-    # Many exporters leave the diffuse colour of a textured material black; they do not mean a black room.
-    return image, np.ones(3) if image is not None and not factor.any() else factor
+    # In an .mtl the diffuse colour beside a texture is mostly whatever the exporter writes by default (0.4, 0.8, 0).
+    return image, np.ones(3) if image is not None else _rgb8(np.asarray(material.main_color)[None])[0] / 255.0
 
 
 def _rgb8(colours: Any) -> UInt8[np.ndarray, "n 3"]:

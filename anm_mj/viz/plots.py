@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from anm_mj.types import FREE, OCCUPIED, Pose2, Region, TopDownMap, VoronoiGraph
@@ -19,8 +20,11 @@ from anm_mj.types import FREE, OCCUPIED, Pose2, Region, TopDownMap, VoronoiGraph
 DOTS_PER_INCH = 150
 UNKNOWN_COLOUR, WALL_COLOUR = "#e7e5e1", "#3a3a3f"
 NEAR_COLOUR, CLEAR_COLOUR = "#dfe9f2", "#ffffff"
-GRAPH_COLOUR, REGION_COLOUR, TARGET_COLOUR, START_COLOUR = "#4c9a6a", "#e08a1e", "#c8323c", "#1f1f1f"
+GRAPH_COLOUR, REGION_COLOUR, TARGET_COLOUR = "#4c9a6a", "#e08a1e", "#c8323c"
+START_COLOUR, END_COLOUR = "#1f1f1f", "#2b6ca3"
 RATIO_COLOUR, DISTANCE_COLOUR = "#2b6ca3", "#c8641e"
+JUNCTION_DEGREE = 3
+"""Vertices with this many edges are where the graph branches."""
 FULL_CLEARANCE_M = 1.5
 """Free space this clear or clearer is drawn in the brightest tint [m]."""
 
@@ -53,19 +57,30 @@ def draw_topdown(
     west, south = topdown.origin_xy_m
     east, north = west + cols * topdown.resolution_m, south + rows * topdown.resolution_m
     long_side = max(east - west, north - south)
-    size = (2.6 + 7.4 * (east - west) / long_side, 1.5 + 7.4 * (north - south) / long_side)
+    size = (max(6.0, 2.6 + 7.4 * (east - west) / long_side), 1.9 + 7.4 * (north - south) / long_side)
     figure = Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
     axes.imshow(_tint(topdown), origin="lower", extent=(west, east, south, north), interpolation="nearest")
     if graph is not None and len(graph.edges):
         ends = graph.vertex_xy_m[graph.edges]
         axes.add_collection(LineCollection(list(ends), colors=GRAPH_COLOUR, linewidths=1.0, label="Voronoi graph"))
+        junctions = graph.vertex_xy_m[graph.degree >= JUNCTION_DEGREE]
+        axes.plot(*junctions.T, "o", ms=3.0, color=GRAPH_COLOUR, zorder=3)
     _draw_regions(axes, regions, graph)
     _draw_trajectory(figure, axes, poses)
     if target_xy_m is not None:
         axes.plot(*target_xy_m, "*", ms=14, color=TARGET_COLOUR, mec="white", mew=0.8, label="last target", zorder=6)
-    axes.set(title=title, xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
-    axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
+    axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
+    axes.set_title(title, pad=10.0)
+    names, swatches = ("free", "occupied", "unknown"), (CLEAR_COLOUR, WALL_COLOUR, UNKNOWN_COLOUR)
+    states = [Patch(fc=fill, ec="#8a8a8a", lw=0.6, label=name) for name, fill in zip(names, swatches, strict=True)]
+    figure.legend(
+        handles=[*states, *axes.get_legend_handles_labels()[0]],
+        loc="outside lower center",
+        ncols=4,
+        fontsize=8,
+        frameon=False,
+    )
     _save(figure, path)
 
 
@@ -146,8 +161,12 @@ def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None
     drawn.set_clim(0.0, float(max(1, len(poses) - 1)))
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label="step", shrink=0.7, pad=0.01)
+    if len(way) > 1:
+        # A triangle marker points up by itself, which is a yaw of 90 degrees.
+        arrow = (3, 0, np.degrees(poses[-1].yaw_rad) - 90.0)
+        axes.plot(*way[-1], marker=arrow, ms=11, ls="", color=END_COLOUR, mec="white", mew=1.0, label="end", zorder=5)
     axes.plot(*way[0], "o", ms=8, color=START_COLOUR, mec="white", mew=1.0, label="start", zorder=5)
 
 
 def _save(figure: Figure, path: Path) -> None:
-    FigureCanvasAgg(figure).print_figure(path, format="png")
+    FigureCanvasAgg(figure).print_figure(path, format="png", bbox_inches="tight", pad_inches=0.1)

@@ -91,6 +91,19 @@ def test_a_wall_at_the_side_is_driven_along(make_drive):
     assert drive.pose.x_m == pytest.approx(5 * 0.065, abs=0.005)
 
 
+def test_a_robot_that_a_wall_has_turned_aside_does_not_drive_back_in_later_turns(make_drive):
+    # Heading 8 degrees into a wall at its side, the robot glides along it.
+    drive, _ = make_drive('<geom type="box" pos="0 0.2201 1" size="5 0.05 1"/>', Pose2(0.0, 0.0, math.radians(8.0)))
+    for _ in range(6):
+        assert not drive.act(Action.MOVE_FORWARD).collided
+    assert 0.3 < drive.pose.x_m < 0.4
+    assert drive.pose.y_m < 0.002
+    glided_to = drive.pose
+    for _ in range(9):
+        assert drive.act(Action.TURN_RIGHT).moved_m < 0.006
+    assert math.hypot(drive.pose.x_m - glided_to.x_m, drive.pose.y_m - glided_to.y_m) < 0.006
+
+
 def test_a_thing_that_only_the_head_meets_stops_the_robot(make_drive):
     drive, data = make_drive('<geom type="box" pos="0.5 0 1.3" size="0.2 1 0.04"/>')
     collided = [drive.act(Action.MOVE_FORWARD).collided for _ in range(8)]

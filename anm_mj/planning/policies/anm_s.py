@@ -20,12 +20,21 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import segments_clear
 from anm_mj.planning.stages import Situation, Stages
 from anm_mj.protocols import Mapper
-from anm_mj.types import FORWARD_STEP_M, Action, Candidate, Footprint, Observation, Plan, Pose2, Region, StopReason
+from anm_mj.types import (
+    ARRIVED_M,
+    FORWARD_STEP_M,
+    Action,
+    Candidate,
+    Footprint,
+    Observation,
+    Plan,
+    Pose2,
+    Region,
+    StopReason,
+)
 
 UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
 """Weights of a vertex's properties in the authors' released code."""
-ARRIVED_M = 0.0975
-"""Vertices nearer than one and a half steps are no targets [m]."""
 FAIL_RADIUS_M = 0.3
 """Vertices this near to a target that led into an obstacle are put last [m]."""
 

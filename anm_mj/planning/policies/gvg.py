@@ -22,6 +22,7 @@ from anm_mj.planning.paths import path_steps
 from anm_mj.planning.stages import Situation, Stages
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
+    ARRIVED_M,
     FORWARD_STEP_M,
     TURN_STEP_RAD,
     Action,
@@ -100,7 +101,8 @@ class Gvg:
 
     def _options(self, now: Situation, mapper: Mapper) -> tuple[list[_Option], int]:
         reachable = np.isfinite(now.reach.distance_m)
-        vertices = self._thin(now, reachable)
+        # What is reached already is weighed as the robot's own place.
+        vertices = self._thin(now, reachable & (now.reach.distance_m > ARRIVED_M))
         places = np.concatenate([now.pose.xy_m[None], now.graph.vertex_xy_m[vertices]])
         panoramas = self._panoramas(now, mapper, places)
         bonus = self._region_bonus(now, vertices, places)
