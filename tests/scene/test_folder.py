@@ -1,0 +1,141 @@
+import math
+import shutil
+
+import numpy as np
+import pytest
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.catalogue import list_scenes
+from anm_mj.scene.folder import load_scene
+from anm_mj.scene.part import Part
+from anm_mj.scene.writer import SceneInfo, write_scene
+from anm_mj.types import Pose2
+from tests.scene.shapes import room
+
+
+def _part(mesh, name="walls"):
+    return Part(name, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), (0.5, 0.5, 0.5))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    info = SceneInfo('a "named" room', "tests", "CC0\nfor all", rooms=1, budget_steps=300)
+    starts = (Pose2(1.0, 2.0, math.radians(90.0)), Pose2(3.0, 2.0, 0.0), Pose2(5.0, 2.0, 0.0))
+    return write_scene([_part(room())], info, tmp_path_factory.mktemp("scenes") / "plain", starts)
+
+
+def test_what_was_written_is_read_back(written):
+    scene = load_scene(written.folder)
+    assert (scene.name, scene.source, scene.licence) == ('a "named" room', "tests", "CC0\nfor all")
+    assert (scene.rooms, scene.budget_steps, scene.has_ceiling, scene.cull_face) == (1, 300, True, False)
+    assert scene.starts[0] == Pose2(1.0, 2.0, math.radians(90.0))
+    assert scene.num_triangles == len(room().faces)
+    assert scene.hash == written.hash
+    assert len(scene.hash) == 64
+
+
+def test_the_geometry_is_the_source_triangle_for_triangle(written):
+    mesh = written.geometry()
+    assert np.allclose(mesh.vertices[mesh.faces], room().vertices[room().faces], atol=1e-6)
+    assert mesh is written.geometry()
+    vertices, _ = written.triangles()
+    with pytest.raises(ValueError, match="read-only"):
+        vertices[0] = 0.0
+
+
+def test_the_hash_changes_with_geometry_and_colour(tmp_path, written):
+    info = SceneInfo(written.name, "tests", "CC0")
+    moved = room()
+    moved.vertices[0, 0] += 1e-3
+    red = Part("walls", room().vertices.astype(np.float32), room().faces.astype(np.int32), (1.0, 0.0, 0.0))
+    hashes = {write_scene(parts, info, tmp_path / "x").hash for parts in ([_part(moved)], [red])}
+    assert len(hashes | {written.hash}) == 3
+
+
+def test_degenerate_faces_are_left_out(tmp_path):
+    mesh = room()
+    faces = np.concatenate([mesh.faces, [[0, 0, 1], [5, 5, 5]]]).astype(np.int32)
+    line = Part("line", np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32))
+    part = Part("walls", mesh.vertices.astype(np.float32), faces)
+    assert write_scene([part, line], SceneInfo("a", "tests", "CC0"), tmp_path / "x").num_triangles == len(mesh.faces)
+    with pytest.raises(SceneError, match="no triangles"):
+        write_scene([line], SceneInfo("a", "tests", "CC0"), tmp_path / "y")
+
+
+def test_parts_with_impossible_numbers_are_refused():
+    corners = np.zeros((3, 3), np.float32)
+    with pytest.raises(SceneError, match="faces that name vertices 0 to 3"):
+        Part("a", corners, np.array([[0, 1, 3]]))
+    with pytest.raises(SceneError, match="1 vertices with NaN"):
+        Part("a", np.array([[0, 0, np.nan], [0, 0, 1], [1, 0, 0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(SceneError, match="no texture coordinates"):
+        Part("a", corners, np.array([[0, 1, 2]]), texture=np.zeros((2, 2, 3), np.uint8))
+
+
+@pytest.fixture
+def copied(written, tmp_path):
+    """A copy that a test may spoil."""
+    return shutil.copytree(written.folder, tmp_path / "copied")
+
+
+def test_a_scene_is_found_by_name_in_the_users_folder(copied, monkeypatch):
+    monkeypatch.setenv("ANM_MJ_SCENES", str(copied.parent))
+    assert load_scene("copied").folder == copied
+    assert "copied" in [scene.folder.name for scene in list_scenes()]
+
+
+def test_an_unknown_name_is_answered_with_the_known_ones(copied, monkeypatch):
+    monkeypatch.setenv("ANM_MJ_SCENES", str(copied.parent))
+    with pytest.raises(SceneError, match=r"no scene 'castle'; the catalogue holds .*copied"):
+        load_scene("castle")
+
+
+def test_a_broken_scene_does_not_hide_the_others(copied, tmp_path, monkeypatch, caplog):
+    (shutil.copytree(copied, tmp_path / "broken") / "scene.xml").unlink()
+    monkeypatch.setenv("ANM_MJ_SCENES", str(tmp_path))
+    names = [scene.folder.name for scene in list_scenes()]
+    assert "copied" in names
+    assert "broken" not in names
+    assert "broken is left out" in caplog.text
+
+
+def test_no_users_folder_is_no_error(tmp_path, monkeypatch):
+    monkeypatch.setenv("ANM_MJ_SCENES", str(tmp_path / "none"))
+    list_scenes()
+
+
+@pytest.mark.parametrize("part", ["scene.xml", "geometry.npz", "assets"])
+def test_an_incomplete_folder_names_what_is_missing(copied, part):
+    if (copied / part).is_dir():
+        shutil.rmtree(copied / part)
+    else:
+        (copied / part).unlink()
+    with pytest.raises(SceneError, match=f"incomplete: {part} missing"):
+        load_scene(copied)
+
+
+def test_folders_that_are_no_scenes_are_refused(copied, tmp_path):
+    with pytest.raises(SceneError, match="does not exist"):
+        load_scene(tmp_path / "nowhere")
+    with pytest.raises(SceneError, match="is a file, not a scene folder"):
+        load_scene(copied / "scene.xml")
+    with pytest.raises(SceneError, match=r"not a scene folder: it holds no scene\.toml"):
+        load_scene(copied / "assets")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [("name = ", "cannot be read"), ('name = "a"', "lacks"), ("bounds = [1, 2]", "lacks or misstates")],
+)
+def test_a_spoilt_toml_is_said_to_be_so(copied, text, reason):
+    (copied / "scene.toml").write_text(text)
+    with pytest.raises(SceneError, match=reason):
+        load_scene(copied)
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_a_spoilt_geometry_is_said_to_be_so(copied, cut):
+    path = copied / "geometry.npz"
+    path.write_bytes(path.read_bytes()[:200] if cut else b"no archive")
+    with pytest.raises(SceneError, match=r"geometry\.npz cannot be read"):
+        load_scene(copied).geometry()

@@ -1,0 +1,27 @@
+"""What a camera sees of a scene's visual meshes."""
+
+import numpy as np
+
+from anm_mj.scene.build import build_spec
+from anm_mj.scene.folder import Scene
+
+
+def look(scene: Scene, eye: tuple[float, float, float], right: tuple[float, float, float]) -> np.ndarray:
+    """A picture of 65 x 65 pixels and 90 degrees from ``eye``, level, with world direction ``right`` to the right."""
+    import mujoco
+
+    up = np.array([0.0, 0.0, 1.0])
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.stack([right, up, np.cross(right, up)], axis=1).ravel())
+    spec = build_spec(scene, None)
+    spec.worldbody.add_camera(name="eye", pos=eye, quat=quat, fovy=90.0)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    option = mujoco.MjvOption()
+    option.geomgroup[:] = [group == 2 for group in range(mujoco.mjNGROUP)]
+    with mujoco.Renderer(model, 65, 65) as renderer:
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_CULL_FACE):
+            renderer.scene.flags[flag] = 0
+        renderer.update_scene(data, "eye", option)
+        return renderer.render().copy()
