@@ -94,7 +94,7 @@ class GroundTruth:
             RunFolderError: The file is missing or holds something else.
         """
         try:
-            with np.load(path) as data:
+            with path.open("rb") as file, np.load(file) as data:
                 observable = data.get("observable")
                 return cls(data["samples"], data["vertices"], data["faces"], observable)
         except FileNotFoundError as err:

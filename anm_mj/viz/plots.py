@@ -23,6 +23,8 @@ NEAR_COLOUR, CLEAR_COLOUR = "#dfe9f2", "#ffffff"
 GRAPH_COLOUR, REGION_COLOUR, TARGET_COLOUR = "#4c9a6a", "#e08a1e", "#c8323c"
 START_COLOUR, END_COLOUR = "#1f1f1f", "#2b6ca3"
 RATIO_COLOUR, DISTANCE_COLOUR = "#2b6ca3", "#c8641e"
+ARROW = np.array([[1.0, 0.0], [-0.7, 0.6], [-0.35, 0.0], [-0.7, -0.6], [1.0, 0.0]])
+"""Outline of the mark at the end of the way, pointing along x."""
 JUNCTION_DEGREE = 3
 """Vertices with this many edges are where the graph branches."""
 FULL_CLEARANCE_M = 1.5
@@ -162,9 +164,9 @@ def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label="step", shrink=0.7, pad=0.01)
     if len(way) > 1:
-        # A triangle marker points up by itself, which is a yaw of 90 degrees.
-        arrow = (3, 0, np.degrees(poses[-1].yaw_rad) - 90.0)
-        axes.plot(*way[-1], marker=arrow, ms=11, ls="", color=END_COLOUR, mec="white", mew=1.0, label="end", zorder=5)
+        c, s = np.cos(poses[-1].yaw_rad), np.sin(poses[-1].yaw_rad)
+        arrow = ARROW @ np.array([[c, s], [-s, c]])
+        axes.plot(*way[-1], marker=arrow, ms=15, ls="", color=END_COLOUR, mec="white", mew=1.0, label="end", zorder=5)
     axes.plot(*way[0], "o", ms=8, color=START_COLOUR, mec="white", mew=1.0, label="start", zorder=5)
 
 

@@ -26,6 +26,8 @@ CEILING_CUT_M = 2.0
 GRAPH_HEIGHT_M, WAY_HEIGHT_M, PATH_HEIGHT_M = 0.03, 0.04, 0.05
 """Bands lie just above the floor and one above the other, so that none flickers through another [m]."""
 GRAPH_WIDTH_M, WAY_WIDTH_M, PATH_WIDTH_M = 0.025, 0.045, 0.05
+FRONT = 0
+"""three.js: draw faces from the side they look to only, so that one sees into a room through its near walls."""
 CHASSIS_RADIUS_M, CHASSIS_HEIGHT_M, MAST_RADIUS_M = 0.17, 0.15, 0.02
 """The body that stands for the robot: of the size of the one in ``models/diff_drive`` [m]."""
 FRUSTUM_DEPTH_M = 0.6
@@ -37,7 +39,7 @@ def neural_surface(mesh: trimesh.Trimesh) -> Object:
     faces = np.asarray(mesh.faces)
     kept = faces[(vertices[faces, 2] < CEILING_CUT_M).all(axis=1)]
     colours = np.asarray(mesh.visual.vertex_colors, dtype=np.float32)[:, :3] / 255.0  # type: ignore[union-attr]
-    return Mesh(TriangularMeshGeometry(vertices, kept, colours), _lit(vertexColors=True))
+    return Mesh(TriangularMeshGeometry(vertices, kept, colours), _lit(vertexColors=True, side=FRONT))
 
 
 def ribbon(xy_m: Float[np.ndarray, "n 2"], height_m: float, width_m: float, colour: int) -> Object:

@@ -1,0 +1,110 @@
+import json
+import shutil
+
+import pytest
+
+from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.evaluate import evaluate_run
+from anm_mj.types import StopReason
+from tests.box_room import FakeMap, new_recorder, record_steps
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    path = tmp_path_factory.mktemp("runs") / "finished"
+    recorder = new_recorder(path)
+    record_steps(recorder, 33)
+    recorder.finish(StopReason.COMPLETE, FakeMap(), wall_s=9.0, loop_s=3.0)
+    return path
+
+
+@pytest.fixture
+def run(finished, tmp_path):
+    return shutil.copytree(finished, tmp_path / "run")
+
+
+@pytest.fixture
+def killed(tmp_path):
+    recorder = new_recorder(tmp_path / "killed")
+    record_steps(recorder, 33)
+    recorder.close()
+    return tmp_path / "killed"
+
+
+def test_numbers_from_the_folder_are_those_of_the_live_run_byte_for_byte(run):
+    live = {name: (run / name).read_bytes() for name in ("metrics.json", "curve.csv")}
+    for name in (*live, "curve.png"):
+        (run / name).write_bytes(live["metrics.json"] if name == "metrics.json" else b"")
+    evaluate_run(run)
+    assert {name: (run / name).read_bytes() for name in live} == live
+    assert (run / "curve.png").stat().st_size > 1_000
+
+
+def test_metrics_that_cannot_be_computed_are_kept(run):
+    metrics = evaluate_run(run)
+    assert (metrics.stop_reason, metrics.wall_s, metrics.hz) == ("COMPLETE", 9.0, 11.0)
+
+
+def test_a_killed_run_is_evaluated_as_far_as_it_came(killed, finished):
+    metrics = evaluate_run(killed)
+    whole = json.loads((finished / "metrics.json").read_text())
+    assert metrics.completion_ratio == whole["completion_ratio"]
+    assert metrics.completion_uncapped_cm == whole["completion_uncapped_cm"]
+    assert metrics.accuracy_cm is None
+    assert metrics.stop_reason is None
+    assert (killed / "curve.csv").read_bytes() == (finished / "curve.csv").read_bytes()
+
+
+def test_lines_cut_short_by_the_kill_are_left_out(killed):
+    for name in ("steps.jsonl", "frames.jsonl", "plans.jsonl"):
+        path = killed / name
+        path.write_text(path.read_text()[:-40])
+    metrics = evaluate_run(killed)
+    assert metrics.steps == 32
+    assert (killed / "curve.csv").read_text().splitlines()[-1].startswith("32,")
+
+
+def test_a_run_killed_before_its_first_frame_has_no_completion(tmp_path):
+    recorder = new_recorder(tmp_path / "run")
+    record_steps(recorder, 0)
+    recorder.close()
+    (tmp_path / "run" / "frames.jsonl").write_text("")
+    metrics = evaluate_run(tmp_path / "run")
+    assert metrics.completion_ratio is None
+    assert metrics.completion_uncapped_cm is None
+    assert metrics.rows() == [("steps", "0"), ("path", "0.00 m"), ("turns", "0"), ("collisions", "0")]
+
+
+def test_a_folder_that_is_none_of_a_run_is_named(tmp_path):
+    with pytest.raises(RunFolderError, match="is not a folder"):
+        evaluate_run(tmp_path / "nowhere")
+    with pytest.raises(RunFolderError, match=r"is not the folder of a run: it has no steps\.jsonl"):
+        evaluate_run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("ground_truth.npz", b"PK", "cannot be read as a true surface"),
+        ("mesh.ply", b"ply\nnonsense", "cannot be read as a mesh"),
+        ("camera.json", b"{", "cannot be read"),
+        ("camera.json", b"{}", "another version"),
+        ("camera.json", b"[]", "an object should stand"),
+        ("metrics.json", b"", "cannot be read"),
+        ("depth/000007.png", b"\x89PNG", "cannot be read"),
+        ("steps.jsonl", b"{\n{}\n", "line 1, is not JSON"),
+        ("steps.jsonl", b"{}\n", "another version"),
+    ],
+)
+def test_a_damaged_file_is_named_in_one_sentence(run, name, content, complaint):
+    (run / name).write_bytes(content)
+    with pytest.raises(RunFolderError, match=complaint) as caught:
+        evaluate_run(run)
+    assert name.rpartition("/")[2] in str(caught.value) or "another version" in complaint
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_depth_picture_is_named(run):
+    (run / "depth" / "000003.png").unlink()
+    with pytest.raises(RunFolderError, match=r"000003\.png"):
+        evaluate_run(run)

@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+import trimesh
+
+from anm_mj.errors import SceneError
+from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.evaluation.mesh import mesh_quality, surface_distance, triangle_distance_squared
+
+
+def plate(x_m: float, y_m: float, z_m: float, cells: int = 1) -> trimesh.Trimesh:
+    """A horizontal rectangle with a corner at the origin's side, in 2 * cells ** 2 triangles."""
+    x, y = np.meshgrid(np.linspace(0.0, x_m, cells + 1), np.linspace(0.0, y_m, cells + 1))
+    vertices = np.stack([x.ravel(), y.ravel(), np.full(x.size, z_m)], axis=1)
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()[:, None]
+    faces = np.concatenate([corner + [0, 1, cells + 1], corner + [1, cells + 2, cells + 1]])
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def truth_of(mesh: trimesh.Trimesh) -> GroundTruth:
+    return GroundTruth.sample(np.asarray(mesh.vertices), np.asarray(mesh.faces), 5_000)
+
+
+def quality(mesh: trimesh.Trimesh, truth: GroundTruth):
+    return mesh_quality(np.asarray(mesh.vertices), np.asarray(mesh.faces), truth, 5_000)
+
+
+def test_a_perfect_mesh_has_no_error_however_it_is_cut():
+    # Distances from samples to samples would be some centimetres here.
+    found = quality(plate(4.0, 3.0, 0.0, cells=37), truth_of(plate(4.0, 3.0, 0.0)))
+    assert found.accuracy_cm == pytest.approx(0.0, abs=1e-6)
+    assert found.completion_cm == pytest.approx(0.0, abs=5e-3)
+    assert found.completion_ratio_percent == 100.0
+
+
+@pytest.mark.parametrize(("offset_m", "ratio"), [(0.03, 100.0), (0.06, 0.0)])
+def test_a_shifted_mesh_is_off_by_the_shift_both_ways(offset_m, ratio):
+    found = quality(plate(4.0, 3.0, offset_m, cells=20), truth_of(plate(4.0, 3.0, 0.0)))
+    assert found.accuracy_cm == pytest.approx(100.0 * offset_m, rel=1e-4)
+    assert found.completion_cm == pytest.approx(100.0 * offset_m, abs=5e-3)
+    assert found.completion_ratio_percent == ratio
+
+
+def test_half_a_mesh_is_accurate_but_not_complete():
+    found = quality(plate(2.0, 3.0, 0.0), truth_of(plate(4.0, 3.0, 0.0)))
+    assert found.accuracy_cm == pytest.approx(0.0, abs=1e-6)
+    # Within 5 cm: 2.05 of 4 m. Mean distance: 0 over one half, 0 to 2 m over the other.
+    assert found.completion_ratio_percent == pytest.approx(51.25, abs=2.0)
+    assert found.completion_cm == pytest.approx(50.0, rel=0.05)
+
+
+def test_triangle_distance_agrees_with_an_independent_implementation():
+    rng = np.random.default_rng(3)
+    triangles, points = rng.normal(size=(500, 3, 3)), rng.normal(size=(500, 3)) * 2.0
+    nearest = trimesh.triangles.closest_point(triangles, points)
+    expected = np.sum((nearest - points) ** 2, axis=1)
+    assert triangle_distance_squared(points, triangles) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_triangles_without_area_are_edges_or_points():
+    line = np.array([[[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]])
+    point = np.zeros((1, 3, 3))
+    assert triangle_distance_squared(np.array([[1.5, 2.0, 0.0]]), line) == pytest.approx([4.0])
+    assert triangle_distance_squared(np.array([[0.0, 3.0, 4.0]]), point) == pytest.approx([25.0])
+
+
+def test_surface_distance_agrees_with_a_search_of_all_triangles():
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    points = np.random.default_rng(0).uniform(-1.3, 1.3, (300, 3))
+    corners = np.asarray(mesh.triangles)
+    everywhere = np.array([triangle_distance_squared(np.tile(p, (len(corners), 1)), corners).min() for p in points])
+    found = surface_distance(points, np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    assert found == pytest.approx(np.sqrt(everywhere), abs=2e-3)
+    assert np.all(found >= np.sqrt(everywhere) - 1e-12)
+
+
+def test_a_mesh_without_area_is_refused():
+    with pytest.raises(SceneError, match="a surface is needed"):
+        mesh_quality(np.zeros((3, 3)), np.array([[0, 1, 2]]), truth_of(plate(1.0, 1.0, 0.0)))
