@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.folder import Scene
+from anm_mj.scene.model_cache import cached_model
 
 if TYPE_CHECKING:
     import mujoco
@@ -40,12 +41,18 @@ def build_spec(scene: Scene, robot_xml: Path | None, prefix: str = "robot/") -> 
 def build_model(scene: Scene, robot_xml: Path | None, prefix: str = "robot/") -> mujoco.MjModel:
     """The compiled model of a scene and, if given, a robot attached at the world's origin.
 
+    Models of large scenes are kept in the user's cache folder (:mod:`anm_mj.scene.model_cache`).
+
     Raises:
         SceneError: if the scene cannot be read or compiled.
         RobotError: if the robot's MJCF cannot be read or attached.
     """
-    spec = build_spec(scene, robot_xml, prefix)
-    try:
-        return spec.compile()
-    except ValueError as err:
-        raise SceneError(f"Scene {scene.name} cannot be compiled ({err}): import it again.") from err
+
+    def compile_model() -> mujoco.MjModel:
+        spec = build_spec(scene, robot_xml, prefix)
+        try:
+            return spec.compile()
+        except ValueError as err:
+            raise SceneError(f"Scene {scene.name} cannot be compiled ({err}): import it again.") from err
+
+    return cached_model(scene, robot_xml, prefix, compile_model)

@@ -162,7 +162,7 @@ def _read_geometry(path: Path, content_hash: str) -> tuple[Float32[np.ndarray, "
     """Vertices and faces of a geometry.npz; the hash is there so that a scene imported anew is read anew."""
     del content_hash
     try:
-        with np.load(path) as arrays:
+        with path.open("rb") as file, np.load(file) as arrays:
             vertices, faces = arrays["vertices"].astype(np.float32), arrays["faces"].astype(np.int32)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as err:
         raise SceneError(f"{path} cannot be read ({err}): import the scene again.") from err

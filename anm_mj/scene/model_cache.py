@@ -1,0 +1,110 @@
+"""Keeps compiled models of large scenes, which take seconds to compile and a few tenths of a second to load.
+
+The files lie in the user's cache folder and may be deleted at any time. A model is found by everything it was made
+from, MuJoCo's version included, because its binary format changes with every release. A file that does not match the
+checksum in its name is ignored and made anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import uuid
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from anm_mj.scene.folder import Scene
+
+if TYPE_CHECKING:
+    import mujoco
+
+_logger = logging.getLogger(__name__)
+
+MIN_TRIANGLES = 100_000
+"""Smaller scenes compile in about a second or less and are not kept (the file would be some hundred megabytes)."""
+MAX_MODELS = 4
+"""Only so many models are kept, those used last."""
+
+
+def cached_model(
+    scene: Scene, robot_xml: Path | None, prefix: str, build: Callable[[], mujoco.MjModel]
+) -> mujoco.MjModel:
+    """The model that ``build`` makes of a scene and a robot, from the cache if it is there.
+
+    Trouble with the cache is logged and otherwise without effect. What ``build`` raises goes to the caller.
+    """
+    if scene.num_triangles < MIN_TRIANGLES:
+        return build()
+    try:
+        key = _key(scene, robot_xml, prefix)
+        kept = _load(key)
+    # A robot that cannot be read is for build to complain of.
+    except (OSError, ValueError) as err:
+        _logger.debug("the model cache cannot be used: %s", err)
+        return build()
+    if kept is not None:
+        return kept
+    model = build()
+    try:
+        _store(key, model)
+    except OSError as err:
+        _logger.debug("the model of %s was not kept: %s", scene.name, err)
+    return model
+
+
+def cache_folder() -> Path:
+    """Where models are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / "models"
+
+
+def _key(scene: Scene, robot_xml: Path | None, prefix: str) -> str:
+    """A name for everything that the model is made from."""
+    import mujoco
+
+    digest = hashlib.sha256(f"{mujoco.__version__}\0{scene.hash}\0{prefix}\0".encode())
+    digest.update(scene.xml.read_bytes())
+    if robot_xml is not None:
+        # The robot alone compiles in milliseconds, and its binary holds all files that its MJCF refers to.
+        robot = mujoco.MjSpec.from_file(str(robot_xml)).compile()
+        binary = np.empty(mujoco.mj_sizeModel(robot), dtype=np.uint8)
+        mujoco.mj_saveModel(robot, None, binary)
+        digest.update(binary.tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _load(key: str) -> mujoco.MjModel | None:
+    """The model kept under a key, or None if there is none that is whole."""
+    import mujoco
+
+    for path in cache_folder().glob(f"{key}-*.mjb"):
+        try:
+            if f"{zlib.crc32(path.read_bytes()):08x}" == path.stem.rpartition("-")[2]:
+                model = mujoco.MjModel.from_binary_path(str(path))
+                path.touch()
+                return model
+        except (ValueError, mujoco.FatalError) as err:
+            _logger.debug("%s cannot be loaded: %s", path, err)
+        path.unlink(missing_ok=True)
+    return None
+
+
+def _store(key: str, model: mujoco.MjModel) -> None:
+    """Keep a model, and forget those that were used longest ago."""
+    import mujoco
+
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    partial = folder / f".{uuid.uuid4().hex}"
+    try:
+        mujoco.mj_saveModel(model, str(partial))
+        # In one step, so that another process never sees half a file.
+        partial.replace(folder / f"{key}-{zlib.crc32(partial.read_bytes()):08x}.mjb")
+    finally:
+        partial.unlink(missing_ok=True)
+    for old in sorted(folder.glob("*.mjb"), key=lambda path: path.stat().st_mtime)[:-MAX_MODELS]:
+        old.unlink(missing_ok=True)
