@@ -9,7 +9,7 @@ format are meshcat's.
 from __future__ import annotations
 
 import asyncio
-import logging
+import socket
 import threading
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,10 @@ import meshcat
 import umsgpack
 from meshcat.commands import SetObject, SetProperty, SetTransform
 from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
 from tornado.web import Application, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from anm_mj.errors import RenderError
-
-logger = logging.getLogger(__name__)
 
 ADDRESS = "127.0.0.1"
 FIRST_PORT = 7000
@@ -32,7 +29,8 @@ FIRST_PORT = 7000
 PORTS_TRIED = 100
 HOSTS = r"(127\.0\.0\.1|localhost)"
 """Names a browser may know us by; any other would be a foreign site that has its name lead here."""
-START_TIMEOUT_S = STOP_TIMEOUT_S = 10.0
+TIMEOUT_S = 10.0
+"""Longest wait for the thread to start or to end [s]; both take milliseconds."""
 
 Key = tuple[str, str]
 """Path of an object, and what of it: the object itself, its transform, or a property."""
@@ -49,17 +47,17 @@ class PageServer:
     """
 
     def __init__(self, first_port: int = FIRST_PORT) -> None:
-        sockets = _free_sockets(first_port)
-        self.port: int = sockets[0].getsockname()[1]
+        listening = _free_socket(first_port)
+        self.port: int = listening.getsockname()[1]
         self._lock = threading.Lock()
         self._outbox: dict[Key, bytes] = {}
         self._state: dict[Key, bytes] = {}
         self._browsers: set[_Browser] = set()
         self._started = threading.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(sockets)), name="viewer", daemon=True)
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(listening)), name="viewer", daemon=True)
         self._thread.start()
-        self._started.wait(START_TIMEOUT_S)
+        self._started.wait(TIMEOUT_S)
 
     @property
     def url(self) -> str:
@@ -85,7 +83,7 @@ class PageServer:
         """End the thread and free the port; a second time does nothing."""
         if self._loop is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
-        self._thread.join(STOP_TIMEOUT_S)
+        self._thread.join(TIMEOUT_S)
 
     def join(self, browser: _Browser) -> None:
         """Show all there is to a browser that has come; called in the server's thread."""
@@ -103,7 +101,7 @@ class PageServer:
         for browser in self._browsers:
             browser.tell(news)
 
-    async def _serve(self, sockets: list[Any]) -> None:
+    async def _serve(self, listening: socket.socket) -> None:
         self._stop = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         page = Path(meshcat.__file__).parent / "viewer" / "dist"
@@ -116,7 +114,7 @@ class PageServer:
             ],
         )
         server = HTTPServer(application)
-        server.add_sockets(sockets)
+        server.add_sockets([listening])
         self._hand_out()
         self._started.set()
         await self._stop.wait()
@@ -168,11 +166,13 @@ class _Browser(WebSocketHandler):
             self._server.leave(self)
 
 
-def _free_sockets(first_port: int) -> list[Any]:
+def _free_socket(first_port: int) -> socket.socket:
     for port in range(first_port, first_port + PORTS_TRIED):
         try:
-            return bind_sockets(port, address=ADDRESS)
+            listening = socket.create_server((ADDRESS, port))
         except (OSError, OverflowError):
             continue
+        listening.setblocking(False)
+        return listening
     last = first_port + PORTS_TRIED - 1
     raise RenderError(f"None of the ports {first_port} to {last} is free on {ADDRESS}; choose another with --port.")

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from anm_mj.evaluation.depth import back_project_reduced, kept_pixels, reduce_depth
 from anm_mj.frames import pixel_directions
 from anm_mj.types import Intrinsics, Pose2
-from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
 from tests.box_room import CAMERA as SQUARE
+from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
 
 WIDE = Intrinsics(640, 480, 400.0, 410.0, 315.0, 244.0)
 SMALL = Intrinsics.from_fov(96, 64, math.radians(60.0))

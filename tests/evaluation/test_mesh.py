@@ -12,7 +12,7 @@ def plate(x_m: float, y_m: float, z_m: float, cells: int = 1) -> trimesh.Trimesh
     x, y = np.meshgrid(np.linspace(0.0, x_m, cells + 1), np.linspace(0.0, y_m, cells + 1))
     vertices = np.stack([x.ravel(), y.ravel(), np.full(x.size, z_m)], axis=1)
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()[:, None]
-    faces = np.concatenate([corner + [0, 1, cells + 1], corner + [1, cells + 2, cells + 1]])
+    faces = np.concatenate([corner + np.array(f) for f in ([0, 1, cells + 1], [1, cells + 2, cells + 1])])
     return trimesh.Trimesh(vertices, faces, process=False)
 
 

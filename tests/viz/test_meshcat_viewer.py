@@ -1,0 +1,204 @@
+import asyncio
+import logging
+import socket
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+
+import pytest
+import trimesh
+import umsgpack
+from tornado.websocket import websocket_connect
+
+from anm_mj.errors import RenderError
+from anm_mj.types import Pose2
+from anm_mj.viz import page_server
+from anm_mj.viz.meshcat_viewer import MESH_EVERY_STEPS, MeshcatViewer
+from anm_mj.viz.viewer import NullViewer
+from tests.box_room import FakeMap, observe, room_plan
+
+
+class CountingMap(FakeMap):
+    """A whole mapper as far as types go; only its mesh is asked for."""
+
+    num_meshes = 0
+
+    def mesh(self, resolution_m: float) -> trimesh.Trimesh:
+        self.num_meshes += 1
+        return super().mesh(resolution_m)
+
+    def integrate(self, observation):
+        raise NotImplementedError
+
+    sdf = uncertainty = surface = integrate
+    occupancy = None
+
+
+@pytest.fixture
+def viewer():
+    viewer = MeshcatViewer(port=0)
+    yield viewer
+    viewer.close()
+
+
+def port_of(viewer) -> int:
+    return int(viewer.url.split(":")[2].split("/")[0])
+
+
+def show(viewer, num_steps, mapper=None, first=0):
+    plan = room_plan()
+    for step in range(first, first + num_steps):
+        viewer.show(observe(step, Pose2(0.01 * step, 0.0, 0.0)), mapper or CountingMap(), plan)
+
+
+async def leave(page) -> None:
+    page.close()
+    while await page.read_message() is not None:
+        pass
+
+
+def watch(viewer, enough: Callable[[dict], bool]) -> dict:
+    """What an open page is told, by path, until it is enough."""
+    told = {}
+
+    async def listen():
+        page = await websocket_connect(f"ws://127.0.0.1:{port_of(viewer)}/")
+        while not enough(told):
+            message = umsgpack.unpackb(await asyncio.wait_for(page.read_message(), 20))
+            told[message["path"], message.get("property", message["type"])] = message
+        await leave(page)
+
+    asyncio.run(listen())
+    return told
+
+
+def test_page_is_served_to_this_machine_only(viewer):
+    with urllib.request.urlopen(viewer.url, timeout=10) as answer:
+        assert b"MeshCat" in answer.read()
+    listening = viewer._server
+    others = [info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
+    for address in {address for address in others if not address.startswith("127.")}:
+        with pytest.raises(OSError, match="refused"):
+            socket.create_connection((address, listening.port), timeout=2).close()
+    # All of 127/8 is this machine: a server on all interfaces would answer here too.
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.2", listening.port), timeout=2).close()
+
+
+def test_a_foreign_name_for_this_machine_gets_nothing(viewer):
+    request = urllib.request.Request(viewer.url, headers={"Host": "evil.example"})
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(request, timeout=10)
+
+
+def test_run_goes_on_without_a_browser_and_makes_no_mesh_for_nobody(viewer):
+    mapper = CountingMap()
+    show(viewer, 3 * MESH_EVERY_STEPS, mapper)
+    assert mapper.num_meshes == 0
+
+
+def test_browser_that_comes_late_is_told_all_there_is(viewer):
+    show(viewer, 60)
+    names = ("robot", "camera", "graph", "regions", "path", "target", "way/0", "way/1")
+    wanted = {(f"/meshcat/{name}", "set_object") for name in names}
+    wanted |= {("/meshcat/robot", "set_transform"), ("/meshcat/target", "set_transform")}
+    told = watch(viewer, lambda told: wanted <= told.keys())
+    # Column-major, as three.js has it: the translation stands last.
+    assert told["/meshcat/robot", "set_transform"]["matrix"][12:15] == pytest.approx([0.59, 0.0, 0.0])
+    assert told["/meshcat/target", "set_transform"]["matrix"][12:15] == pytest.approx([1.5, 1.0, 0.0])
+
+
+def test_mesh_is_made_while_somebody_looks_and_not_too_often(viewer):
+    mapper = CountingMap()
+    show(viewer, 1)
+
+    async def look():
+        page = await websocket_connect(f"ws://127.0.0.1:{port_of(viewer)}/")
+        await asyncio.to_thread(show, viewer, MESH_EVERY_STEPS, mapper, 1)
+        paths = set()
+        while "/meshcat/mesh" not in paths:
+            paths.add(umsgpack.unpackb(await asyncio.wait_for(page.read_message(), 20))["path"])
+        await leave(page)
+
+    asyncio.run(look())
+    assert mapper.num_meshes == 1
+
+
+def test_run_goes_on_when_a_browser_leaves(viewer):
+    show(viewer, 2)
+    watch(viewer, lambda told: len(told) > 3)
+    show(viewer, 5, first=2)
+    assert watch(viewer, lambda told: ("/meshcat/robot", "set_transform") in told)
+
+
+def test_browser_that_never_reads_holds_nothing_up(viewer):
+    with socket.create_connection(("127.0.0.1", port_of(viewer))) as lazy:
+        head = f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port_of(viewer)}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        lazy.sendall(f"{head}Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
+        while viewer._server.num_browsers == 0:
+            time.sleep(0.01)
+        show(viewer, 200)
+        (browser,) = viewer._server._browsers
+        # One state per object at most, however many steps it has missed.
+        assert len(browser._news) < 40
+
+
+def test_broken_map_ends_the_view_and_not_the_run(viewer, caplog):
+    class Broken(CountingMap):
+        def mesh(self, resolution_m: float) -> trimesh.Trimesh:
+            raise RuntimeError("no mesh today")
+
+    show(viewer, 1)
+
+    async def look():
+        page = await websocket_connect(f"ws://127.0.0.1:{port_of(viewer)}/")
+        await asyncio.to_thread(show, viewer, 3, Broken(), 1)
+        await leave(page)
+
+    asyncio.run(look())
+    assert caplog.text.count("The live view is off") == 1
+
+
+def test_closing_frees_the_port_even_with_a_page_open():
+    viewer = MeshcatViewer(port=0)
+    port = port_of(viewer)
+    show(viewer, 1)
+    with socket.create_connection(("127.0.0.1", port)):
+        viewer.close()
+    viewer.close()
+    assert not viewer._server._thread.is_alive()
+    again = MeshcatViewer(port=port)
+    assert port_of(again) == port
+    again.close()
+
+
+def test_next_free_port_is_taken_and_named(caplog):
+    caplog.set_level(logging.INFO)
+    first, second = MeshcatViewer(port=7360), MeshcatViewer(port=7360)
+    assert port_of(second) > port_of(first) >= 7360
+    assert f"ssh -L {port_of(second)}:127.0.0.1:{port_of(second)}" in caplog.text
+    first.close()
+    second.close()
+
+
+def test_no_free_port_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(page_server, "PORTS_TRIED", 1)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(RenderError, match=f"None of the ports {port} to {port} is free .* --port"):
+            MeshcatViewer(port=port)
+
+
+def test_showing_after_the_close_does_nothing():
+    viewer = MeshcatViewer(port=0)
+    viewer.close()
+    show(viewer, 2)
+
+
+def test_null_viewer_shows_nothing():
+    viewer = NullViewer()
+    show(viewer, 1)
+    viewer.close()

@@ -1,0 +1,67 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from anm_mj.types import Pose2
+from anm_mj.viz.plots import draw_curve, draw_topdown
+from tests.box_room import room_plan
+
+
+def draw(path, **changes):
+    plan = room_plan()
+    parts = {"graph": plan.graph, "regions": plan.regions, "poses": [Pose2(0.1 * k, 0.0, 0.5) for k in range(9)]}
+    parts |= changes
+    target = parts.pop("target_xy_m", plan.target_xy_m)
+    assert plan.topdown is not None
+    draw_topdown(path, plan.topdown, *parts.values(), target_xy_m=target, title="box, 85.8 % complete, 60 steps")
+    with Image.open(path) as picture:
+        return np.asarray(picture.convert("RGB")).astype(int)
+
+
+def centre_of(picture, colour):
+    close = np.abs(picture - colour).max(axis=2) < 8
+    assert close.any()
+    rows, cols = np.nonzero(close)
+    return np.median(rows), np.median(cols)
+
+
+def test_world_x_points_right_and_world_y_up(tmp_path):
+    target_row, target_col = centre_of(draw(tmp_path / "a.png"), [0xC8, 0x32, 0x3C])
+    moved = np.array([-1.0, -1.0])
+    moved_row, moved_col = centre_of(draw(tmp_path / "b.png", target_xy_m=moved), [0xC8, 0x32, 0x3C])
+    assert moved_col < target_col - 100
+    assert moved_row > target_row + 100
+
+
+def test_a_metre_is_as_long_along_x_as_along_y(tmp_path):
+    picture = draw(tmp_path / "a.png", graph=None, regions=(), poses=[], target_xy_m=None)
+    walls = np.abs(picture - [0x3A, 0x3A, 0x3F]).max(axis=2) < 4
+    # Long runs only, so that letters and ticks do not count.
+    rows = np.flatnonzero(walls.sum(axis=1) > 300)
+    cols = np.flatnonzero(walls.sum(axis=0) > 300)
+    assert np.ptp(cols) / np.ptp(rows) == pytest.approx(4.0 / 3.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [{"graph": None}, {"regions": ()}, {"poses": []}, {"poses": [Pose2(0.0, 0.0, 0.0)]}, {"target_xy_m": None}],
+)
+def test_topdown_is_drawn_without_what_is_missing(tmp_path, missing):
+    assert draw(tmp_path / "a.png", **missing).shape[0] > 500
+
+
+@pytest.mark.parametrize("num_rows", [0, 1, 40])
+def test_curve_is_drawn_however_short(tmp_path, num_rows):
+    steps = 10 * np.arange(num_rows)
+    ratio = 95.0 * (1.0 - np.exp(-steps / 100.0))
+    draw_curve(tmp_path / "curve.png", steps, ratio, 100.0 - ratio, title="box")
+    with Image.open(tmp_path / "curve.png") as picture:
+        assert min(picture.size) > 500
+
+
+def test_drawing_leaves_the_global_state_of_matplotlib_alone():
+    program = "import anm_mj.viz.plots, sys; assert 'matplotlib.pyplot' not in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True)
