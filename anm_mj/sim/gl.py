@@ -70,7 +70,7 @@ def select_backend() -> GlBackend:
     for name in candidates:
         try:
             renderer_string = _probe_cached(name)
-        except _ProbeError as err:
+        except ProbeError as err:
             attempts.append((name, str(err)))
             continue
         os.environ["MUJOCO_GL"] = name
@@ -89,7 +89,7 @@ def select_backend() -> GlBackend:
     raise RenderError(f"{chosen} ({tried}). {_ADVICE}{unset}")
 
 
-class _ProbeError(Exception):
+class ProbeError(Exception):
     """A back-end does not work; the message is the last line of its error."""
 
 
@@ -111,7 +111,7 @@ def _probe_cached(name: str) -> str:
         return str(json.loads(path.read_text())["renderer"])
     except (OSError, ValueError, KeyError):
         pass
-    renderer_string = _probe(name)
+    renderer_string = probe(name)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Several processes may probe at once (parallel tests): each replaces the file as a whole.
@@ -143,11 +143,11 @@ def _cache_path(name: str) -> Path:
     return Path(root) / "anm_mj" / f"gl-{name}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.json"
 
 
-def _probe(name: str) -> str:
-    """Render a red box in a process of its own.
+def probe(name: str) -> str:
+    """The GL_RENDERER string of a back-end that has just rendered a red box, in a process of its own.
 
     Raises:
-        _ProbeError: if that fails in whatever way.
+        ProbeError: if that fails in whatever way.
     """
     program = Path(__file__).with_name("gl_probe.py")
     try:
@@ -161,10 +161,10 @@ def _probe(name: str) -> str:
             check=False,
         )
     except subprocess.TimeoutExpired as err:
-        raise _ProbeError(f"no picture after {_PROBE_TIMEOUT_S:.0f} s") from err
+        raise ProbeError(f"no picture after {_PROBE_TIMEOUT_S:.0f} s") from err
     if done.returncode != 0:
         lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
         # The first exception is the cause; later ones are its consequences, or GL's own when the process ends.
         errors = [line for line in lines if line.split(":")[0].endswith("Error")]
-        raise _ProbeError(next(iter(errors + lines[-1:]), f"the process ended with status {done.returncode}"))
+        raise ProbeError(next(iter(errors + lines[-1:]), f"the process ended with status {done.returncode}"))
     return done.stdout.strip()

@@ -1,0 +1,240 @@
+"""``anm-mj doctor``: what this machine has, what is wrong with it, and what a run will use.
+
+Whatever may be broken is tried in a process of its own, so that the doctor survives it: a GL driver that ends the
+process, a torch that does not find its libraries.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+from importlib import metadata
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from anm_mj.errors import RenderError
+from anm_mj.io.manifest import cpu_model
+from anm_mj.sim.gl import ProbeError, forget_backend, probe, select_backend
+
+MIN_PYTHON = (3, 11)
+MIN_MEMORY_MIB = 3072
+"""A run of the default preset in a house stays below this."""
+MIN_DISK_MIB = 1024
+"""A run folder of a thousand steps with its depth frames fits well into this."""
+_TIMEOUT_S = 120.0
+
+_TRY_TORCH = """
+import json, torch
+cuda = torch.cuda.is_available()
+gpu = torch.cuda.get_device_properties(0) if cuda else None
+memory_gib = round(gpu.total_memory / 2**30) if cuda else 0
+print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda else "", memory_gib]))
+"""
+
+
+class State(Enum):
+    """How a thing was found."""
+
+    GOOD = "ok"
+    NOTE = "note"
+    """A run is possible, but something is missing or slower than it could be."""
+    BAD = "wrong"
+    """No run is possible."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at."""
+
+    name: str
+    state: State
+    found: str
+    advice: str = ""
+    """What to do about it."""
+
+
+def main() -> int:
+    """Print the diagnosis; exit status 0 if the robot can run here, else 1."""
+    console = Console()
+    with console.status("Looking at this machine"):
+        checks = diagnose()
+    render(checks, console)
+    return 1 if any(check.state is State.BAD for check in checks) else 0
+
+
+def diagnose() -> list[Check]:
+    """Everything a run depends on, looked at and tried; takes some seconds."""
+    with ThreadPoolExecutor() as pool:
+        torch = pool.submit(check_torch)
+        backends = [pool.submit(check_backend, name) for name in ("egl", "osmesa")]
+        return [
+            check_python(),
+            check_mujoco(),
+            *torch.result(),
+            *_graphics([backend.result() for backend in backends]),
+            check_ffmpeg(),
+            check_port(),
+            check_memory(available_memory_mib()),
+            check_disk(Path.cwd()),
+        ]
+
+
+def render(checks: list[Check], console: Console) -> None:
+    """Print checks as a table, then what a run will use or what has to be done first."""
+    styles = {State.GOOD: "green", State.NOTE: "yellow", State.BAD: "red"}
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    for check in checks:
+        advice = f"\n{check.advice}" if check.advice else ""
+        state = Text(check.state.value, styles[check.state])
+        # As Text: an error message may hold what rich takes for markup.
+        table.add_row(state, check.name, Text(f"{check.found}{advice}"))
+    console.print(table)
+    wrong = [check.name for check in checks if check.state is State.BAD]
+    if wrong:
+        console.print(f"\nThe robot cannot run here yet: mend {', '.join(wrong)} first.", style="bold red")
+    else:
+        used = {check.name: check.found for check in checks}
+        console.print(f"\nA run will use: {used['map trained on']}; pictures by {used['pictures by']}.", style="bold")
+
+
+def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
+    """The interpreter's version and the machine."""
+    found = f"{platform.python_version()}, {platform.system()} on {cpu_model()}, {os.cpu_count()} cores"
+    if version >= MIN_PYTHON:
+        return Check("Python", State.GOOD, found)
+    return Check("Python", State.BAD, found, "Install Python 3.11 or newer and run make setup again.")
+
+
+def check_mujoco() -> Check:
+    """The simulator's version."""
+    try:
+        return Check("mujoco", State.GOOD, metadata.version("mujoco"))
+    except metadata.PackageNotFoundError:
+        return Check("mujoco", State.BAD, "not installed", "Run make setup, or pip install mujoco.")
+
+
+def check_torch() -> list[Check]:
+    """Torch, CUDA, and what the map will be trained on."""
+    done = _try(_TRY_TORCH)
+    if done.returncode != 0:
+        return [Check("torch", State.BAD, _last_line(done.stderr), "Run make setup, or pip install torch anew.")]
+    version, num_threads, gpu, memory_gib = json.loads(done.stdout)
+    torch = Check("torch", State.GOOD, f"{version}, {num_threads} threads")
+    if gpu:
+        return [
+            torch,
+            Check("CUDA", State.GOOD, f"{gpu}, {memory_gib} GiB"),
+            Check("map trained on", State.GOOD, f"GPU ({gpu})"),
+        ]
+    return [
+        torch,
+        Check("CUDA", State.NOTE, "no GPU that torch can use; none is needed"),
+        Check("map trained on", State.GOOD, f"CPU ({num_threads} threads)"),
+    ]
+
+
+def check_backend(name: str) -> Check:
+    """One GL back-end, tried by rendering a frame."""
+    try:
+        return Check(f"GL {name}", State.GOOD, probe(name))
+    except ProbeError as err:
+        # It may have worked before, and what remembers that must not send a run into it.
+        forget_backend(name)
+        return Check(f"GL {name}", State.NOTE, f"does not work: {err}")
+
+
+def _graphics(backends: list[Check]) -> list[Check]:
+    """The back-ends and which of them a run will use."""
+    try:
+        chosen = select_backend()
+    except RenderError as err:
+        return [*backends, Check("pictures by", State.BAD, "nothing", str(err))]
+    if chosen.name == "off":
+        advice = "MUJOCO_GL turns pictures off, and the robot is blind without: unset it."
+        return [*backends, Check("pictures by", State.BAD, "nothing", advice)]
+    # llvmpipe and softpipe are Mesa's renderers for machines without a GPU.
+    software = "pipe" in chosen.renderer_string
+    kind = "software, fast enough for 256 x 256 pixels" if software else "hardware"
+    return [*backends, Check("pictures by", State.GOOD, f"{chosen.name} ({kind})")]
+
+
+def check_ffmpeg() -> Check:
+    """The program that videos are written with; it comes as a package."""
+    try:
+        import imageio_ffmpeg
+
+        return Check("ffmpeg", State.GOOD, imageio_ffmpeg.get_ffmpeg_version())
+    except (ImportError, RuntimeError, OSError) as err:
+        return Check("ffmpeg", State.NOTE, f"not found ({err})", "Videos need it: pip install imageio-ffmpeg.")
+
+
+def check_port() -> Check:
+    """The port that the live view would get."""
+    try:
+        from anm_mj.viz.page_server import PageServer
+
+        server = PageServer()
+    except (ImportError, RenderError) as err:
+        return Check("live view", State.NOTE, f"not possible: {err}")
+    url = server.url
+    server.close()
+    return Check("live view", State.GOOD, f"free at {url} (this machine only)")
+
+
+def check_memory(available_mib: int | None) -> Check:
+    """Memory that programs can still have [MiB]; None where the system does not say."""
+    if available_mib is None:
+        return Check("memory", State.NOTE, "unknown")
+    found = f"{available_mib / 1024:.1f} GiB available"
+    if available_mib >= MIN_MEMORY_MIB:
+        return Check("memory", State.GOOD, found)
+    return Check("memory", State.NOTE, found, "A long run may need 3 GiB: close other programs or take --preset quick.")
+
+
+def available_memory_mib() -> int | None:
+    """Memory that programs can still have [MiB], or None where the system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+    except OSError:
+        return None
+    return next((int(line.split()[1]) // 1024 for line in lines if line.startswith("MemAvailable:")), None)
+
+
+def check_disk(folder: Path) -> Check:
+    """Room for run folders."""
+    free_mib = shutil.disk_usage(folder).free // 2**20
+    found = f"{free_mib / 1024:.1f} GiB free in {folder}"
+    if free_mib >= MIN_DISK_MIB:
+        return Check("disk", State.GOOD, found)
+    return Check("disk", State.NOTE, found, "A long run may need 1 GiB: free some, or choose another disk with --out.")
+
+
+def _try(program: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in a Python of its own."""
+    command = [sys.executable, "-c", program]
+    try:
+        return subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command, 1, "", f"no answer within {_TIMEOUT_S:.0f} s")
+
+
+def _last_line(text: str) -> str:
+    """What an error message ends with."""
+    lines = text.strip().splitlines()
+    return lines[-1].strip() if lines else "no message"

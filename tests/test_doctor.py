@@ -1,0 +1,76 @@
+"""What the doctor finds on a healthy machine and on sick ones."""
+
+import io
+import subprocess
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from anm_mj import doctor
+from anm_mj.doctor import Check, State
+
+
+def _printed(checks: list[Check]) -> str:
+    file = io.StringIO()
+    doctor.render(checks, Console(file=file, width=200))
+    return file.getvalue()
+
+
+def test_a_machine_that_runs_these_tests_is_healthy(capsys: pytest.CaptureFixture[str]):
+    assert doctor.main() == 0
+
+    printed = capsys.readouterr().out
+    for name in ("Python", "torch", "CUDA", "GL egl", "GL osmesa", "ffmpeg", "live view", "memory", "disk"):
+        assert name in printed
+    assert "A run will use" in printed
+
+
+def test_an_old_python_is_wrong():
+    check = doctor.check_python((3, 10))
+
+    assert check.state is State.BAD
+    assert "3.11" in check.advice
+
+
+def test_a_back_end_that_does_not_work_is_a_note_with_its_error():
+    check = doctor.check_backend("nonsense")
+
+    assert check.state is State.NOTE
+    assert "nonsense" in check.found
+
+
+def test_a_broken_torch_is_wrong(monkeypatch: pytest.MonkeyPatch):
+    broken = subprocess.CompletedProcess(
+        [], 1, "", "Traceback\nImportError: libcudart.so.13: cannot open shared object"
+    )
+    monkeypatch.setattr(doctor, "_try", lambda *_: broken)
+
+    (check,) = doctor.check_torch()
+
+    assert check.state is State.BAD
+    assert "libcudart" in check.found
+
+
+def test_little_memory_is_a_note_with_advice():
+    check = doctor.check_memory(1000)
+
+    assert check.state is State.NOTE
+    assert "--preset quick" in check.advice
+
+
+def test_room_on_the_disk_is_told(tmp_path: Path):
+    assert str(tmp_path) in doctor.check_disk(tmp_path).found
+
+
+def test_what_is_wrong_is_named_at_the_end():
+    printed = _printed([Check("torch", State.BAD, "not installed", "Install it."), Check("disk", State.GOOD, "9 GiB")])
+
+    assert "Install it." in printed
+    assert "mend torch first" in printed
+
+
+def test_any_fault_makes_the_exit_status_1(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(doctor, "diagnose", lambda: [Check("Python", State.BAD, "3.9")])
+
+    assert doctor.main() == 1
