@@ -1,4 +1,4 @@
-"""The run-time type checker of the tests: beartype with PEP 484's rule that an int will do where a float is asked for."""
+"""The tests' run-time type checker: beartype with PEP 484's rule that an int will do where a float is asked for."""
 
 from beartype import BeartypeConf, beartype
 
