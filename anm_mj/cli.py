@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import math
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
@@ -156,6 +157,8 @@ def _start(text: str | None) -> tuple[float, float, float] | None:
         return None
     try:
         x, y, yaw_deg = (float(part) for part in text.split(","))
+        if not math.isfinite(x + y + yaw_deg):
+            raise ValueError("not finite")
     except ValueError as err:
         raise ConfigError(f"--start is '{text}'; give X,Y,YAW_DEG in m, m and deg, as in 4.68,-1.98,0.") from err
     return x, y, yaw_deg

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 from types import FrameType
-from typing import Self
 
 from rich.console import Console
 from rich.live import Live
@@ -28,7 +27,7 @@ class ProgressLine:
         self._console = console
         self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> ProgressLine:
         if self._live is not None:
             self._live.start()
         return self
@@ -66,7 +65,7 @@ class Interrupt:
         self._console = console
         self._requested = False
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> Interrupt:
         self._former = signal.signal(signal.SIGINT, self._on_signal)
         return self
 

@@ -1,0 +1,130 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from anm_mj.cli import main
+
+
+def fails(capsys, *argv):
+    """Run a command that must fail: its exit status and what it said, which must be one line without a traceback."""
+    try:
+        status = main([str(arg) for arg in argv])
+    except SystemExit as err:
+        status = err.code
+    said = capsys.readouterr()
+    assert status == 2
+    assert said.out == ""
+    assert "Traceback" not in said.err
+    assert said.err.count("\n") == 1
+    return said.err
+
+
+@pytest.mark.parametrize(
+    ("options", "wrong", "right"),
+    [
+        (["--policy", "greedy"], "greedy", "gvg, anm-s, random"),
+        (["--policy", "no_such_module:Policy"], "no_such_module", "cannot be imported"),
+        (["--policy", "json:Nothing"], "Nothing", "has no class"),
+        (["--policy", "json:JSONDecoder"], "JSONDecoder", "plan, blocked"),
+        (["--preset", "best"], "best", "quick"),
+        (["--drive", "fly"], "fly", "kinematic, physics"),
+        (["--device", "tpu"], "tpu", "auto, cpu, cuda"),
+        (["--steps", "0"], "0", "at least 1"),
+        (["--steps", "many"], "many", "int"),
+        (["--seed", "-1"], "-1", "from 0 up"),
+        (["--start", "1,2"], "1,2", "X,Y,YAW_DEG"),
+        (["--start", "-1,2,x"], "-1,2,x", "X,Y,YAW_DEG"),
+        (["--start", "1,2,nan"], "1,2,nan", "X,Y,YAW_DEG"),
+        (["--set", "planning.margin_m"], "planning.margin_m", "stage.name=value"),
+        (["--set", "planning.margin=0.1"], "margin", "margin_m"),
+        (["--set", "planning.margin_m=wide"], "wide", "float"),
+        (["--set", "planning.margin_m=-0.1"], "-0.1", "above zero"),
+        (["--set", "planning=1"], "planning", "single setting"),
+        (["--wrong"], "--wrong", "--help"),
+    ],
+)
+def test_a_wrong_option_is_named_with_its_value_and_what_would_be_right(capsys, options, wrong, right):
+    said = fails(capsys, "explore", "home", *options)
+    assert wrong in said
+    assert right in said
+
+
+def test_a_missing_scene_is_named(capsys):
+    assert "nowhere" in fails(capsys, "explore", "nowhere")
+    assert "no_such_folder" in fails(capsys, "explore", "no_such_folder/at_all")
+
+
+def test_a_start_inside_a_wall_is_refused_and_leaves_no_folder(capsys, tmp_path):
+    said = fails(capsys, "explore", "home", "--start", "0.0,4.0,0", "--out", tmp_path / "run")
+    assert "(0 m, 4 m, 0 deg)" in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_start_outside_of_the_house_is_refused(capsys, tmp_path):
+    assert "-50" in fails(capsys, "explore", "home", "--start", "-50,4.0,0", "--out", tmp_path / "run")
+
+
+def test_an_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    said = fails(capsys, "explore", "home", "--out", tmp_path / "file" / "run")
+    assert str(tmp_path / "file" / "run") in said
+    if os.geteuid() != 0:  # The superuser may write everywhere.
+        (tmp_path / "locked").mkdir(mode=0o500)
+        assert "locked" in fails(capsys, "explore", "home", "--out", tmp_path / "locked" / "run")
+
+
+def test_an_output_folder_that_holds_something_is_not_overwritten(capsys, tmp_path):
+    (tmp_path / "thesis.tex").write_text("important")
+    assert "not empty" in fails(capsys, "explore", "home", "--out", tmp_path)
+    assert (tmp_path / "thesis.tex").read_text() == "important"
+
+
+def good_glb(path: Path) -> bytes:
+    trimesh.creation.box((4.0, 2.6, 4.0)).export(path)
+    return path.read_bytes()
+
+
+def test_files_that_are_no_scenes_are_refused_and_nothing_is_left_behind(capsys, tmp_path):
+    data = good_glb(tmp_path / "good.glb")
+    (tmp_path / "corrupt.glb").write_bytes(data[: len(data) // 2])
+    (tmp_path / "noise.glb").write_bytes(np.random.default_rng(0).bytes(2000))
+    (tmp_path / "empty.ply").write_bytes(b"")
+    (tmp_path / "notes.txt").write_text("no mesh")
+    for name in ("corrupt.glb", "noise.glb", "empty.ply", "notes.txt", "missing.obj"):
+        assert name in fails(capsys, "scene", "import", tmp_path / name, tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_is_no_run_cannot_be_evaluated(capsys, tmp_path):
+    assert str(tmp_path) in fails(capsys, "eval", tmp_path)
+    assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere")
+
+
+def test_help_answers_at_once_and_shows_every_option():
+    run = [sys.executable, "-X", "importtime", "-m", "anm_mj.cli", "explore", "--help"]
+    shown = subprocess.run(run, capture_output=True, text=True, check=True)
+    for option in ("--policy", "--steps", "--seed", "--start", "--out", "--preset", "--drive", "--device", "--view"):
+        assert option in shown.stdout
+    for heavy in ("torch", "mujoco", "scipy", "trimesh"):
+        assert f" {heavy}\n" not in shown.stderr
+
+
+def test_the_catalogue_is_listed(capsys):
+    assert main(["scene", "list"]) == 0
+    assert "home" in capsys.readouterr().out
+
+
+def test_settings_reach_the_effective_configuration():
+    from anm_mj.config import make_config
+
+    config = make_config("quick", ["planning.margin_m=0.06", "mapping.schedule.iterations=3"], scene="home")
+    assert config.planning.margin_m == 0.06
+    assert config.mapping.schedule.iterations == 3
+    assert config.mapping.field.num_levels == make_config("quick", [], scene="home").mapping.field.num_levels
+    assert json.dumps(config.steps) == "null"
