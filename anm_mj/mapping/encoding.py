@@ -138,9 +138,7 @@ class HashGrid:
                     torch.mul(weights[x][0], weight_yz, out=weight[4 * z + 2 * y + x])
         return index.view(8, self.num_levels * n), weight.view(8, self.num_levels * n)
 
-    def features(
-        self, points_m: Float[Tensor, "n 3"], *planes: Float[Tensor, " entries"]
-    ) -> Float[Tensor, "n features*levels"]:
+    def features(self, points_m: Float[Tensor, "n 3"], *planes: Float[Tensor, " entries"]) -> Float[Tensor, "n values"]:
         """Interpolated features: the first of all levels, coarse to fine, then the second of all levels.
 
         Differentiable in the table's planes (one per feature), not in the points.
@@ -155,7 +153,7 @@ class HashGrid:
         return out.view(len(planes) * self.num_levels, points_m.shape[0]).t()
 
 
-def one_blob(points_m: Float[Tensor, "n 3"], period_m: Float[Tensor, "3"], num_bins: int) -> Float[Tensor, "n 3*bins"]:
+def one_blob(points_m: Float[Tensor, "n 3"], period_m: Float[Tensor, "3"], num_bins: int) -> Float[Tensor, "n codes"]:
     """Each coordinate as a bump over ``num_bins`` bins on a circle of length ``period_m``.
 
     The bump is the quartic kernel with a radius of one bin, integrated over each bin: three neighbouring bins are not

@@ -69,7 +69,12 @@ class NeuralField(torch.nn.Module):
         self._period_m = torch.tensor(config.blob_period_m, device=device)
         arrays = initial_parameters(config, seed)
         self.planes = torch.nn.ParameterList([torch.from_numpy(p.copy()).to(device) for p in arrays["table"].T])
-        self.decoders = torch.nn.ParameterDict({n: torch.from_numpy(arrays[n]).to(device) for n in DECODER_NAMES})
+        self._decoders = torch.nn.ParameterList([torch.from_numpy(arrays[n]).to(device) for n in DECODER_NAMES])
+
+    @property
+    def decoders(self) -> dict[str, torch.nn.Parameter]:
+        """The decoders' weights by name, in the order of the parameter layout."""
+        return dict(zip(DECODER_NAMES, self._decoders, strict=True))
 
     def encode(self, points_m: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n features"], Float[Tensor, "n blob"]]:
         """Grid features and one-blob code of world points [m]."""

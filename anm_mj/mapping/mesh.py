@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import trimesh
 from jaxtyping import Float, Float32, Int64, UInt8
@@ -15,7 +17,7 @@ from anm_mj.types import OCCUPIED
 
 _BLOCK_CELLS = 48
 """Lattice cells along the edge of a marching-cubes block."""
-_REACH_VOXELS = 0.6
+_REACH_VOXELS = 0.5
 """A face counts while all its corners lie within this many voxel edges, along each axis, of an occupied voxel."""
 _MERGE_DIGITS = 5
 """Decimals of a metre to which vertices of neighbouring blocks are taken for the same."""
@@ -72,9 +74,11 @@ def _lattice_near_occupied(
         return None
     edge = occupancy.config.voxel_m
     low, high = occupied.min(axis=0), occupied.max(axis=0) + 1
-    voxels = np.pad((state[tuple(map(slice, low, high))] == OCCUPIED).transpose(2, 1, 0), 1)
-    grown = binary_dilation(voxels, np.ones((3, 3, 3), bool))
-    first_voxel = low[::-1] + occupancy.corner - 1
+    # A cell is marched only if all its corners are near, so nearness has to reach across a cell.
+    reach = math.ceil(resolution_m / edge)
+    voxels = np.pad((state[tuple(map(slice, low, high))] == OCCUPIED).transpose(2, 1, 0), reach)
+    grown = binary_dilation(voxels, np.ones((3, 3, 3), bool), iterations=reach)
+    first_voxel = low[::-1] + occupancy.corner - reach
     first = np.floor(first_voxel * (edge / resolution_m)).astype(np.int64) - 1
     last = np.ceil((first_voxel + grown.shape) * (edge / resolution_m)).astype(np.int64) + 1
     axes = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -172,7 +173,7 @@ class NeuralMap:
             raise MapError(f"There is no map at {path}; give the map.pt of a run folder.")
         try:
             saved: Any = torch.load(path, map_location="cpu", weights_only=True)
-        except (RuntimeError, ValueError, EOFError, OSError) as err:
+        except (RuntimeError, ValueError, EOFError, OSError, pickle.UnpicklingError) as err:
             raise MapError(f"{path} cannot be read as a map; give the map.pt of a run folder.") from err
         if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
             found = saved.get("format") if isinstance(saved, dict) else type(saved).__name__

@@ -25,8 +25,9 @@ _FOOTPRINT = 0.7
 """Half width in voxel edges of what counts as a voxel's footprint: half the diagonal of a face."""
 _HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
 """Half the diagonal of a voxel, in voxel edges."""
-_HIT_STRIDE = 2
-"""Every n-th pixel along both axes marks hits; which ones changes from frame to frame."""
+_HIT_FOCAL_PX = 64.0
+"""Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
+taken from frame to frame."""
 _MAX_REACH = 4
 """Levels of the footprint pyramid beyond the first; the last spans 33 pixels."""
 
@@ -83,8 +84,9 @@ class OccupancyGrid:
         rays = self._ray_directions(intrinsics)
         rotation = T_world_camera[:3, :3].astype(np.float32)
         position = T_world_camera[:3, 3].astype(np.float32)
-        phase = self._num_frames % _HIT_STRIDE, self._num_frames // _HIT_STRIDE % _HIT_STRIDE
-        pick = slice(phase[0], None, _HIT_STRIDE), slice(phase[1], None, _HIT_STRIDE)
+        stride = max(1, round(intrinsics.fx / _HIT_FOCAL_PX))
+        phase = self._num_frames % stride, self._num_frames // stride % stride
+        pick = slice(phase[0], None, stride), slice(phase[1], None, stride)
         hit_depth = depth_m[pick]
         hit = (hit_depth > 0.0) & (hit_depth <= self.config.hit_range_m)
         hit_depth = hit_depth[hit]
@@ -114,7 +116,7 @@ class OccupancyGrid:
         return out
 
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
-        """True for points with an occupied voxel within ``reach_m`` (at most a voxel edge) along every axis."""
+        """True for points with an occupied voxel within ``reach_m`` (at most half a voxel edge) along every axis."""
         low = np.rint((points_m - reach_m) / self.config.voxel_m).astype(np.int64)
         high = np.rint((points_m + reach_m) / self.config.voxel_m).astype(np.int64)
         near = np.zeros(len(points_m), bool)
@@ -177,7 +179,7 @@ class OccupancyGrid:
             new_low = np.minimum(new_low, self._corner)
             new_high = np.maximum(new_high, self._corner + shape)
         before = (self._corner - new_low) if shape.all() else np.zeros(3, np.int64)
-        new_shape = tuple((new_high - new_low)[::-1])
+        new_shape = tuple((new_high - new_low)[::-1].tolist())
         self._log_odds = _moved(self._log_odds, new_shape, before, 0)
         self._state = _moved(self._state, new_shape, before, UNKNOWN)
         self._seen_range_m = _moved(self._seen_range_m, new_shape, before, np.inf)

@@ -7,7 +7,7 @@ seed, all engines draw the same samples (:func:`anm_mj.mapping.sampling.counter_
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -26,6 +26,7 @@ class StepLosses(NamedTuple):
     smoothness: float
 
 
+@runtime_checkable
 class MapperBackend(Protocol):
     """An engine: holds the parameters and the optimiser's state, trains and answers queries."""
 

@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from anm_mj.mapping.keyframes import KeyframeStore, sample_frame
+from tests.mapping.ray_room import Room
+
+
+@pytest.mark.parametrize("stored", [True, False])
+def test_rays_lead_from_the_camera_to_the_surface_they_saw(room: Room, stored: bool):
+    rng = np.random.default_rng(0)
+    observation = room.observe(1.5, 1.2, 0.7)
+    if stored:
+        store = KeyframeStore(10_000_000, 1.0)
+        store.add(observation, rng)
+        rays = store.sample(200, rng)
+    else:
+        rays = sample_frame(observation, 200, rng)
+    points = rays.origin_m + rays.direction * rays.depth_m[:, None]
+    assert np.abs(room.sdf(points.astype(float))).max() < 1e-3
+    np.testing.assert_allclose(rays.rgb, room.color(points), atol=0.005)
+    np.testing.assert_allclose(rays.origin_m, np.broadcast_to([1.5, 1.2, 1.2], (200, 3)), atol=1e-6)
+
+
+def test_missing_and_far_depth_come_back_as_nan():
+    rng = np.random.default_rng(0)
+    observation = Room(ceiling=False).observe(1.5, 1.2, 0.7)
+    assert np.isnan(observation.depth_m).any()
+    observation.depth_m[:, :10] = 40.0
+    store = KeyframeStore(10_000_000, 1.0)
+    store.add(observation, rng)
+    rays = store.sample(500, rng)
+    assert np.isnan(rays.depth_m).any()
+    assert np.nanmax(rays.depth_m) < 10.0
+
+
+def test_memory_stays_bounded_and_every_keyframe_keeps_being_replayed(room: Room):
+    rng = np.random.default_rng(0)
+    limit = 64 * 64 * 7 * 3
+    store = KeyframeStore(limit, 1.0)
+    for observation in room.turn(1.5, 1.5, 10):
+        store.add(observation, rng)
+        assert store.num_bytes <= limit
+    assert len(store) == 10
+    headings = {tuple(np.round(d, 4)) for d in store.sample(4000, rng).direction}
+    yaws = np.arctan2([d[1] for d in headings], [d[0] for d in headings])
+    assert np.histogram(yaws, bins=10, range=(-np.pi, np.pi))[0].min() > 0
+
+
+def test_a_share_of_the_pixels_can_be_kept(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(10_000_000, 0.05)
+    store.add(room.observe(1.5, 1.2, 0.0), rng)
+    assert store.num_bytes == round(0.05 * 64 * 64) * 7

@@ -1,0 +1,143 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anm_mj.errors import MapError
+from anm_mj.mapping.config import FieldConfig
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.types import FREE, OCCUPIED
+from tests.mapping.ray_room import Room
+
+
+def _near_surface(room, rng, count=2000):
+    """Points within 5 cm of the walls that the camera in the middle has seen."""
+    points = rng.uniform([0.0, 0.3, 0.4], [2.2, 2.7, 2.0], (count, 3))
+    points[: count // 2, 0] = rng.uniform(0.0, 0.05, count // 2)
+    points[count // 2 :, 1] = rng.uniform(2.95, 3.0, count - count // 2)
+    return points
+
+
+def test_the_sdf_is_learnt_to_within_two_centimetres_near_walls(trained_map, room):
+    points = _near_surface(room, np.random.default_rng(0))
+    assert np.abs(trained_map.sdf(points) - room.sdf(points)).mean() < 0.02
+
+
+def test_observed_free_space_is_positive(trained_map, room):
+    rng = np.random.default_rng(0)
+    points = rng.uniform([0.2, 0.2, 0.5], [2.4, 2.8, 2.2], (3000, 3))
+    points = points[room.sdf(points) > 0.12]
+    values = trained_map.sdf(points)
+    assert (values > 0.0).mean() > 0.995
+    assert values.max() <= np.float32(0.1)
+
+
+def test_colours_are_learnt(trained_map, room):
+    points = _near_surface(room, np.random.default_rng(1), 200)
+    assert np.abs(trained_map.rgb(points) - room.color(points)).mean() < 0.1
+
+
+def test_the_rendered_view_looks_like_the_seen_one(trained_map, room):
+    observation = room.observe(1.5, 1.5, 2.0, size=32)
+    rgb, depth = trained_map.render(observation.intrinsics, observation.T_world_camera)
+    seen = np.isfinite(depth)
+    assert seen.mean() > 0.98
+    assert np.median(np.abs(depth - observation.depth_m)[seen]) < 0.03
+    assert np.abs(rgb.astype(float) - observation.rgb)[seen].mean() < 25.0
+
+
+def test_same_seed_and_views_give_the_same_map_bit_for_bit(tiny_config, room):
+    maps = []
+    for _ in range(2):
+        neural_map = NeuralMap(tiny_config, seed=4, device="cpu")
+        for observation in room.turn(1.5, 1.5, 12)[:3]:
+            neural_map.integrate(observation)
+        maps.append(neural_map)
+    first, second = (m.backend.get_state() for m in maps)
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name])
+    np.testing.assert_array_equal(maps[0].occupancy.state, maps[1].occupancy.state)
+
+
+def test_the_schedule_counts_iterations_and_keyframes(tiny_config, room):
+    schedule = replace(tiny_config.schedule, first_iterations=3, iterations=2, train_every=3, keyframe_every=2)
+    neural_map = NeuralMap(replace(tiny_config, schedule=schedule), seed=0, device="cpu")
+    updates = [neural_map.integrate(o) for o in room.turn(1.5, 1.5, 12)[:7]]
+    assert [u.num_iterations for u in updates] == [3, 0, 0, 2, 0, 0, 2]
+    assert [u.num_keyframes for u in updates] == [1, 1, 2, 2, 3, 3, 4]
+    assert math.isnan(updates[1].loss)
+    assert math.isfinite(updates[3].loss)
+
+
+def test_sky_makes_no_surface(tiny_config):
+    room = Room(ceiling=False)
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    for observation in room.turn(1.5, 1.5, 8, size=128):
+        neural_map.integrate(observation)
+    grid = neural_map.occupancy
+    occupied = grid.origin_m + (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m
+    assert occupied[:, 2].max() < 2.4 + 0.05
+    assert neural_map.mesh(0.05).vertices[:, 2].max() < 2.5
+    assert neural_map.surface(np.array([1.5, 1.5]), 10.0).xyz_m[:, 2].max() < 2.5
+    rng = np.random.default_rng(0)
+    above = rng.uniform([2.8, 1.0, 2.6], [3.2, 2.0, 2.8], (3000, 3))
+    state = neural_map._occupancy.state_at(above)
+    assert (state == FREE).any()
+    assert (neural_map.sdf(above[state == FREE]) > 0.0).mean() > 0.95
+
+
+def test_save_and_load_answer_the_same(trained_map, tmp_path):
+    path = tmp_path / "map.pt"
+    trained_map.save(path)
+    loaded = NeuralMap.load(path, device="cpu")
+    assert loaded.config == trained_map.config
+    points = np.random.default_rng(0).uniform(-1.0, 4.0, (500, 3))
+    np.testing.assert_array_equal(loaded.sdf(points), trained_map.sdf(points))
+    np.testing.assert_array_equal(loaded.rgb(points), trained_map.rgb(points))
+    np.testing.assert_array_equal(loaded.uncertainty(points), trained_map.uncertainty(points))
+    for name in ("state", "seen_range_m", "origin_m"):
+        np.testing.assert_array_equal(getattr(loaded.occupancy, name), getattr(trained_map.occupancy, name))
+    assert len(loaded.mesh(0.1).faces) == len(trained_map.mesh(0.1).faces)
+
+
+def test_a_loaded_map_takes_in_more_views(trained_map, room, tmp_path):
+    path = tmp_path / "map.pt"
+    trained_map.save(path)
+    loaded = NeuralMap.load(path, device="cpu")
+    update = loaded.integrate(room.observe(1.5, 1.5, 0.1, step=12))
+    assert update.num_iterations == trained_map.config.schedule.iterations
+    assert math.isfinite(update.loss)
+
+
+def test_a_missing_or_foreign_file_is_refused(tmp_path):
+    with pytest.raises(MapError, match="no map at"):
+        NeuralMap.load(tmp_path / "map.pt")
+    foreign = tmp_path / "foreign.pt"
+    foreign.write_bytes(b"not a checkpoint")
+    with pytest.raises(MapError, match=r"give the map\.pt"):
+        NeuralMap.load(foreign)
+
+
+def test_a_loss_that_is_not_finite_stops_with_step_and_value(tiny_config, room):
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    state = neural_map.backend.get_state()
+    state["sdf_out"][:] = np.nan
+    neural_map.backend.set_state(state)
+    with pytest.raises(MapError, match="became nan at step 7"):
+        neural_map.integrate(room.observe(1.5, 1.5, 0.0, step=7))
+
+
+def test_what_was_learnt_stays_where_it_was_when_the_world_grows(tiny_config, room):
+    # Coordinates are metric, so a far view changes shared weights a little but moves no feature.
+    neural_map = NeuralMap(
+        replace(tiny_config, field=FieldConfig(num_levels=8, log2_table_size=14)), seed=0, device="cpu"
+    )
+    for observation in room.turn(1.5, 1.5, 8):
+        neural_map.integrate(observation)
+    points = _near_surface(room, np.random.default_rng(0), 500)
+    before = neural_map.sdf(points)
+    far = room.observe(1.5, 1.5, 0.0, step=8)
+    far.T_world_camera[:2, 3] += 30.0
+    neural_map.integrate(far)
+    assert np.abs(neural_map.sdf(points) - before).mean() < 0.02

@@ -1,0 +1,99 @@
+import numpy as np
+
+from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.surface import SurfaceExtractor, crossings, gradient_directions
+from anm_mj.types import OCCUPIED
+
+CENTRE = np.array([2.0, 1.5])
+
+
+def _sphere(points):
+    return (np.linalg.norm(points, axis=1) - 0.73).astype(np.float32)
+
+
+def test_crossings_of_a_sphere_lie_on_it_and_look_outwards():
+    cells = np.stack(np.meshgrid(*[np.arange(-10, 10)] * 3), axis=-1).reshape(-1, 3)
+    points, normals = crossings(_sphere, cells, 0.1)
+    assert len(points) > 500
+    assert np.abs(np.linalg.norm(points, axis=1) - 0.73).max() < 0.002
+    assert (normals * points).sum(axis=1).min() > 0.7
+
+
+def test_each_edge_is_crossed_once():
+    cells = np.stack(np.meshgrid(*[np.arange(-10, 10)] * 3), axis=-1).reshape(-1, 3)
+    points, _ = crossings(_sphere, cells, 0.1)
+    assert len(np.unique(np.round(points, 6), axis=0)) == len(points)
+
+
+def test_no_cells_give_no_points():
+    points, normals = crossings(_sphere, np.zeros((0, 3), np.int64), 0.1)
+    assert points.shape == normals.shape == (0, 3)
+
+
+def test_a_flat_field_still_gives_unit_normals():
+    normals = gradient_directions(lambda p: np.zeros(len(p), np.float32), np.zeros((2, 3)))
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
+def test_surface_points_lie_on_walls_and_normals_look_into_the_room(trained_map, room):
+    surface = trained_map.surface(CENTRE, 10.0)
+    points = surface.xyz_m.astype(float)
+    assert len(points) > 1000
+    error = np.abs(room.sdf(points))
+    assert error.mean() < 0.03
+    assert (error < 0.05).mean() > 0.9
+    inward = room.sdf(points + 0.05 * surface.normal) - room.sdf(points - 0.05 * surface.normal)
+    assert (inward > 0.0).mean() > 0.95
+    np.testing.assert_allclose(np.linalg.norm(surface.normal, axis=1), 1.0, rtol=1e-5)
+    assert surface.uncertainty.shape == (len(points),)
+
+
+def test_surface_points_stay_within_the_radius(trained_map):
+    points = trained_map.surface(np.array([0.5, 0.5]), 1.0).xyz_m
+    assert len(points) > 50
+    assert np.hypot(*(points[:, :2] - 0.5).T).max() <= 1.0
+    assert len(trained_map.surface(np.array([50.0, 0.5]), 1.0).xyz_m) == 0
+
+
+def test_only_blocks_that_a_new_frame_touched_are_asked_again(room):
+    occupancy = OccupancyGrid(OccupancyConfig())
+    extractor = SurfaceExtractor(occupancy, 0.1)
+    asked = []
+
+    def sdf(points):
+        asked.append(len(points))
+        return room.sdf(points).astype(np.float32)
+
+    def integrate(yaw):
+        observation = room.observe(2.0, 1.5, yaw, size=128)
+        occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+
+    integrate(0.0)
+    first, _ = extractor.extract(sdf, CENTRE, 10.0)
+    full = sum(asked)
+    asked.clear()
+    again, _ = extractor.extract(sdf, CENTRE, 10.0)
+    assert not asked
+    np.testing.assert_array_equal(first, again)
+    integrate(np.pi)
+    both, _ = extractor.extract(sdf, CENTRE, 10.0)
+    assert len(both) > 1.5 * len(first)
+    assert 0 < sum(asked) < 1.5 * full
+    fresh, _ = SurfaceExtractor(occupancy, 0.1).extract(sdf, CENTRE, 10.0)
+    assert {tuple(p) for p in fresh} == {tuple(p) for p in both}
+
+
+def test_a_sign_change_where_nothing_was_observed_is_no_surface(room):
+    occupancy = OccupancyGrid(OccupancyConfig())
+    observation = room.observe(2.0, 1.5, 0.0, size=128)
+    occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+
+    def rippled(points):
+        return np.sin(points.sum(axis=1) * 9.0).astype(np.float32)
+
+    points, _ = SurfaceExtractor(occupancy, 0.1).extract(rippled, CENTRE, 10.0)
+    grid = occupancy.grid
+    centres = grid.origin_m + (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * 0.05
+    nearest = np.array([np.abs(centres - p).max(axis=1).min() for p in points[:300]])
+    assert nearest.max() <= 0.0501
