@@ -2,32 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from anm_mj.evaluation.curve import CurveRow
 from anm_mj.evaluation.mesh import MeshQuality
 from anm_mj.types import Action
-
-LABELS = {
-    "completion_ratio": ("completion ratio", "%"),
-    "completion_cm": ("completion", "cm"),
-    "completion_uncapped_cm": ("completion, no cap", "cm"),
-    "observable_ratio": ("of the observable", "%"),
-    "accuracy_cm": ("mesh accuracy", "cm"),
-    "mesh_completion_cm": ("mesh completion", "cm"),
-    "mesh_completion_ratio": ("mesh completion ratio", "%"),
-    "steps": ("steps", ""),
-    "path_m": ("path", "m"),
-    "turns": ("turns", ""),
-    "collisions": ("collisions", ""),
-    "stop_reason": ("ended by", ""),
-    "wall_s": ("wall time", "s"),
-    "hz": ("rate", "steps/s"),
-    "peak_rss_mib": ("peak memory", "MiB"),
-}
-"""What a person calls each number, and its unit."""
 
 
 @dataclass(frozen=True)
@@ -76,16 +56,6 @@ class Metrics:
     """Steps per second of the loop itself, without set-up and evaluation."""
     peak_rss_mib: float | None
     """Largest memory of the process until the end of the loop [MiB]."""
-
-    def rows(self) -> list[tuple[str, str]]:
-        """Name and value with unit of every number that is known, for a person."""
-        shown = []
-        for field in dataclasses.fields(self):
-            value, (label, unit) = getattr(self, field.name), LABELS[field.name]
-            if value is not None:
-                text = f"{value:.2f}" if isinstance(value, float) else str(value)
-                shown.append((label, f"{text} {unit}".rstrip()))
-        return shown
 
 
 @dataclass(frozen=True)

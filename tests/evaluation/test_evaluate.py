@@ -72,7 +72,7 @@ def test_a_run_killed_before_its_first_frame_has_no_completion(tmp_path):
     metrics = evaluate_run(tmp_path / "run")
     assert metrics.completion_ratio is None
     assert metrics.completion_uncapped_cm is None
-    assert metrics.rows() == [("steps", "0"), ("path", "0.00 m"), ("turns", "0"), ("collisions", "0")]
+    assert (metrics.steps, metrics.path_m) == (0, 0.0)
 
 
 def test_a_folder_that_is_none_of_a_run_is_named(tmp_path):
