@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from anm_mj.types import FREE, OCCUPIED, Pose2, Region, TopDownMap, VoronoiGraph
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, Region, TopDownMap, VoronoiGraph
 
 DOTS_PER_INCH = 150
 UNKNOWN_COLOUR, WALL_COLOUR = "#e7e5e1", "#3a3a3f"
@@ -25,6 +25,8 @@ START_COLOUR, END_COLOUR = "#1f1f1f", "#2b6ca3"
 RATIO_COLOUR, DISTANCE_COLOUR = "#2b6ca3", "#c8641e"
 ARROW = np.array([[1.0, 0.0], [-0.7, 0.6], [-0.35, 0.0], [-0.7, -0.6], [1.0, 0.0]])
 """Outline of the mark at the end of the way, pointing along x."""
+MARGIN_M = 0.4
+"""Unknown space left around what is known [m]."""
 JUNCTION_DEGREE = 3
 """Vertices with this many edges are where the graph branches."""
 FULL_CLEARANCE_M = 1.5
@@ -55,14 +57,14 @@ def draw_topdown(
     Raises:
         OSError: The file cannot be written.
     """
-    rows, cols = topdown.state.shape
-    west, south = topdown.origin_xy_m
-    east, north = west + cols * topdown.resolution_m, south + rows * topdown.resolution_m
+    (west, south), (east, north) = _known_corners(topdown)
     long_side = max(east - west, north - south)
     size = (max(6.0, 2.6 + 7.4 * (east - west) / long_side), 1.9 + 7.4 * (north - south) / long_side)
     figure = Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
-    axes.imshow(_tint(topdown), origin="lower", extent=(west, east, south, north), interpolation="nearest")
+    low, high = topdown.origin_xy_m, topdown.origin_xy_m + topdown.resolution_m * np.array(topdown.state.shape[::-1])
+    axes.set_facecolor(UNKNOWN_COLOUR)
+    axes.imshow(_tint(topdown), origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="nearest")
     if graph is not None and len(graph.edges):
         ends = graph.vertex_xy_m[graph.edges]
         axes.add_collection(LineCollection(list(ends), colors=GRAPH_COLOUR, linewidths=1.0, label="Voronoi graph"))
@@ -118,6 +120,16 @@ def draw_curve(
     cm_axes.set_ylabel("completion [cm]", color=DISTANCE_COLOUR)
     cm_axes.set_ylim(bottom=0.0)
     _save(figure, path)
+
+
+def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
+    """South-west and north-east corner of what is known, with a margin [m]; of the whole map where nothing is."""
+    known = np.argwhere(topdown.state != UNKNOWN)
+    if len(known) == 0:
+        known = np.array([[0, 0], topdown.state.shape])
+    col_row = np.stack([known.min(axis=0), known.max(axis=0) + 1])[:, ::-1]
+    margin = np.array([[-MARGIN_M], [MARGIN_M]])
+    return topdown.origin_xy_m + topdown.resolution_m * col_row + margin
 
 
 def _tint(topdown: TopDownMap) -> Float[np.ndarray, "rows cols 3"]:
