@@ -17,7 +17,7 @@ from anm_mj.types import OCCUPIED
 
 _BLOCK_CELLS = 48
 """Lattice cells along the edge of a marching-cubes block."""
-_REACH_VOXELS = 0.5
+_REACH_VOXELS = 0.49
 """A face counts while all its corners lie within this many voxel edges, along each axis, of an occupied voxel."""
 _MERGE_DIGITS = 5
 """Decimals of a metre to which vertices of neighbouring blocks are taken for the same."""

@@ -116,7 +116,7 @@ class OccupancyGrid:
         return out
 
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
-        """True for points with an occupied voxel within ``reach_m`` (at most half a voxel edge) along every axis."""
+        """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
         low = np.rint((points_m - reach_m) / self.config.voxel_m).astype(np.int64)
         high = np.rint((points_m + reach_m) / self.config.voxel_m).astype(np.int64)
         near = np.zeros(len(points_m), bool)

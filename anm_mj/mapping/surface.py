@@ -13,7 +13,7 @@ from anm_mj.types import OCCUPIED
 
 _NORMAL_STEP_M = 0.02
 """Half the distance that normals are differenced over [m]: the noise of a 1 cm grid is averaged, corners are kept."""
-_REACH_VOXELS = 0.5
+_REACH_VOXELS = 0.49
 """A crossing counts within this many voxel edges, along each axis, of an occupied voxel."""
 _TETRAHEDRON = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 

@@ -23,8 +23,10 @@ def test_the_closed_form_agrees_with_four_hundred_passes(trained_map, room):
     config = replace(trained_map.config.uncertainty, num_passes=400, noise_std=0.005)
     sampled = predictive_variance(trained_map.backend, points, config, seed=3)
     closed = predictive_variance(trained_map.backend, points, replace(config, method="closed_form"), seed=3)
-    assert abs(np.median(sampled / closed) - 1.0) < 0.1
-    assert np.corrcoef(np.log(sampled), np.log(closed))[0, 1] > 0.95
+    ratio = sampled / closed
+    # The sample variance of 400 passes itself scatters by 7 %.
+    assert abs(np.median(ratio) - 1.0) < 0.1
+    assert (np.abs(ratio - 1.0) < 0.3).mean() > 0.95
 
 
 def test_colour_counts_as_much_as_its_weight_says(trained_map, room):

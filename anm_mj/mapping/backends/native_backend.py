@@ -1,0 +1,216 @@
+"""The engine for a CPU, in C++ (``native/``): a training step is one call, many times faster than through torch.
+
+It draws the same samples as the torch engine from the same seed, and its checkpoints are the same. Its results are the
+same bytes for any number of threads, but not on processors with other instruction sets, whose sums run in another order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+
+from anm_mj.errors import MapError
+from anm_mj.mapping.backends import _native
+from anm_mj.mapping.backends.backend import StepLosses
+from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.encoding import cell_sizes_m, index_factors
+from anm_mj.mapping.field import DECODER_NAMES, decoder_shapes, initial_parameters
+from anm_mj.mapping.keyframes import RayBatch
+
+_MAX_WIDTH = 1024
+"""Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
+
+
+class NativeBackend:
+    """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` on the CPU."""
+
+    def __init__(self, config: MappingConfig, *, seed: int, num_threads: int | None = None, kernel: str = "") -> None:
+        """Start from the parameters that ``seed`` gives.
+
+        Args:
+            config: The mapping configuration.
+            seed: What the start values are drawn from.
+            num_threads: Threads to compute with; None for as many as torch uses.
+            kernel: Instruction set to use, as in :func:`kernel_names`; empty for the best of this processor.
+
+        Raises:
+            MapError: If a layer or a ray's samples are too many for the engine.
+        """
+        field, sampling = config.field, config.sampling
+        widest = max(field.hidden_width, field.geometry_features + 1, sampling.samples_per_ray)
+        if widest > _MAX_WIDTH:
+            raise MapError(
+                f"The native engine holds at most {_MAX_WIDTH} neurons, features or samples, but {widest} are "
+                "configured; use engine 'torch'."
+            )
+        self.config = config
+        factors, masks = index_factors(field)
+        # By torch, so that the very same numbers come out as in its engine.
+        free = torch.linspace(0.0, sampling.far_m, sampling.free_samples).numpy()
+        band = torch.linspace(-field.truncation_m, field.truncation_m, sampling.near_samples).numpy()
+        spare = torch.linspace(0.0, sampling.far_m, sampling.near_samples).numpy()
+        self._engine = _native.Engine(
+            _settings(config),
+            (1.0 / cell_sizes_m(field)).astype(np.float32),
+            np.ascontiguousarray(factors, np.int64),
+            np.ascontiguousarray(masks, np.int64),
+            free,
+            band,
+            spare,
+            num_threads or torch.get_num_threads(),
+            kernel,
+        )
+        self.set_state(initial_parameters(field, seed))
+
+    @property
+    def device(self) -> str:
+        """Where it computes: "cpu"."""
+        return "cpu"
+
+    @property
+    def kernel(self) -> str:
+        """The instruction set in use: "v2", "v3" or "v4" (levels of x86-64) or "generic"."""
+        return self._engine.kernel
+
+    def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
+        """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
+        return StepLosses(*self._engine.step(*_ray_arrays(rays), seed & 0xFFFFFFFF, _optional(smoothness_corner_m)))
+
+    def sample_depths(self, depth_m: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, "n samples"]:
+        """The planar depths [m] that :meth:`step` samples rays of these measured depths at."""
+        return self._engine.sample(_floats(depth_m), seed & 0xFFFFFFFF)
+
+    def gradients(
+        self,
+        rays: RayBatch,
+        z_m: Float[np.ndarray, "n samples"],
+        smoothness_corner_m: Float[np.ndarray, "3"] | None = None,
+    ) -> tuple[StepLosses, dict[str, Float32[np.ndarray, "..."]]]:
+        """Losses at given sample depths [m] and their gradients by parameter name; nothing is trained.
+
+        The decoders' weight decay, which is the optimiser's, is not in them.
+        """
+        losses, table, decoders = self._engine.gradients(
+            *_ray_arrays(rays), _floats(z_m), _optional(smoothness_corner_m)
+        )
+        return StepLosses(*losses), {"table": table, **self._split(decoders)}
+
+    def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """The SDF s at world points, in fractions of the truncation; see the protocol."""
+        return self._engine.query_sdf(_floats(points_m))
+
+    def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+        """Colours in [0, 1] at world points; see the protocol."""
+        return self._engine.query_rgb(_floats(points_m))
+
+    def query_perturbed(
+        self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
+    ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
+        """The SDF s and colours under ``k`` sets of decoder weights; see the protocol."""
+        return self._engine.query_perturbed(_floats(points_m), _floats(decoders))
+
+    def query_sensitivity(
+        self, points_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+        """Squared gradient norms by all decoder weights; see the protocol."""
+        return self._engine.query_sensitivity(_floats(points_m))
+
+    def render(
+        self,
+        origin_m: Float32[np.ndarray, "n 3"],
+        direction: Float32[np.ndarray, "n 3"],
+        z_m: Float32[np.ndarray, "n samples"],
+    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+        """Rendered colour and planar depth of rays; see the protocol."""
+        return self._engine.render(_floats(origin_m), _floats(direction), _floats(z_m))
+
+    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+        """Copies of all parameters by name."""
+        table, decoders = self._engine.get_state()
+        return {"table": table, **self._split(decoders)}
+
+    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+        """Take over parameters by name and start the optimiser afresh; see the protocol."""
+        field = self.config.field
+        shapes = {"table": (field.num_levels << field.log2_table_size, 2), **decoder_shapes(field)}
+        for name, shape in shapes.items():
+            if name not in state:
+                raise MapError(f"The map's state lacks {name!r}; it has {sorted(state)}.")
+            if state[name].shape != shape:
+                raise MapError(f"The map's {name!r} has shape {state[name].shape}, but its configuration says {shape}.")
+        decoders = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
+        self._engine.set_state(_floats(state["table"]), _floats(decoders))
+
+    def _split(self, decoders: Float32[np.ndarray, " weights"]) -> dict[str, Float32[np.ndarray, "rows cols"]]:
+        parts, start = {}, 0
+        for name, shape in decoder_shapes(self.config.field).items():
+            size = shape[0] * shape[1]
+            parts[name] = decoders[start : start + size].reshape(shape).copy()
+            start += size
+        return parts
+
+
+def kernel_names() -> list[str]:
+    """Instruction sets that both the engine and this processor know, best first."""
+    return _native.kernel_names()
+
+
+def roofline(table_bytes: int, kernel: str = "") -> dict[str, float]:
+    """Limits of one core of this machine, measured in about a second of its time.
+
+    Args:
+        table_bytes: Size of the table that is read and updated at random; one level's, 512 KiB by default.
+        kernel: As for :class:`NativeBackend`.
+
+    Returns:
+        "fma_gflops": multiply-adds on registers; "load_ns" and "update_ns": per random pair of floats read and
+        accumulated, or read, changed and written; "stream_gb_per_s": reading and writing 28 MiB in order.
+    """
+    return _native.roofline(table_bytes, kernel)
+
+
+def _settings(config: MappingConfig) -> _native.Settings:
+    field, sampling, loss, optimizer = config.field, config.sampling, config.loss, config.optimizer
+    out = _native.Settings()
+    out.levels = field.num_levels
+    out.log2_table_size = field.log2_table_size
+    out.bins = field.blob_bins
+    out.hidden = field.hidden_width
+    out.geometry = field.geometry_features
+    bins_per_m = np.float32(field.blob_bins) / np.array(field.blob_period_m, np.float32)
+    out.bins_per_m = tuple(bins_per_m.tolist())
+    out.truncation = field.truncation_m
+    out.guided = sampling.scheme == "guided"
+    out.free_samples = sampling.free_samples
+    out.near_samples = sampling.near_samples
+    out.max_depth = sampling.max_depth_m
+    out.none_step = sampling.far_m / sampling.samples_per_ray
+    out.weight_rgb = loss.rgb
+    out.weight_depth = loss.depth
+    out.weight_sdf = loss.sdf
+    out.weight_free = loss.free_space
+    out.weight_smoothness = loss.smoothness
+    out.smoothness_points = loss.smoothness_points
+    out.smoothness_spacing = loss.smoothness_spacing_m
+    out.no_depth_rgb = loss.no_depth_rgb
+    out.no_depth_is_free = loss.no_depth_is_free
+    out.table_rate = optimizer.table_learning_rate
+    out.decoder_rate = optimizer.decoder_learning_rate
+    out.beta1 = optimizer.beta1
+    out.beta2 = optimizer.beta2
+    out.epsilon = optimizer.epsilon
+    out.decoder_decay = optimizer.decoder_weight_decay
+    return out
+
+
+def _floats(array: Float[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
+    return np.ascontiguousarray(array, np.float32)
+
+
+def _optional(array: Float[np.ndarray, "..."] | None) -> Float32[np.ndarray, "..."] | None:
+    return None if array is None else _floats(array)
+
+
+def _ray_arrays(rays: RayBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return _floats(rays.origin_m), _floats(rays.direction), _floats(rays.rgb), _floats(rays.depth_m)
