@@ -46,7 +46,7 @@ make_venv() {
     local base version
     base=$(find_python ", ensurepip, venv") || {
         base=$(find_python "") ||
-            fail "$(python3 --version 2>/dev/null || echo "no Python") found; install Python 3.11 or newer and call again."
+            fail "$(python3 --version 2>/dev/null || echo "no Python") found, but 3.11 or newer is needed; install that and call again."
         # Debian and Ubuntu ship Python without what makes a virtual environment.
         version=$("$base" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
         apt_install "python$version-venv" && base=$(find_python ", ensurepip, venv") ||
