@@ -41,7 +41,8 @@ class Outcome:
     num_steps: int
     loop_s: float
     """Time spent in the loop, without set-up and recording [s]."""
-    last_plan: Plan | None
+    observation: Observation
+    """The last one."""
 
 
 def explore(
@@ -78,7 +79,7 @@ def explore(
     recorder.observation(observation)
 
     def outcome(reason: StopReason, steps: int) -> Outcome:
-        return Outcome(reason, steps, sum(total.ms.values()) / 1e3, plan)
+        return Outcome(reason, steps, sum(total.ms.values()) / 1e3, observation)
 
     for step in range(1, num_steps + 1):
         if stop_requested():

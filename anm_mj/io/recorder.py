@@ -24,7 +24,7 @@ from anm_mj.io.jsonable import write_json
 from anm_mj.io.lines import LineWriter
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, StopReason
+from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, Region, StopReason, TopDownMap, VoronoiGraph
 from anm_mj.viz.plots import draw_topdown
 
 MESH_RESOLUTION_M = 0.05
@@ -41,6 +41,25 @@ class FinishedMap(Protocol):
 
     def save(self, path: Path) -> None:
         """Write the map so that it can be loaded again."""
+        ...
+
+
+class Survey(Protocol):
+    """The state of planning that is drawn."""
+
+    @property
+    def topdown(self) -> TopDownMap:
+        """The map."""
+        ...
+
+    @property
+    def graph(self) -> VoronoiGraph:
+        """The road map."""
+        ...
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The regions of interest."""
         ...
 
 
@@ -68,8 +87,12 @@ class RunRecorder:
         self._curve = CompletionCurve(truth)
         self._travel = Travel()
         self._poses: list[Pose2] = []
-        self._last_map_plan: Plan | None = None
         self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
+
+    @property
+    def poses(self) -> list[Pose2]:
+        """Where the robot has stood, from the start on."""
+        return self._poses
 
     @property
     def completion(self) -> CurveRow | None:
@@ -129,8 +152,6 @@ class RunRecorder:
         """A decision has been made."""
         if plan.target_xy_m is not None:
             self._last_target_xy_m = plan.target_xy_m
-        if plan.topdown is not None:
-            self._last_map_plan = plan
         path = plan.path_xy_m
         self._plans.json(
             {
@@ -148,12 +169,15 @@ class RunRecorder:
             }
         )
 
-    def finish(self, stop_reason: StopReason, finished: FinishedMap, *, wall_s: float, loop_s: float) -> Metrics:
+    def finish(
+        self, stop_reason: StopReason, finished: FinishedMap, survey: Survey, *, wall_s: float, loop_s: float
+    ) -> Metrics:
         """Write what only a finished run has: mesh, map, pictures and numbers.
 
         Args:
             stop_reason: Why the run ended.
             finished: The neural map.
+            survey: What planning reads out of it at the end, for the picture.
             wall_s: Wall time from the start of the program to the end of the loop [s].
             loop_s: Wall time of the loop itself, without set-up [s].
         """
@@ -169,17 +193,15 @@ class RunRecorder:
         finished.save(self._folder.map)
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         metrics = write_results(self._folder, self._truth, self._curve, self._travel, ending)
-        plan = self._last_map_plan
-        if plan is not None and plan.topdown is not None:
-            draw_topdown(
-                self._folder.topdown_picture,
-                plan.topdown,
-                plan.graph,
-                plan.regions,
-                self._poses,
-                target_xy_m=self._last_target_xy_m,
-                title=_title(self._folder.path.name, metrics),
-            )
+        draw_topdown(
+            self._folder.topdown_picture,
+            survey.topdown,
+            survey.graph,
+            survey.regions,
+            self._poses,
+            target_xy_m=self._last_target_xy_m,
+            title=_title(self._folder.path.name, metrics),
+        )
         return metrics
 
     def close(self) -> None:

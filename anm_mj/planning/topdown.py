@@ -45,6 +45,10 @@ class TopDownMapper:
         """Remember a place where the robot met something the map does not show [m]."""
         self._blocked_xy_m.append(xy_m)
 
+    def visit(self, pose: Pose2) -> None:
+        """Take in that the robot has stood somewhere: the floor there is free."""
+        self._trail.append(pose)
+
     def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> TopDownMap:
         """The map as known now.
 
@@ -53,7 +57,7 @@ class TopDownMapper:
             sdf: metric SDF of world points (N, 3), truncated at ``TRUNCATION_M``.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
         """
-        self._trail.append(pose)
+        self.visit(pose)
         state = self._columns(grid)
         self._follow_growth(grid)
         self._ask_sdf(grid, state, sdf, pose)

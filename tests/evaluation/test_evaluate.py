@@ -6,7 +6,7 @@ import pytest
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.evaluate import evaluate_run
 from anm_mj.types import StopReason
-from tests.box_room import FakeMap, new_recorder, record_steps
+from tests.box_room import FakeMap, new_recorder, record_steps, room_plan
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,7 @@ def finished(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "finished"
     recorder = new_recorder(path)
     record_steps(recorder, 33)
-    recorder.finish(StopReason.COMPLETE, FakeMap(), wall_s=9.0, loop_s=3.0)
+    recorder.finish(StopReason.COMPLETE, FakeMap(), room_plan(), wall_s=9.0, loop_s=3.0)
     return path
 
 

@@ -10,7 +10,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import read_run
 from anm_mj.io.recorder import peak_rss_mib, tum_line
 from anm_mj.types import Action, Plan, Pose2, StopReason
-from tests.box_room import CAMERA, FakeMap, new_recorder, observe, record_steps, room_depth
+from tests.box_room import CAMERA, FakeMap, new_recorder, observe, record_steps, room_depth, room_plan
 
 
 def lines(path):
@@ -20,7 +20,7 @@ def lines(path):
 def test_finished_run_leaves_every_file_of_the_contract(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 23)
-    metrics = recorder.finish(StopReason.BUDGET, FakeMap(), wall_s=9.0, loop_s=4.6)
+    metrics = recorder.finish(StopReason.BUDGET, FakeMap(), room_plan(), wall_s=9.0, loop_s=4.6)
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names >= {"steps.jsonl", "plans.jsonl", "curve.csv", "metrics.json", "trajectory.tum", "mesh.ply", "map.pt"}
     assert names >= {"topdown.png", "curve.png", "depth", "frames.jsonl", "camera.json", "ground_truth.npz"}
@@ -110,7 +110,7 @@ def test_run_without_map_or_surface_still_ends_with_numbers(tmp_path, caplog):
 
     recorder = new_recorder(tmp_path / "run")
     recorder.observation(observe(0, Pose2(0.0, 0.0, 0.0)))
-    metrics = recorder.finish(StopReason.INTERRUPTED, EmptyMap(), wall_s=1.0, loop_s=0.0)
+    metrics = recorder.finish(StopReason.INTERRUPTED, EmptyMap(), room_plan(), wall_s=1.0, loop_s=0.0)
     assert metrics.accuracy_cm is None
     assert metrics.hz is None
     assert not (tmp_path / "run" / "mesh.ply").exists()
@@ -120,7 +120,7 @@ def test_run_without_map_or_surface_still_ends_with_numbers(tmp_path, caplog):
 def test_mesh_keeps_its_colours(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 1)
-    recorder.finish(StopReason.BUDGET, FakeMap(), wall_s=1.0, loop_s=1.0)
+    recorder.finish(StopReason.BUDGET, FakeMap(), room_plan(), wall_s=1.0, loop_s=1.0)
     mesh = trimesh.load_mesh(tmp_path / "run" / "mesh.ply")
     assert mesh.visual.vertex_colors[0].tolist() == [200, 180, 160, 255]
 
