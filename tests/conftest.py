@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import hypothesis
 import pytest
 from jaxtyping import install_import_hook
 
@@ -27,6 +28,11 @@ try:
     select_backend()
 except RenderError as err:
     pytest.exit(str(err), returncode=1)
+
+# The same examples in every run, so that a failure is one of the code; and no limit on how long one takes, because
+# shape checks and a busy machine make times meaningless.
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")

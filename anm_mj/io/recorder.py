@@ -44,6 +44,7 @@ class FinishedMap(Protocol):
         ...
 
 
+@runtime_checkable
 class Survey(Protocol):
     """The state of planning that is drawn."""
 

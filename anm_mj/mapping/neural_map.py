@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, StepLosses
-from anm_mj.mapping.backends.torch_backend import TorchBackend
+from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig, config_from_dict
 from anm_mj.mapping.keyframes import KeyframeStore, concatenate, sample_frame
 from anm_mj.mapping.mesh import colored_mesh, extract_mesh
@@ -45,16 +45,21 @@ class NeuralMap:
             device: "auto" (CUDA where there is one), "cpu" or "cuda".
 
         Raises:
-            MapError: If the device is unknown or absent.
+            MapError: If the device or the engine that the configuration names is unknown or absent.
         """
         self.config = config
         self.seed = seed
-        self.backend: MapperBackend = TorchBackend(config, seed=seed, device=device)
+        self.backend: MapperBackend = make_backend(config, seed=seed, device=device)
         self._rng = np.random.default_rng([seed, 1])
         self._keyframes = KeyframeStore(config.schedule.replay_bytes, config.schedule.pixel_share)
         self._occupancy = OccupancyGrid(config.occupancy)
         self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
         self._num_frames = 0
+
+    @property
+    def engine_name(self) -> str:
+        """What computes the map, for the run's manifest: "torch", or "native" with its instruction set."""
+        return self.backend.name
 
     def integrate(self, observation: Observation) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
@@ -178,7 +183,8 @@ class NeuralMap:
         if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
             found = saved.get("format") if isinstance(saved, dict) else type(saved).__name__
             raise MapError(f"{path} holds {found!r}, not {_FORMAT!r}; it was written by another program or version.")
-        loaded = cls(config_from_dict(saved["config"]), seed=saved["seed"], device=device)
+        config = with_available_engine(config_from_dict(saved["config"]))
+        loaded = cls(config, seed=saved["seed"], device=device)
         arrays = {name: value.numpy() for name, value in saved["arrays"].items()}
         loaded.backend.set_state(_part(arrays, "field."))
         loaded._occupancy.set_state(_part(arrays, "occupancy."))

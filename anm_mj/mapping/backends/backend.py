@@ -31,6 +31,11 @@ class MapperBackend(Protocol):
     """An engine: holds the parameters and the optimiser's state, trains and answers queries."""
 
     @property
+    def name(self) -> str:
+        """Which engine it is, for the log: "torch", or "native" with its instruction set."""
+        ...
+
+    @property
     def device(self) -> str:
         """Where it computes, for the log: "cpu" or "cuda"."""
         ...

@@ -64,6 +64,11 @@ class NativeBackend:
         self.set_state(initial_parameters(field, seed))
 
     @property
+    def name(self) -> str:
+        """Which engine it is: "native" with its instruction set, such as "native-v4"."""
+        return f"native-{self.kernel}"
+
+    @property
     def device(self) -> str:
         """Where it computes: "cpu"."""
         return "cpu"

@@ -49,6 +49,11 @@ class TorchBackend:
         self._optimizer = self._make_optimizer()
 
     @property
+    def name(self) -> str:
+        """Which engine it is: "torch"."""
+        return "torch"
+
+    @property
     def device(self) -> str:
         """Where it computes: "cpu" or "cuda"."""
         return self._device.type
