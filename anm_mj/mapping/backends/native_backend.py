@@ -1,7 +1,7 @@
 """The engine for a CPU, in C++ (``native/``): a training step is one call, many times faster than through torch.
 
-It draws the same samples as the torch engine from the same seed, and its checkpoints are the same. Its results are the
-same bytes for any number of threads, but not on processors with other instruction sets, whose sums run in another order.
+It draws the same samples as the torch engine from the same seed, and its checkpoints are the same. Its results are
+the same bytes for any number of threads, but not for other instruction sets, which sum in another order.
 """
 
 from __future__ import annotations

@@ -1,0 +1,255 @@
+// Hash grid and one-blob code of world points: the formulas of anm_mj/mapping/encoding.py, rounding included.
+#pragma once
+
+#include "kernel.h"
+#include "simd.h"
+
+namespace {
+
+using anm::kGroup;
+using anm::Level;
+using anm::Model;
+using anm::Settings;
+
+// World positions of slots, one array per axis; readable up to the next multiple of kGroup.
+struct Positions {
+    float* axis[3];
+};
+
+// Entries and weights of the eight cell corners about each slot of a group; corner 4 z + 2 y + x.
+struct Corners {
+    alignas(64) std::uint32_t index[8][kGroup];
+    alignas(64) float weight[8][kGroup];
+};
+
+ANM_INLINE void find_corners(const Level& level, const Positions& at, std::ptrdiff_t slot, Corners& out) {
+    for (int lane = 0; lane < kGroup; lane += kLanes) {
+        U key[3][2];
+        F weight[3][2];
+        for (int axis = 0; axis < 3; ++axis) {
+            const F scaled = rounded(load(at.axis[axis] + slot + lane) * level.cells_per_m);
+            const I cell = floor_to_int(scaled);
+            const F high = scaled - to_float(cell);
+            const U low_key = reinterpret_cast<U>(cell) * level.factor[axis];
+            key[axis][0] = low_key & level.mask[axis];
+            key[axis][1] = (low_key + level.factor[axis]) & level.mask[axis];
+            weight[axis][0] = 1.0F - high;
+            weight[axis][1] = high;
+        }
+        for (int z = 0; z < 2; ++z) {
+            for (int y = 0; y < 2; ++y) {
+                const U key_yz = key[1][y] ^ key[2][z];
+                const F weight_yz = weight[1][y] * weight[2][z];
+                for (int x = 0; x < 2; ++x) {
+                    const int corner = 4 * z + 2 * y + x;
+                    const U index = key[0][x] ^ key_yz;
+                    std::memcpy(out.index[corner] + lane, &index, sizeof index);
+                    store(out.weight[corner] + lane, weight[0][x] * weight_yz);
+                }
+            }
+        }
+    }
+}
+
+// Features of slots [begin, end), both multiples of kGroup, on one level. Table entries are read by scalar loads: gather
+// instructions are slower on processors with the mitigation for their leaks, and no faster on others.
+ANM_INLINE void encode(const Level& level, const float* table, const Positions& at, std::ptrdiff_t begin,
+                       std::ptrdiff_t end, float* features, int group_stride) {
+    Corners corners;
+    for (std::ptrdiff_t slot = begin; slot < end; slot += kGroup) {
+        find_corners(level, at, slot, corners);
+        float* out = features + slot / kGroup * group_stride;
+        for (int s = 0; s < kGroup; ++s) {
+            F2 even = load2(table + 2 * corners.index[0][s]) * corners.weight[0][s];
+            F2 odd = load2(table + 2 * corners.index[1][s]) * corners.weight[1][s];
+            for (int c = 2; c < 8; c += 2) {
+                even += load2(table + 2 * corners.index[c][s]) * corners.weight[c][s];
+                odd += load2(table + 2 * corners.index[c + 1][s]) * corners.weight[c + 1][s];
+            }
+            store2(out + 2 * s, even + odd);
+        }
+    }
+}
+
+// Adds the gradient by the table's entries, in the order of slots, so that the sum is always the same.
+ANM_INLINE void scatter(const Level& level, const Positions& at, std::ptrdiff_t begin, std::ptrdiff_t end,
+                        const float* d_features, int group_stride, float* d_table) {
+    Corners corners;
+    for (std::ptrdiff_t slot = begin; slot < end; slot += kGroup) {
+        const float* in = d_features + slot / kGroup * group_stride;
+        find_corners(level, at, slot, corners);
+        for (int s = 0; s < kGroup; ++s) {
+            const F2 d = load2(in + 2 * s);
+            // Samples behind a surface have none at all, and they stand in a row.
+            if (d[0] == 0.0F && d[1] == 0.0F) continue;
+            for (int c = 0; c < 8; ++c) {
+                float* entry = d_table + 2 * corners.index[c][s];
+                store2(entry, load2(entry) + d * corners.weight[c][s]);
+            }
+        }
+    }
+}
+
+// The lattice of the smoothness term on one level: keys and weights per axis and lattice index.
+struct LatticeAxis {
+    std::uint32_t* key[2];
+    float* weight[2];
+};
+
+ANM_INLINE void lattice_axis(const Level& level, int axis, float corner, float spacing, int points, LatticeAxis& out) {
+    for (int i = 0; i < points; ++i) {
+        const float position = corner + rounded(static_cast<float>(i) * spacing);
+        const float scaled = rounded(position * level.cells_per_m);
+        const float cell = __builtin_floorf(scaled);
+        const std::uint32_t low = static_cast<std::uint32_t>(static_cast<std::int32_t>(cell)) * level.factor[axis];
+        out.key[0][i] = low & level.mask[axis];
+        out.key[1][i] = (low + level.factor[axis]) & level.mask[axis];
+        out.weight[0][i] = 1.0F - (scaled - cell);
+        out.weight[1][i] = scaled - cell;
+    }
+}
+
+// Sum of squared differences of neighbouring features over the lattice; adds `scale` times its gradient to d_table.
+// features: room for points^3 pairs. axes: room for 12 * points values.
+ANM_INLINE double smoothness(const Level& level, const float* table, const float* corner_m, float spacing, int points,
+                             float scale, float* features, float* axes, float* d_table) {
+    LatticeAxis lattice[3];
+    for (int axis = 0; axis < 3; ++axis) {
+        for (int side = 0; side < 2; ++side) {
+            lattice[axis].key[side] = reinterpret_cast<std::uint32_t*>(axes) + (4 * axis + side) * points;
+            lattice[axis].weight[side] = axes + (4 * axis + 2 + side) * points;
+        }
+        lattice_axis(level, axis, corner_m[axis], spacing, points, lattice[axis]);
+    }
+    const auto visit = [&](auto&& at_point) {
+        for (int i = 0; i < points; ++i) {
+            for (int j = 0; j < points; ++j) {
+                std::uint32_t key_xy[4];
+                float weight_xy[4];
+                for (int c = 0; c < 4; ++c) {
+                    key_xy[c] = lattice[0].key[c & 1][i] ^ lattice[1].key[c >> 1][j];
+                    weight_xy[c] = lattice[0].weight[c & 1][i] * lattice[1].weight[c >> 1][j];
+                }
+                for (int k = 0; k < points; ++k) at_point(i, j, k, key_xy, weight_xy);
+            }
+        }
+    };
+    const int step[3] = {points * points, points, 1};
+    visit([&](int i, int j, int k, const std::uint32_t* key_xy, const float* weight_xy) {
+        F2 value{};
+        for (int c = 0; c < 8; ++c) {
+            const std::uint32_t index = key_xy[c & 3] ^ lattice[2].key[c >> 2][k];
+            value += load2(table + 2 * index) * (weight_xy[c & 3] * lattice[2].weight[c >> 2][k]);
+        }
+        store2(features + 2 * (i * step[0] + j * step[1] + k), value);
+    });
+    double total = 0.0;
+    visit([&](int i, int j, int k, const std::uint32_t* key_xy, const float* weight_xy) {
+        const int place[3] = {i, j, k};
+        const float* centre = features + 2 * (i * step[0] + j * step[1] + k);
+        const F2 value = load2(centre);
+        F2 d{};
+        for (int axis = 0; axis < 3; ++axis) {
+            if (place[axis] > 0) d += value - load2(centre - 2 * step[axis]);
+            if (place[axis] < points - 1) {
+                const F2 forward = load2(centre + 2 * step[axis]) - value;
+                d -= forward;
+                total += static_cast<double>(forward[0] * forward[0] + forward[1] * forward[1]);
+            }
+        }
+        d *= 2.0F * scale;
+        for (int c = 0; c < 8; ++c) {
+            float* entry = d_table + 2 * (key_xy[c & 3] ^ lattice[2].key[c >> 2][k]);
+            store2(entry, load2(entry) + d * (weight_xy[c & 3] * lattice[2].weight[c >> 2][k]));
+        }
+    });
+    return total;
+}
+
+// One-blob codes of slots: per axis the bin that a slot lies in, and the mass in the bins below, at and above it.
+struct Blobs {
+    std::int32_t* bin[3];
+    float* mass[3][3];
+};
+
+ANM_INLINE F quartic_tail(F distance) {
+    const F square = distance * distance;
+    return 0.5F - 0.9375F * distance * (1.0F + square * (-2.0F / 3.0F + square * 0.2F));
+}
+
+ANM_INLINE void one_blob(const Settings& settings, const Positions& at, std::ptrdiff_t first, int slots,
+                         const Blobs& out) {
+    const float bins = static_cast<float>(settings.bins);
+    for (int axis = 0; axis < 3; ++axis) {
+        for (int s = 0; s < slots; s += kLanes) {
+            const F position = rounded(load(at.axis[axis] + first + s) * settings.bins_per_m[axis]);
+            const F centre = to_float(floor_to_int(position));
+            const F right = position - centre;
+            const F below = quartic_tail(right);
+            const F above = quartic_tail(1.0F - right);
+            const F turns = to_float(floor_to_int((centre + 0.5F) / bins));
+            const I bin = to_int(centre - turns * bins);
+            std::memcpy(out.bin[axis] + s, &bin, sizeof bin);
+            store(out.mass[axis][0] + s, below);
+            store(out.mass[axis][1] + s, 1.0F - below - above);
+            store(out.mass[axis][2] + s, above);
+        }
+    }
+}
+
+ANM_INLINE void neighbours(int bin, int bins, int (&row)[3]) {
+    row[0] = bin == 0 ? bins - 1 : bin - 1;
+    row[1] = bin;
+    row[2] = bin == bins - 1 ? 0 : bin + 1;
+}
+
+// out[s] = sum over the nine bins of mass * w[bin]; w has 3 * bins rows of `width` floats.
+ANM_INLINE void blob_rows(const Blobs& blobs, int bins, int samples, const float* w, int width, float* out) {
+    for (int s = 0; s < samples; ++s) {
+        const float* source[9];
+        float mass[9];
+        for (int axis = 0; axis < 3; ++axis) {
+            int row[3];
+            neighbours(blobs.bin[axis][s], bins, row);
+            for (int j = 0; j < 3; ++j) {
+                source[3 * axis + j] = w + (axis * bins + row[j]) * width;
+                mass[3 * axis + j] = blobs.mass[axis][j][s];
+            }
+        }
+        for (int n = 0; n < width; n += kLanes) {
+            F total = load(source[0] + n) * mass[0];
+            for (int j = 1; j < 9; ++j) total += load(source[j] + n) * mass[j];
+            store(out + static_cast<std::ptrdiff_t>(s) * width + n, total);
+        }
+    }
+}
+
+// g[bin] += mass * d[s]. Neighbouring samples mostly share their bins, so sums are kept in registers until they change.
+ANM_INLINE void blob_gradient(const Blobs& blobs, int bins, int samples, const float* d, int width, float* g) {
+    for (int axis = 0; axis < 3; ++axis) {
+        for (int n = 0; n < width; n += kLanes) {
+            F acc[3] = {};
+            int current = blobs.bin[axis][0];
+            const auto flush = [&] {
+                int row[3];
+                neighbours(current, bins, row);
+                for (int j = 0; j < 3; ++j) {
+                    float* target = g + (axis * bins + row[j]) * width + n;
+                    store(target, load(target) + acc[j]);
+                    acc[j] = F{};
+                }
+            };
+            for (int s = 0; s < samples; ++s) {
+                if (blobs.bin[axis][s] != current) {
+                    flush();
+                    current = blobs.bin[axis][s];
+                }
+                const F value = load(d + static_cast<std::ptrdiff_t>(s) * width + n);
+                for (int j = 0; j < 3; ++j) acc[j] += value * blobs.mass[axis][j][s];
+            }
+            flush();
+        }
+    }
+}
+
+}  // namespace

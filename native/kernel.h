@@ -1,0 +1,139 @@
+// What the bindings and the kernel share. The kernel is one translation unit, compiled once per instruction set; to keep
+// code of a newer set out of what an older processor runs, it defines nothing that the linker could merge with another
+// unit's copy: it uses no templates of the standard library, and its own things live in an unnamed namespace.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace anm {
+
+constexpr int kMaxLevels = 32;
+constexpr int kGroup = 16;        // slots whose features lie together: 16 pairs of floats are two cache lines
+constexpr int kBlockAlign = 8;    // a block of rays starts at a multiple of so many slots
+constexpr int kWidthAlign = 16;   // rows of activations are padded to so many floats
+constexpr int kGradientTasks = 32;  // fixed, so that sums do not depend on the number of threads
+
+constexpr int round_up(int value, int multiple) { return (value + multiple - 1) / multiple * multiple; }
+
+struct Level {
+    float cells_per_m;
+    std::uint32_t factor[3];
+    std::uint32_t mask[3];
+};
+
+// Shape of the field, settings of training; see anm_mj/mapping/config.py for what each means.
+struct Settings {
+    int levels = 0, log2_table_size = 0, bins = 0, hidden = 0, geometry = 0;
+    float bins_per_m[3] = {0.0F, 0.0F, 0.0F};
+    float truncation = 0.0F;
+    bool guided = true;
+    int free_samples = 0, near_samples = 0;
+    float max_depth = 0.0F, none_step = 0.0F;
+    float weight_rgb = 0.0F, weight_depth = 0.0F, weight_sdf = 0.0F, weight_free = 0.0F, weight_smoothness = 0.0F;
+    int smoothness_points = 0;
+    float smoothness_spacing = 0.0F;
+    float no_depth_rgb = 0.0F;
+    bool no_depth_is_free = true;
+    double table_rate = 0.0, decoder_rate = 0.0, beta1 = 0.0, beta2 = 0.0, epsilon = 0.0, decoder_decay = 0.0;
+
+    int entries() const { return 1 << log2_table_size; }
+    int features() const { return 2 * levels; }
+    int blob() const { return 3 * bins; }
+    int outputs() const { return 1 + geometry; }
+    int hidden_pad() const { return round_up(hidden, kWidthAlign); }
+    int outputs_pad() const { return round_up(outputs(), kWidthAlign); }
+    int features_pad() const { return round_up(features(), kWidthAlign); }
+    int samples() const { return free_samples + near_samples; }
+    int sdf_inputs() const { return features() + blob(); }
+    int color_inputs() const { return blob() + geometry; }
+    int decoder_size() const {
+        return hidden * sdf_inputs() + outputs() * hidden + hidden * color_inputs() + 3 * hidden;
+    }
+    // Decoders as the kernel reads them, and their gradients: see PackedDecoders in decoder.h.
+    int packed_size() const {
+        return hidden_pad() * (2 * blob() + features() + 2 * outputs_pad() + 4) +
+               hidden_pad() * (features_pad() + 2 * outputs_pad() + kWidthAlign);
+    }
+    int gradient_size() const { return hidden_pad() * (2 * blob() + features() + 2 * outputs_pad() + 4); }
+};
+
+// Parameters, optimiser and work buffers of one engine. All pointers are aligned to 64 bytes and owned by the bindings.
+struct Model {
+    Settings settings;
+    Level level[kMaxLevels];
+    const float* linspace_free = nullptr;  // uniform scheme: depths over [0, far]
+    const float* linspace_band = nullptr;  // offsets about the measured depth
+    const float* linspace_spare = nullptr;  // in their place on rays without depth
+    float* table = nullptr;
+    float* table_m = nullptr;
+    float* table_v = nullptr;
+    std::uint8_t* touched = nullptr;  // per line of 8 entries: whether it ever had a gradient
+    float* decoders = nullptr;        // all decoder weights in checkpoint order
+    float* decoders_m = nullptr;
+    float* decoders_v = nullptr;
+    std::int64_t iteration = 0;
+};
+
+// Runs fn(arg, task, worker) for all tasks in [0, count); workers are numbered from 0.
+struct Parallel {
+    void (*run)(void* pool, int count, void (*fn)(void* arg, int task, int worker), void* arg) = nullptr;
+    void* pool = nullptr;
+    int workers = 1;
+};
+
+struct Rays {
+    const float* origin = nullptr;     // [n][3]
+    const float* direction = nullptr;  // [n][3]
+    const float* rgb = nullptr;        // [n][3]
+    const float* depth = nullptr;      // [n]
+    int count = 0;
+};
+
+// Where gradients go instead of into the optimiser, in checkpoint order.
+struct Gradients {
+    float* table = nullptr;
+    float* decoders = nullptr;
+};
+
+struct Losses {
+    double total, rgb, depth, sdf, free_space, smoothness;
+};
+
+// Memory that the kernel asks the bindings for; kept between calls, contents undefined unless said.
+struct Arena {
+    void* owner = nullptr;
+    // A buffer of at least `bytes`, aligned to 64; the same key gives the same buffer. Zero-filled when it has to grow.
+    void* (*get)(void* owner, int key, std::size_t bytes) = nullptr;
+};
+
+struct Roofline {
+    double fma_gflops, load_ns, update_ns, stream_gb_per_s;
+};
+
+struct Kernel {
+    const char* name;
+    // depths: given sample depths [n][samples], or null to draw them from the seed. corner: of the smoothness lattice, or
+    // null. gradients: null to train.
+    void (*step)(Model&, const Rays&, std::uint32_t seed, const float* depths, const float* corner, const Gradients*,
+                 const Parallel&, const Arena&, Losses&);
+    void (*sample)(const Model&, const Rays&, std::uint32_t seed, float* depths);
+    // sdf, rgb: either may be null. decoders: `sets` rows of weights in checkpoint order.
+    void (*query)(const Model&, const float* points, std::int64_t count, const float* decoders, int sets, float* sdf,
+                  float* rgb, const Parallel&, const Arena&);
+    void (*sensitivity)(const Model&, const float* points, std::int64_t count, float* sdf, float* rgb, const Parallel&,
+                        const Arena&);
+    void (*render)(const Model&, const float* origin, const float* direction, const float* depths, int count,
+                   int samples, float* rgb, float* depth, const Parallel&, const Arena&);
+    void (*roofline)(std::size_t table_bytes, Roofline&);
+};
+
+#ifdef ANM_X86
+const Kernel& kernel_v2();
+const Kernel& kernel_v3();
+const Kernel& kernel_v4();
+#else
+const Kernel& kernel_generic();
+#endif
+
+}  // namespace anm

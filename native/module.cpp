@@ -1,0 +1,381 @@
+// Python's view of the kernel: one engine per neural map. Compiled for the oldest processor of the platform; picks the
+// kernel for the one it runs on.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstdlib>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <new>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "kernel.h"
+#include "thread_pool.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using In = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using InFlat = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Out = nb::ndarray<nb::numpy, float>;
+
+class Buffer {
+public:
+    explicit Buffer(std::size_t bytes) : bytes_((bytes + 127) / 64 * 64), data_(std::aligned_alloc(64, bytes_)) {
+        if (data_ == nullptr) throw std::bad_alloc();
+        std::memset(data_, 0, bytes_);
+    }
+    ~Buffer() { std::free(data_); }
+    Buffer(const Buffer&) = delete;
+    Buffer& operator=(const Buffer&) = delete;
+    void* data() const { return data_; }
+    float* floats() const { return static_cast<float*>(data_); }
+    std::size_t bytes() const { return bytes_; }
+    void clear() { std::memset(data_, 0, bytes_); }
+
+private:
+    std::size_t bytes_;
+    void* data_;
+};
+
+// Names of the kernels that this processor can run, best first.
+std::vector<std::string> kernel_names() {
+    std::vector<std::string> names;
+#ifdef ANM_X86
+    __builtin_cpu_init();
+    const bool v2 = __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt") && __builtin_cpu_supports("ssse3");
+    const bool v3 = v2 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+                    __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+    const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+                    __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
+                    __builtin_cpu_supports("avx512vl");
+    if (v4) names.emplace_back("v4");
+    if (v3) names.emplace_back("v3");
+    if (v2) names.emplace_back("v2");
+#else
+    names.emplace_back("generic");
+#endif
+    return names;
+}
+
+const anm::Kernel& find_kernel(const std::string& name) {
+    for (const std::string& known : kernel_names()) {
+        if (!name.empty() && name != known) continue;
+#ifdef ANM_X86
+        if (known == "v4") return anm::kernel_v4();
+        if (known == "v3") return anm::kernel_v3();
+        if (known == "v2") return anm::kernel_v2();
+#else
+        return anm::kernel_generic();
+#endif
+    }
+    throw nb::value_error(("this processor cannot run the kernel '" + name + "'").c_str());
+}
+
+template <std::size_t N>
+Out make_array(const std::size_t (&shape)[N], float*& data) {
+    std::size_t size = 1;
+    for (std::size_t extent : shape) size *= extent;
+    data = new float[size > 0 ? size : 1];
+    return Out(data, N, shape, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<float*>(p); }));
+}
+
+void require(bool ok, const char* message) {
+    if (!ok) throw nb::value_error(message);
+}
+
+class Engine {
+public:
+    Engine(const anm::Settings& settings, InFlat cells_per_m, nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig> factors,
+           nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig> masks, InFlat linspace_free, InFlat linspace_band,
+           InFlat linspace_spare, int num_threads, const std::string& kernel)
+        : kernel_(find_kernel(kernel)),
+          threads_(num_threads),
+          free_(copy(linspace_free)),
+          band_(copy(linspace_band)),
+          spare_(copy(linspace_spare)),
+          table_size_(2 * static_cast<std::size_t>(settings.levels) * settings.entries()),
+          table_(4 * table_size_),
+          table_m_(4 * table_size_),
+          table_v_(4 * table_size_),
+          touched_(table_size_ / 16 + 64),
+          decoders_(4 * static_cast<std::size_t>(settings.decoder_size()) + 64),
+          decoders_m_(decoders_.bytes()),
+          decoders_v_(decoders_.bytes()) {
+        const auto levels = static_cast<std::size_t>(settings.levels);
+        require(levels <= anm::kMaxLevels && cells_per_m.shape(0) == levels && factors.shape(0) == 3 &&
+                    factors.shape(1) == levels && masks.shape(0) == 3 && masks.shape(1) == levels,
+                "one cell size, three factors and three masks per level are needed");
+        require(num_threads >= 1, "at least one thread is needed");
+        model_.settings = settings;
+        for (std::size_t level = 0; level < levels; ++level) {
+            model_.level[level].cells_per_m = cells_per_m(level);
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                model_.level[level].factor[axis] = static_cast<std::uint32_t>(factors(axis, level));
+                model_.level[level].mask[axis] = static_cast<std::uint32_t>(masks(axis, level));
+            }
+        }
+        model_.linspace_free = free_.data();
+        model_.linspace_band = band_.data();
+        model_.linspace_spare = spare_.data();
+        model_.table = table_.floats();
+        model_.table_m = table_m_.floats();
+        model_.table_v = table_v_.floats();
+        model_.touched = static_cast<std::uint8_t*>(touched_.data());
+        model_.decoders = decoders_.floats();
+        model_.decoders_m = decoders_m_.floats();
+        model_.decoders_v = decoders_v_.floats();
+    }
+
+    std::string kernel_name() const { return kernel_.name; }
+    int num_threads() const { return threads_; }
+
+    void set_state(In table, InFlat decoders) {
+        require(table.size() == table_size_, "the table has another size");
+        require(decoders.size() == decoder_size(), "the decoders have another size");
+        const std::lock_guard<std::mutex> lock(mutex_);
+        std::memcpy(model_.table, table.data(), 4 * table_size_);
+        std::memcpy(model_.decoders, decoders.data(), 4 * decoder_size());
+        for (Buffer* buffer : {&table_m_, &table_v_, &touched_, &decoders_m_, &decoders_v_}) buffer->clear();
+        model_.iteration = 0;
+    }
+
+    nb::tuple get_state() {
+        float *table = nullptr, *decoders = nullptr;
+        Out table_out = make_array({table_size_ / 2, std::size_t{2}}, table);
+        Out decoders_out = make_array({decoder_size()}, decoders);
+        const std::lock_guard<std::mutex> lock(mutex_);
+        std::memcpy(table, model_.table, 4 * table_size_);
+        std::memcpy(decoders, model_.decoders, 4 * decoder_size());
+        return nb::make_tuple(table_out, decoders_out);
+    }
+
+    nb::tuple step(In origin, In direction, In rgb, InFlat depth, std::uint32_t seed, std::optional<InFlat> corner) {
+        const anm::Rays rays = as_rays(origin, direction, rgb, depth);
+        anm::Losses losses{};
+        {
+            nb::gil_scoped_release release;
+            const std::lock_guard<std::mutex> lock(mutex_);
+            kernel_.step(model_, rays, seed, nullptr, corner_of(corner), nullptr, parallel(), arena(), losses);
+        }
+        return as_tuple(losses);
+    }
+
+    nb::tuple gradients(In origin, In direction, In rgb, InFlat depth, In depths, std::optional<InFlat> corner) {
+        const anm::Rays rays = as_rays(origin, direction, rgb, depth);
+        require(depths.shape(0) == depth.shape(0) && depths.shape(1) == samples(), "one row of samples per ray is needed");
+        anm::Losses losses{};
+        anm::Gradients out;
+        Out table = make_array({table_size_ / 2, std::size_t{2}}, out.table);
+        Out decoders = make_array({decoder_size()}, out.decoders);
+        {
+            nb::gil_scoped_release release;
+            const std::lock_guard<std::mutex> lock(mutex_);
+            kernel_.step(model_, rays, 0, depths.data(), corner_of(corner), &out, parallel(), arena(), losses);
+        }
+        return nb::make_tuple(as_tuple(losses), table, decoders);
+    }
+
+    Out sample(InFlat depth, std::uint32_t seed) {
+        anm::Rays rays;
+        rays.depth = depth.data();
+        rays.count = static_cast<int>(depth.size());
+        float* z = nullptr;
+        Out out = make_array({depth.size(), samples()}, z);
+        kernel_.sample(model_, rays, seed, z);
+        return out;
+    }
+
+    Out query_sdf(In points) {
+        float* sdf = nullptr;
+        Out out = make_array({points.shape(0)}, sdf);
+        query(points, model_.decoders, 1, sdf, nullptr);
+        return out;
+    }
+
+    Out query_rgb(In points) {
+        float* rgb = nullptr;
+        Out out = make_array({points.shape(0), std::size_t{3}}, rgb);
+        query(points, model_.decoders, 1, nullptr, rgb);
+        return out;
+    }
+
+    nb::tuple query_perturbed(In points, In decoders) {
+        require(decoders.shape(1) == decoder_size(), "each row must hold all decoder weights");
+        float *sdf = nullptr, *rgb = nullptr;
+        Out sdf_out = make_array({decoders.shape(0), points.shape(0)}, sdf);
+        Out rgb_out = make_array({decoders.shape(0), points.shape(0), std::size_t{3}}, rgb);
+        query(points, decoders.data(), static_cast<int>(decoders.shape(0)), sdf, rgb);
+        return nb::make_tuple(sdf_out, rgb_out);
+    }
+
+    nb::tuple query_sensitivity(In points) {
+        require_points(points);
+        float *sdf = nullptr, *rgb = nullptr;
+        Out sdf_out = make_array({points.shape(0)}, sdf);
+        Out rgb_out = make_array({points.shape(0)}, rgb);
+        nb::gil_scoped_release release;
+        const std::lock_guard<std::mutex> lock(mutex_);
+        kernel_.sensitivity(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), sdf, rgb, parallel(), arena());
+        nb::gil_scoped_acquire acquire;
+        return nb::make_tuple(sdf_out, rgb_out);
+    }
+
+    nb::tuple render(In origin, In direction, In depths) {
+        require_points(origin);
+        require_points(direction);
+        const std::size_t count = depths.shape(0);
+        require(origin.shape(0) == count && direction.shape(0) == count, "one origin and direction per ray are needed");
+        require(depths.shape(1) >= 1, "at least one sample per ray is needed");
+        float *rgb = nullptr, *depth = nullptr;
+        Out rgb_out = make_array({count, std::size_t{3}}, rgb);
+        Out depth_out = make_array({count}, depth);
+        {
+            nb::gil_scoped_release release;
+            const std::lock_guard<std::mutex> lock(mutex_);
+            kernel_.render(model_, origin.data(), direction.data(), depths.data(), static_cast<int>(count),
+                           static_cast<int>(depths.shape(1)), rgb, depth, parallel(), arena());
+        }
+        return nb::make_tuple(rgb_out, depth_out);
+    }
+
+private:
+    static std::vector<float> copy(const InFlat& values) { return {values.data(), values.data() + values.size()}; }
+
+    std::size_t decoder_size() const { return static_cast<std::size_t>(model_.settings.decoder_size()); }
+    std::size_t samples() const { return static_cast<std::size_t>(model_.settings.samples()); }
+
+    static void require_points(const In& points) { require(points.shape(1) == 3, "points have three coordinates"); }
+
+    static const float* corner_of(const std::optional<InFlat>& corner) {
+        if (!corner) return nullptr;
+        require(corner->size() == 3, "a corner has three coordinates");
+        return corner->data();
+    }
+
+    static anm::Rays as_rays(const In& origin, const In& direction, const In& rgb, const InFlat& depth) {
+        const std::size_t count = depth.shape(0);
+        require(count >= 1, "at least one ray is needed");
+        for (const In* array : {&origin, &direction, &rgb}) {
+            require(array->shape(0) == count && array->shape(1) == 3, "origin, direction and colour need a row per depth");
+        }
+        return {origin.data(), direction.data(), rgb.data(), depth.data(), static_cast<int>(count)};
+    }
+
+    static nb::tuple as_tuple(const anm::Losses& l) {
+        return nb::make_tuple(l.total, l.rgb, l.depth, l.sdf, l.free_space, l.smoothness);
+    }
+
+    void query(const In& points, const float* decoders, int sets, float* sdf, float* rgb) {
+        require_points(points);
+        nb::gil_scoped_release release;
+        const std::lock_guard<std::mutex> lock(mutex_);
+        kernel_.query(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), decoders, sets, sdf, rgb,
+                      parallel(), arena());
+    }
+
+    anm::Parallel parallel() {
+        return {[](void* self, int count, void (*fn)(void*, int, int), void* arg) {
+                    anm::thread_pool().run(static_cast<Engine*>(self)->threads_, count, fn, arg);
+                },
+                this, threads_};
+    }
+
+    anm::Arena arena() {
+        return {this, [](void* self, int key, std::size_t bytes) {
+                    auto& slot = static_cast<Engine*>(self)->work_[key];
+                    if (!slot || slot->bytes() < bytes) slot = std::make_unique<Buffer>(bytes);
+                    return slot->data();
+                }};
+    }
+
+    const anm::Kernel& kernel_;
+    int threads_;
+    std::vector<float> free_, band_, spare_;
+    std::size_t table_size_;
+    Buffer table_, table_m_, table_v_, touched_, decoders_, decoders_m_, decoders_v_;
+    std::map<int, std::unique_ptr<Buffer>> work_;
+    anm::Model model_;
+    std::mutex mutex_;
+};
+
+nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
+    anm::Roofline best{};
+    find_kernel(kernel).roofline(table_bytes, best);
+    nb::dict out;
+    out["fma_gflops"] = best.fma_gflops;
+    out["load_ns"] = best.load_ns;
+    out["update_ns"] = best.update_ns;
+    out["stream_gb_per_s"] = best.stream_gb_per_s;
+    return out;
+}
+
+}  // namespace
+
+NB_MODULE(_native, m) {
+    using anm::Settings;
+    nb::class_<Settings>(m, "Settings")
+        .def(nb::init<>())
+        .def_rw("levels", &Settings::levels)
+        .def_rw("log2_table_size", &Settings::log2_table_size)
+        .def_rw("bins", &Settings::bins)
+        .def_rw("hidden", &Settings::hidden)
+        .def_rw("geometry", &Settings::geometry)
+        .def_prop_rw(
+            "bins_per_m", [](const Settings& s) { return nb::make_tuple(s.bins_per_m[0], s.bins_per_m[1], s.bins_per_m[2]); },
+            [](Settings& s, const std::vector<float>& values) {
+                require(values.size() == 3, "bins_per_m has three values");
+                for (int axis = 0; axis < 3; ++axis) s.bins_per_m[axis] = values[static_cast<std::size_t>(axis)];
+            })
+        .def_rw("truncation", &Settings::truncation)
+        .def_rw("guided", &Settings::guided)
+        .def_rw("free_samples", &Settings::free_samples)
+        .def_rw("near_samples", &Settings::near_samples)
+        .def_rw("max_depth", &Settings::max_depth)
+        .def_rw("none_step", &Settings::none_step)
+        .def_rw("weight_rgb", &Settings::weight_rgb)
+        .def_rw("weight_depth", &Settings::weight_depth)
+        .def_rw("weight_sdf", &Settings::weight_sdf)
+        .def_rw("weight_free", &Settings::weight_free)
+        .def_rw("weight_smoothness", &Settings::weight_smoothness)
+        .def_rw("smoothness_points", &Settings::smoothness_points)
+        .def_rw("smoothness_spacing", &Settings::smoothness_spacing)
+        .def_rw("no_depth_rgb", &Settings::no_depth_rgb)
+        .def_rw("no_depth_is_free", &Settings::no_depth_is_free)
+        .def_rw("table_rate", &Settings::table_rate)
+        .def_rw("decoder_rate", &Settings::decoder_rate)
+        .def_rw("beta1", &Settings::beta1)
+        .def_rw("beta2", &Settings::beta2)
+        .def_rw("epsilon", &Settings::epsilon)
+        .def_rw("decoder_decay", &Settings::decoder_decay);
+    nb::class_<Engine>(m, "Engine")
+        .def(nb::init<const Settings&, InFlat, nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig>,
+                      nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig>, InFlat, InFlat, InFlat, int,
+                      const std::string&>(),
+             "settings"_a, "cells_per_m"_a, "factors"_a, "masks"_a, "linspace_free"_a, "linspace_band"_a,
+             "linspace_spare"_a, "num_threads"_a, "kernel"_a)
+        .def_prop_ro("kernel", &Engine::kernel_name)
+        .def_prop_ro("num_threads", &Engine::num_threads)
+        .def("set_state", &Engine::set_state, "table"_a, "decoders"_a)
+        .def("get_state", &Engine::get_state)
+        .def("step", &Engine::step, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "seed"_a, "corner"_a.none())
+        .def("gradients", &Engine::gradients, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "depths"_a, "corner"_a.none())
+        .def("sample", &Engine::sample, "depth"_a, "seed"_a)
+        .def("query_sdf", &Engine::query_sdf, "points"_a)
+        .def("query_rgb", &Engine::query_rgb, "points"_a)
+        .def("query_perturbed", &Engine::query_perturbed, "points"_a, "decoders"_a)
+        .def("query_sensitivity", &Engine::query_sensitivity, "points"_a)
+        .def("render", &Engine::render, "origin"_a, "direction"_a, "depths"_a);
+    m.def("kernel_names", &kernel_names);
+    m.def("roofline", &roofline, "table_bytes"_a, "kernel"_a);
+}

@@ -1,0 +1,109 @@
+// Vectors of floats in the width of the instruction set that this unit is compiled for, from the compiler's own vector
+// extension: no intrinsics but for the square root, which the extension lacks.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+namespace {
+
+#if defined(__AVX512F__)
+constexpr int kLanes = 16;
+#elif defined(__AVX2__)
+constexpr int kLanes = 8;
+#else
+constexpr int kLanes = 4;
+#endif
+
+#define ANM_INLINE inline __attribute__((always_inline))
+
+typedef float F __attribute__((vector_size(4 * kLanes)));
+typedef std::int32_t I __attribute__((vector_size(4 * kLanes)));
+typedef std::uint32_t U __attribute__((vector_size(4 * kLanes)));
+typedef float FUnaligned __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
+typedef float F2 __attribute__((vector_size(8)));
+typedef float F2Unaligned __attribute__((vector_size(8), aligned(4), may_alias));
+typedef float F4 __attribute__((vector_size(16)));
+
+ANM_INLINE F load(const float* p) { return *reinterpret_cast<const FUnaligned*>(p); }
+ANM_INLINE void store(float* p, F v) { *reinterpret_cast<FUnaligned*>(p) = v; }
+ANM_INLINE F2 load2(const float* p) { return *reinterpret_cast<const F2Unaligned*>(p); }
+ANM_INLINE void store2(float* p, F2 v) { *reinterpret_cast<F2Unaligned*>(p) = v; }
+ANM_INLINE F to_float(I v) { return __builtin_convertvector(v, F); }
+ANM_INLINE I to_int(F v) { return __builtin_convertvector(v, I); }
+
+// A product that must be rounded before it is added to, because the reference does so: positions differ in the last
+// bit otherwise, and on the finest level that bit is a thousandth of a cell. Without it the compiler fuses the two.
+ANM_INLINE F rounded(F v) {
+#if defined(__AVX512F__)
+    asm("" : "+v"(v));
+#elif defined(__x86_64__)
+    asm("" : "+x"(v));
+#endif
+    return v;
+}
+
+ANM_INLINE float rounded(float v) {
+#if defined(__x86_64__)
+    asm("" : "+x"(v));
+#endif
+    return v;
+}
+
+ANM_INLINE I floor_to_int(F v) {
+    const I truncated = to_int(v);
+    return truncated + (to_float(truncated) > v);  // a true comparison is -1
+}
+
+ANM_INLINE F square_root(F v) {
+#if defined(__AVX512F__)
+    return _mm512_sqrt_ps(v);
+#elif defined(__AVX2__)
+    return _mm256_sqrt_ps(v);
+#elif defined(__x86_64__)
+    return _mm_sqrt_ps(v);
+#else
+    for (int i = 0; i < kLanes; ++i) v[i] = __builtin_sqrtf(v[i]);
+    return v;
+#endif
+}
+
+// e^x for x <= 0 to about one unit in the last place; 0 below -87. Cody-Waite reduction and the minimax polynomial of
+// the Cephes library.
+ANM_INLINE F exp_negative(F x) {
+    const F clamped = x < -87.0F ? F{} - 87.0F : x;
+    const I k = to_int(clamped * 1.44269504088896341F - 0.5F);
+    const F n = to_float(k);
+    const F r = (clamped - n * 0.693359375F) + n * 2.12194440e-4F;
+    F p = r * 1.9875691500e-4F + 1.3981999507e-3F;
+    p = p * r + 8.3334519073e-3F;
+    p = p * r + 4.1665795894e-2F;
+    p = p * r + 1.6666665459e-1F;
+    p = p * r + 5.0000001201e-1F;
+    p = p * r * r + r + 1.0F;
+    const I power = (k + 127) << 23;
+    F scale;
+    std::memcpy(&scale, &power, sizeof scale);
+    return x < -87.0F ? F{} : p * scale;
+}
+
+ANM_INLINE F sigmoid(F x) {
+    const F e = exp_negative(x > 0.0F ? -x : x);
+    const F small = e / (1.0F + e);
+    return x > 0.0F ? 1.0F / (1.0F + e) : small;
+}
+
+ANM_INLINE float sum(F v) {
+    float lane[kLanes];
+    std::memcpy(lane, &v, sizeof v);
+    for (int width = kLanes / 2; width > 0; width /= 2) {
+        for (int i = 0; i < width; ++i) lane[i] += lane[i + width];
+    }
+    return lane[0];
+}
+
+}  // namespace

@@ -1,0 +1,82 @@
+"""Which engine is taken when, and what is said about it."""
+
+import logging
+from dataclasses import replace
+
+import pytest
+
+from anm_mj.errors import MapError
+from anm_mj.mapping.backends import select
+from anm_mj.mapping.backends.select import choose_engine, make_backend, native_fault, with_available_engine
+from anm_mj.mapping.neural_map import NeuralMap
+
+
+@pytest.fixture
+def without_native(monkeypatch):
+    monkeypatch.setattr(select, "native_fault", lambda: "it was not built")
+
+
+@pytest.fixture
+def with_native(monkeypatch):
+    monkeypatch.setattr(select, "native_fault", lambda: None)
+
+
+@pytest.fixture
+def with_cuda(monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+
+
+def test_a_cpu_gets_the_native_engine(with_native):
+    assert choose_engine("auto", "cpu").name == "native"
+
+
+def test_a_gpu_gets_torch(with_native, with_cuda):
+    assert choose_engine("auto", "auto") == ("torch", "it runs on the GPU", False)
+
+
+def test_what_is_named_is_taken(with_native, with_cuda):
+    assert choose_engine("torch", "cpu").name == "torch"
+    assert choose_engine("native", "auto").name == "native"
+
+
+def test_torch_takes_over_with_one_warning(without_native, tiny_config, caplog):
+    with caplog.at_level(logging.WARNING):
+        backend = make_backend(tiny_config, seed=0, device="cpu")
+    assert backend.name == "torch"
+    (record,) = caplog.records
+    assert "because the native engine is missing: it was not built" in record.getMessage()
+
+
+def test_asking_for_a_missing_engine_is_an_error(without_native, tiny_config):
+    with pytest.raises(MapError, match="asked for, but it was not built, or use engine 'torch'"):
+        make_backend(replace(tiny_config, engine="native"), seed=0, device="cpu")
+
+
+def test_the_native_engine_refuses_a_gpu(with_native):
+    with pytest.raises(MapError, match="it runs on the CPU"):
+        choose_engine("native", "cuda")
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(MapError, match="'fast', but it must be"):
+        choose_engine("fast", "cpu")
+    with pytest.raises(MapError, match="'tpu', but it must be"):
+        choose_engine("auto", "tpu")
+
+
+def test_a_map_of_an_engine_that_is_missing_loads_with_another(without_native, tiny_config):
+    assert with_available_engine(replace(tiny_config, engine="native")).engine == "auto"
+    assert with_available_engine(replace(tiny_config, engine="torch")).engine == "torch"
+
+
+def test_a_module_that_does_not_load_is_reported(monkeypatch):
+    def broken(name):
+        raise ImportError("wrong ELF class")
+
+    monkeypatch.setattr("importlib.import_module", broken)
+    assert "it does not load (wrong ELF class)" in (native_fault() or "")
+
+
+def test_a_map_says_what_computes_it(tiny_config):
+    neural_map = NeuralMap(replace(tiny_config, engine="torch"), seed=0, device="cpu")
+    assert neural_map.engine_name == "torch"
