@@ -12,8 +12,15 @@ stamp=$venv/setup.stamp
 say() { echo "set-up: $*"; }
 fail() { echo "set-up: $*" >&2; exit 1; }
 
-# What the environment was made from. The path counts too: scripts and the editable install name it.
-state() { { cat requirements.txt pyproject.toml scripts/setup.sh; pwd; } | sha256sum | cut -d ' ' -f 1; }
+# What the environment was made from. The path counts too: scripts and the editable install name it. So does the
+# compiler: where there was none and now is one, the native engine can be built.
+state() {
+    {
+        cat requirements.txt pyproject.toml scripts/setup.sh native/*
+        pwd
+        "${CXX:-c++}" --version 2>/dev/null || true
+    } | sha256sum | cut -d ' ' -f 1
+}
 
 # Prints the newest Python on the path, 3.11 or newer, that can import the modules given.
 find_python() {
@@ -91,6 +98,29 @@ install_packages() {
     install_with_pip >>"$log" 2>&1 || fail "packages could not be installed: $(grep -i error "$log" | tail -n 1) (all of it: $log)"
 }
 
+# What the native engine is built with; without it torch does its work, so nothing fails here.
+prepare_compiler() {
+    local include version
+    command -v "${CXX:-c++}" >/dev/null || apt_install g++ || true
+    include=$("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+    version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+    [ -f "$include/Python.h" ] || apt_install "python$version-dev" || true
+}
+
+# Says which engine trains maps. The package installs without the native one too, and silently.
+report_engine() {
+    if "$python" -c 'import anm_mj.mapping.backends._native' 2>>"$log"; then
+        say "maps are trained by the native engine"
+        return
+    fi
+    # What CMake remembers of a failure would fail again.
+    rm -rf build
+    PATH=$PWD/$venv/bin:$PATH cmake -G Ninja -S native -B build/attempt -D Python_EXECUTABLE="$PWD/$python" >>"$log" 2>&1 &&
+        PATH=$PWD/$venv/bin:$PATH cmake --build build/attempt >>"$log" 2>&1 || true
+    rm -rf build
+    say "maps are trained by torch, many times slower: the native engine could not be built (why: $log); install g++ and call again."
+}
+
 # Prints the GL back-end that can make a picture; none: status 1.
 find_backend() {
     "$python" -c 'from anm_mj.sim.gl import select_backend
@@ -113,7 +143,9 @@ if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$(state)" ] && "$python" -c '' 2>/d
 : >"$log"
 apt_log=$log
 SECONDS=0
+prepare_compiler
 install_packages
+report_engine
 prepare_graphics
 state >"$stamp"
 say "done in $SECONDS s"
