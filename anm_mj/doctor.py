@@ -41,6 +41,17 @@ memory_gib = round(gpu.total_memory / 2**30) if cuda else 0
 print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda else "", memory_gib]))
 """
 
+_TRY_ENGINE = """
+import json
+from anm_mj.mapping.backends.select import choose_engine
+choice = choose_engine()
+name = choice.name
+if name == "native":
+    from anm_mj.mapping.backends.native_backend import kernel_names
+    name = f"native ({kernel_names()[0]})"
+print(json.dumps([name, choice.reason, choice.fallback]))
+"""
+
 
 class State(Enum):
     """How a thing was found."""
@@ -76,11 +87,13 @@ def diagnose() -> list[Check]:
     """Everything a run depends on, looked at and tried; takes some seconds."""
     with ThreadPoolExecutor() as pool:
         torch = pool.submit(check_torch)
+        engine = pool.submit(check_engine)
         backends = [pool.submit(check_backend, name) for name in ("egl", "osmesa")]
         return [
             check_python(),
             check_mujoco(),
             *torch.result(),
+            engine.result(),
             *_graphics([backend.result() for backend in backends]),
             check_ffmpeg(),
             check_port(),
@@ -141,6 +154,18 @@ def check_torch() -> list[Check]:
         Check("CUDA", State.NOTE, "no GPU that torch can use; none is needed"),
         Check("map trained on", State.GOOD, f"CPU ({num_threads} threads)"),
     ]
+
+
+def check_engine() -> Check:
+    """What computes the map, and why that."""
+    done = _try(_TRY_ENGINE)
+    if done.returncode != 0:
+        advice = "Run make setup, or explore with --set mapping.engine=torch."
+        return Check("map engine", State.NOTE, f"does not start: {_last_line(done.stderr)}", advice)
+    name, reason, fallback = json.loads(done.stdout)
+    if fallback:
+        return Check("map engine", State.NOTE, f"{name}, many times slower than native", f"Why: {reason}.")
+    return Check("map engine", State.GOOD, f"{name}, {reason}")
 
 
 def check_backend(name: str) -> Check:

@@ -21,7 +21,18 @@ def test_a_machine_that_runs_these_tests_is_healthy(capsys: pytest.CaptureFixtur
     assert doctor.main() == 0
 
     printed = capsys.readouterr().out
-    for name in ("Python", "torch", "CUDA", "GL egl", "GL osmesa", "ffmpeg", "live view", "memory", "disk"):
+    for name in (
+        "Python",
+        "torch",
+        "CUDA",
+        "map engine",
+        "GL egl",
+        "GL osmesa",
+        "ffmpeg",
+        "live view",
+        "memory",
+        "disk",
+    ):
         assert name in printed
     assert "A run will use" in printed
 
@@ -50,6 +61,23 @@ def test_a_broken_torch_is_wrong(monkeypatch: pytest.MonkeyPatch):
 
     assert check.state is State.BAD
     assert "libcudart" in check.found
+
+
+def test_a_missing_native_engine_is_a_note_that_says_why(monkeypatch: pytest.MonkeyPatch):
+    found = '["torch", "the native engine is missing: it was not built", true]'
+    monkeypatch.setattr(doctor, "_try", lambda *_: subprocess.CompletedProcess([], 0, found, ""))
+
+    check = doctor.check_engine()
+
+    assert check.state is State.NOTE
+    assert check.found.startswith("torch")
+    assert "it was not built" in check.advice
+
+
+def test_an_engine_that_does_not_start_is_a_note_with_advice(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(doctor, "_try", lambda *_: subprocess.CompletedProcess([], -4, "", ""))
+
+    assert "mapping.engine=torch" in doctor.check_engine().advice
 
 
 def test_little_memory_is_a_note_with_advice():
