@@ -87,10 +87,10 @@ def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
     """The result of a run and where it lies."""
     table = Table(box=None, show_header=False)
     for label, value, unit in (
-        ("true surface seen to 5 cm", metrics.completion_ratio, "%"),
-        ("mean distance of it to what was seen", metrics.completion_cm, "cm"),
+        ("surface seen to 5 cm", metrics.completion_ratio, "%"),
+        ("mean distance to what was seen", metrics.completion_cm, "cm"),
         ("mesh accuracy", metrics.accuracy_cm, "cm"),
-        ("true surface within 5 cm of the mesh", metrics.mesh_completion_ratio, "%"),
+        ("surface within 5 cm of the mesh", metrics.mesh_completion_ratio, "%"),
         ("steps", metrics.steps, f"of which {metrics.turns} turns, {metrics.collisions} collisions"),
         ("distance driven", metrics.path_m, "m"),
         ("steps per second", metrics.hz, "Hz"),

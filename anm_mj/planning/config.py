@@ -31,7 +31,7 @@ class PlanningConfig:
     """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
     region_percentile: float = 80.0
     """Surface points above this percentile of uncertainty may form regions [%]; as in the authors' released code."""
-    region_radius_m: float = 5.0
+    region_radius_m: float = 3.5
     """Uncertainty is asked anew within this distance of the robot and remembered beyond [m]."""
     region_max_height_m: float = 1.5
     """Higher surface forms no regions [m]."""
