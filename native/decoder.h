@@ -164,7 +164,7 @@ ANM_INLINE void forward(const Settings& c, const Shape& shape, const PackedDecod
 // Gradients by the weights are added to g; those by the grid features take the features' place. Activations are spent.
 template <class Shape>
 ANM_INLINE void backward(const Settings& c, const Shape& shape, const PackedDecoders& w, const PackedDecoders& g,
-                         float* features, int first, int group_stride, int slots, const Activations& a) {
+                         float* features, std::ptrdiff_t level_stride, int slots, const Activations& a) {
     const int h = shape.hidden(), o = shape.outputs(), f = c.features_pad();
     outer(Rows{a.d_rgb, 4}, 4, slots, a.color_hidden, h, h, g.color_out, h);
     multiply<Start::kZero, End::kMask>(Rows{a.d_rgb, 4}, slots, 4, w.color_out, h, h, a.color_hidden, h);
@@ -174,14 +174,12 @@ ANM_INLINE void backward(const Settings& c, const Shape& shape, const PackedDeco
     for (int s = 0; s < slots; ++s) a.outputs[s * o] = a.d_s[s];
     outer(Rows{a.outputs, o}, o, slots, a.hidden, h, h, g.sdf_out, h);
     multiply<Start::kZero, End::kMask>(Rows{a.outputs, o}, slots, o, w.sdf_out, h, h, a.hidden, h);
-    outer(Pairs{features, first, group_stride}, c.features(), slots, a.hidden, h, h, g.sdf_grid, h);
+    outer(Pairs{features, level_stride}, c.features(), slots, a.hidden, h, h, g.sdf_grid, h);
     blob_gradient(a.blobs, c.bins, slots, a.hidden, h, g.sdf_blob);
     multiply<Start::kZero, End::kPlain>(Rows{a.hidden, h}, slots, h, w.sdf_grid_t, f, f, a.row, f);
     for (int s = 0; s < slots; ++s) {
-        const int slot = first + s;
-        float* out = features + static_cast<std::ptrdiff_t>(slot / kGroup) * group_stride + slot % kGroup * 2;
         for (int level = 0; level < c.levels; ++level) {
-            std::memcpy(out + level * 2 * kGroup, a.row + s * f + 2 * level, 2 * sizeof(float));
+            store2(features + level * level_stride + 2 * s, load2(a.row + s * f + 2 * level));
         }
     }
 }

@@ -16,10 +16,11 @@ struct Positions {
     float* axis[3];
 };
 
-// Entries and weights of the eight cell corners about each slot of a group; corner 4 z + 2 y + x.
+// Entries and weights of the eight cell corners about each slot of a group; corner 4 z + 2 y + x. Weights stand as they
+// are multiplied with the two features of the two corners of an edge along x: twice the one's, twice the other's.
 struct Corners {
     alignas(64) std::uint32_t index[8][kGroup];
-    alignas(64) float weight[8][kGroup];
+    alignas(64) float weight[4][4 * kGroup];
 };
 
 ANM_INLINE void find_corners(const Level& level, const Positions& at, std::ptrdiff_t slot, Corners& out) {
@@ -40,51 +41,84 @@ ANM_INLINE void find_corners(const Level& level, const Positions& at, std::ptrdi
             for (int y = 0; y < 2; ++y) {
                 const U key_yz = key[1][y] ^ key[2][z];
                 const F weight_yz = weight[1][y] * weight[2][z];
+                const int edge = 2 * z + y;
                 for (int x = 0; x < 2; ++x) {
-                    const int corner = 4 * z + 2 * y + x;
                     const U index = key[0][x] ^ key_yz;
-                    std::memcpy(out.index[corner] + lane, &index, sizeof index);
-                    store(out.weight[corner] + lane, weight[0][x] * weight_yz);
+                    std::memcpy(out.index[2 * edge + x] + lane, &index, sizeof index);
                 }
+                const F low = weight[0][0] * weight_yz, high = weight[0][1] * weight_yz;
+                float* target = out.weight[edge] + 4 * lane;
+                store(target, spread<0>(low, high));
+                store(target + kLanes, spread<1>(low, high));
+                store(target + 2 * kLanes, spread<2>(low, high));
+                store(target + 3 * kLanes, spread<3>(low, high));
             }
         }
     }
 }
 
+// Distance between levels in an array of features of `slots` slots. Away from powers of two, which would make all levels
+// of a slot compete for the same few places in the cache.
+ANM_INLINE std::ptrdiff_t feature_stride(std::ptrdiff_t slots) {
+    constexpr std::ptrdiff_t kPage = 1024, kOffset = 80;
+    return (2 * slots + kPage - 1) / kPage * kPage + kOffset;
+}
+
+template <class T>
+ANM_INLINE T* entry(T* table, std::uint32_t index) {
+    return table + 2 * static_cast<std::size_t>(index);
+}
+
+// Asks for the table's lines that a group will need. Corners next to each other in x mostly share one.
+ANM_INLINE void prefetch(const Corners& corners, const float* table) {
+    for (int c = 0; c < 8; c += 2) {
+        for (int s = 0; s < kGroup; ++s) __builtin_prefetch(entry(table, corners.index[c][s]));
+    }
+}
+
 // Features of slots [begin, end), both multiples of kGroup, on one level. Table entries are read by scalar loads: gather
-// instructions are slower on processors with the mitigation for their leaks, and no faster on others.
+// instructions are slower on processors with the mitigation for their leaks, and no faster on others. A group's lines
+// are asked for while the group before it is summed.
 ANM_INLINE void encode(const Level& level, const float* table, const Positions& at, std::ptrdiff_t begin,
-                       std::ptrdiff_t end, float* features, int group_stride) {
-    Corners corners;
-    for (std::ptrdiff_t slot = begin; slot < end; slot += kGroup) {
-        find_corners(level, at, slot, corners);
-        float* out = features + slot / kGroup * group_stride;
+                       std::ptrdiff_t end, float* features) {
+    if (begin == end) return;
+    Corners corners[2];
+    find_corners(level, at, begin, corners[0]);
+    int now = 0;
+    for (std::ptrdiff_t slot = begin; slot < end; slot += kGroup, now ^= 1) {
+        if (slot + kGroup < end) {
+            find_corners(level, at, slot + kGroup, corners[now ^ 1]);
+            prefetch(corners[now ^ 1], table);
+        }
+        const Corners& group = corners[now];
+        float* out = features + 2 * slot;
         for (int s = 0; s < kGroup; ++s) {
-            F2 even = load2(table + 2 * corners.index[0][s]) * corners.weight[0][s];
-            F2 odd = load2(table + 2 * corners.index[1][s]) * corners.weight[1][s];
-            for (int c = 2; c < 8; c += 2) {
-                even += load2(table + 2 * corners.index[c][s]) * corners.weight[c][s];
-                odd += load2(table + 2 * corners.index[c + 1][s]) * corners.weight[c + 1][s];
+            F4 total{};
+            for (int edge = 0; edge < 4; ++edge) {
+                const F4 entries = load_pairs(entry(table, group.index[2 * edge][s]), entry(table, group.index[2 * edge + 1][s]));
+                total += entries * load4(group.weight[edge] + 4 * s);
             }
-            store2(out + 2 * s, even + odd);
+            store2(out + 2 * s, F2{total[0] + total[2], total[1] + total[3]});
         }
     }
 }
 
 // Adds the gradient by the table's entries, in the order of slots, so that the sum is always the same.
 ANM_INLINE void scatter(const Level& level, const Positions& at, std::ptrdiff_t begin, std::ptrdiff_t end,
-                        const float* d_features, int group_stride, float* d_table) {
+                        const float* d_features, float* d_table) {
     Corners corners;
     for (std::ptrdiff_t slot = begin; slot < end; slot += kGroup) {
-        const float* in = d_features + slot / kGroup * group_stride;
+        const float* in = d_features + 2 * slot;
         find_corners(level, at, slot, corners);
         for (int s = 0; s < kGroup; ++s) {
-            const F2 d = load2(in + 2 * s);
             // Samples behind a surface have none at all, and they stand in a row.
-            if (d[0] == 0.0F && d[1] == 0.0F) continue;
-            for (int c = 0; c < 8; ++c) {
-                float* entry = d_table + 2 * corners.index[c][s];
-                store2(entry, load2(entry) + d * corners.weight[c][s]);
+            if (in[2 * s] == 0.0F && in[2 * s + 1] == 0.0F) continue;
+            const F4 d = load_pairs(in + 2 * s, in + 2 * s);
+            for (int edge = 0; edge < 4; ++edge) {
+                // Neighbours along x never share an entry.
+                float* low = entry(d_table, corners.index[2 * edge][s]);
+                float* high = entry(d_table, corners.index[2 * edge + 1][s]);
+                store_pairs(low, high, load_pairs(low, high) + d * load4(corners.weight[edge] + 4 * s));
             }
         }
     }

@@ -88,12 +88,12 @@ public:
           gradients_(gradients),
           parallel_(parallel),
           layout_(rays.count, c_.samples()),
-          group_stride_(c_.features() * kGroup) {
+          level_stride_(feature_stride(layout_.padded_slots())) {
         const std::size_t slots = static_cast<std::size_t>(layout_.padded_slots()) + kGroup;
         float* base = floats(arena, kSlots, 0, 4 * slots);
         for (int axis = 0; axis < 3; ++axis) at_.axis[axis] = base + axis * slots;
         z_ = base + 3 * slots;
-        features_ = floats(arena, kFeatures, 0, slots * c_.features());
+        features_ = floats(arena, kFeatures, 0, static_cast<std::size_t>(c_.levels * level_stride_));
         packed_ = floats(arena, kPacked, 0, c_.packed_size());
         partial_ = floats(arena, kPartial, 0, static_cast<std::size_t>(kGradientTasks) * c_.gradient_size());
         for (int worker = 0; worker < parallel.workers; ++worker) {
@@ -112,7 +112,7 @@ public:
         pad_tail();
         run_tasks(parallel_, c_.levels, [this](int level, int) {
             encode(model_.level[level], level_table(model_.table, level), at_, 0, layout_.padded_slots(),
-                   features_ + level * 2 * kGroup, group_stride_);
+                   features_ + level * level_stride_);
         });
         clear_tail();
         set_scale();
@@ -190,9 +190,8 @@ private:
     // The slots that fill the last group belong to no block, which would replace their features by gradients.
     void clear_tail() {
         for (int slot = layout_.slots(); slot < layout_.padded_slots(); ++slot) {
-            float* group = features_ + static_cast<std::ptrdiff_t>(slot / kGroup) * group_stride_;
             for (int level = 0; level < c_.levels; ++level) {
-                store2(group + level * 2 * kGroup + slot % kGroup * 2, F2{});
+                store2(features_ + level * level_stride_ + 2 * slot, F2{});
             }
         }
     }
@@ -228,7 +227,8 @@ private:
         LossSums sums;
         for (int block = first_block(task); block < first_block(task + 1); ++block) {
             const int first = block * slots;
-            const Pairs grid{features_, first, group_stride_};
+            float* features = features_ + 2 * static_cast<std::ptrdiff_t>(first);
+            const Pairs grid{features, level_stride_};
             one_blob(c_, at_, first, slots, a.blobs);
             forward(c_, shape, weights, grid, slots, a);
             float* value = a.row;
@@ -245,7 +245,7 @@ private:
                 a.d_s[slot] = 0.0F;
                 std::memset(a.d_rgb + 4 * slot, 0, 4 * sizeof(float));
             }
-            backward(c_, shape, weights, gradient, features_, first, group_stride_, slots, a);
+            backward(c_, shape, weights, gradient, features, level_stride_, slots, a);
         }
         sums_[task] = sums;
     }
@@ -275,7 +275,8 @@ private:
     void update_level(int level, int worker) {
         float* d_table = floats(arena_, kWorkerTable, worker, 0);
         const float* table = level_table(model_.table, level);
-        scatter(model_.level[level], at_, 0, layout_.padded_slots(), features_ + level * 2 * kGroup, group_stride_, d_table);
+        scatter(model_.level[level], at_, 0, layout_.padded_slots(), features_ + level * level_stride_,
+                d_table);
         smoothness_[level] = 0.0;
         if (corner_ != nullptr) {
             const int k = c_.smoothness_points;
@@ -330,7 +331,7 @@ private:
     const Parallel& parallel_;
     Arena arena_;
     Layout layout_;
-    int group_stride_;
+    std::ptrdiff_t level_stride_;
     Positions at_;
     float *z_, *features_, *packed_, *partial_;
     Counts counts_[kGradientTasks], total_;
@@ -359,16 +360,19 @@ constexpr int kQueryBlock = 64;
 // What one worker needs to answer a chunk.
 struct ChunkScratch {
     Positions at;
+    std::ptrdiff_t level_stride;
     float* features;
     Activations activations;
 
     static std::size_t size(const Settings& c, int slots, int block) {
-        return static_cast<std::size_t>(slots) * (3 + c.features()) + Activations::size(c, block);
+        return 3 * static_cast<std::size_t>(slots) + static_cast<std::size_t>(c.levels * feature_stride(slots)) +
+               Activations::size(c, block);
     }
 
     ChunkScratch(const Settings& c, int slots, int block, float* base)
-        : features(base + 3 * static_cast<std::size_t>(slots)),
-          activations(c, block, base + static_cast<std::size_t>(slots) * (3 + c.features())) {
+        : level_stride(feature_stride(slots)),
+          features(base + 3 * static_cast<std::size_t>(slots)),
+          activations(c, block, features + c.levels * level_stride) {
         for (int axis = 0; axis < 3; ++axis) at.axis[axis] = base + axis * static_cast<std::size_t>(slots);
     }
 
@@ -376,7 +380,7 @@ struct ChunkScratch {
         const Settings& c = model.settings;
         for (int level = 0; level < c.levels; ++level) {
             encode(model.level[level], model.table + 2 * static_cast<std::ptrdiff_t>(level) * c.entries(), at, 0,
-                   round_up(slots, kGroup), features + level * 2 * kGroup, c.features() * kGroup);
+                   round_up(slots, kGroup), features + level * level_stride);
         }
     }
 };
@@ -403,7 +407,7 @@ void for_each_block(const Model& model, const float* points, std::int64_t count,
         scratch.encode_all(model, round_up(size, kQueryBlock));
         for (int i = 0; i < size; i += kQueryBlock) {
             one_blob(c, scratch.at, i, kQueryBlock, scratch.activations.blobs);
-            answer(scratch, Pairs{scratch.features, i, c.features() * kGroup}, first + i, smaller(kQueryBlock, size - i));
+            answer(scratch, Pairs{scratch.features + 2 * i, scratch.level_stride}, first + i, smaller(kQueryBlock, size - i));
         }
     });
 }
@@ -548,7 +552,7 @@ void render_as(const Shape& shape, const Model& model, const float* origin, cons
         for (int block = 0; block < blocks; ++block) {
             const int first = block * layout.block_slots;
             one_blob(c, scratch.at, first, layout.block_slots, a.blobs);
-            forward(c, shape, w, Pairs{scratch.features, first, c.features() * kGroup}, layout.block_slots, a);
+            forward(c, shape, w, Pairs{scratch.features + 2 * first, scratch.level_stride}, layout.block_slots, a);
             bell(a.s, layout.block_slots, a.row, a.row + a.capacity);
             const int first_ray = (first_block + block) * layout.rays_per_block;
             for (int i = 0; i < smaller(layout.rays_per_block, count - first_ray); ++i) {

@@ -21,16 +21,11 @@ struct Rows {
     }
 };
 
-// Grid features: groups of kGroup slots; in a group level by level; in a level slot by slot a pair of features.
+// Grid features: level by level, and in a level a pair for every slot.
 struct Pairs {
-    const float* data;
-    int first;  // slot of sample 0
-    int group_stride;
-    ANM_INLINE float operator()(int s, int k) const {
-        const int slot = first + s;
-        return data[static_cast<std::ptrdiff_t>(slot / kGroup) * group_stride + (k >> 1) * (2 * kGroup) +
-                    (slot % kGroup) * 2 + (k & 1)];
-    }
+    const float* data;  // of sample 0
+    std::ptrdiff_t level_stride;
+    ANM_INLINE float operator()(int s, int k) const { return data[(k >> 1) * level_stride + 2 * s + (k & 1)]; }
 };
 
 // A tile's view with the sample's part of the address worked out once.
@@ -41,13 +36,11 @@ struct RowsTile {
 };
 struct PairsTile {
     const float* data;
-    ANM_INLINE float operator()(int r, int k) const { return data[(k >> 1) * (2 * kGroup) + (k & 1) + 2 * r]; }
+    std::ptrdiff_t level_stride;
+    ANM_INLINE float operator()(int r, int k) const { return data[(k >> 1) * level_stride + 2 * r + (k & 1)]; }
 };
 ANM_INLINE RowsTile tile_at(const Rows& a, int s) { return {a.data + static_cast<std::ptrdiff_t>(s) * a.stride, a.stride}; }
-ANM_INLINE PairsTile tile_at(const Pairs& a, int s) {
-    const int slot = a.first + s;
-    return {a.data + static_cast<std::ptrdiff_t>(slot / kGroup) * a.group_stride + (slot % kGroup) * 2};
-}
+ANM_INLINE PairsTile tile_at(const Pairs& a, int s) { return {a.data + 2 * s, a.level_stride}; }
 
 enum class Start { kZero, kAdd };
 enum class End { kPlain, kRelu, kMask };  // kMask: zero where the overwritten value was not positive

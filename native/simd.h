@@ -27,12 +27,51 @@ typedef std::uint32_t U __attribute__((vector_size(4 * kLanes)));
 typedef float FUnaligned __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
 typedef float F2 __attribute__((vector_size(8)));
 typedef float F2Unaligned __attribute__((vector_size(8), aligned(4), may_alias));
-typedef float F4 __attribute__((vector_size(16)));
+typedef float F4 __attribute__((vector_size(16), may_alias));
 
 ANM_INLINE F load(const float* p) { return *reinterpret_cast<const FUnaligned*>(p); }
 ANM_INLINE void store(float* p, F v) { *reinterpret_cast<FUnaligned*>(p) = v; }
 ANM_INLINE F2 load2(const float* p) { return *reinterpret_cast<const F2Unaligned*>(p); }
 ANM_INLINE void store2(float* p, F2 v) { *reinterpret_cast<F2Unaligned*>(p) = v; }
+
+// Two pairs of floats in one vector.
+ANM_INLINE F4 load_pairs(const float* low, const float* high) {
+#if defined(__x86_64__)
+    const __m128 first = _mm_castsi128_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(low)));
+    return _mm_loadh_pi(first, reinterpret_cast<const __m64*>(high));
+#else
+    return F4{low[0], low[1], high[0], high[1]};
+#endif
+}
+
+ANM_INLINE void store_pairs(float* low, float* high, F4 v) {
+#if defined(__x86_64__)
+    _mm_storel_pi(reinterpret_cast<__m64*>(low), v);
+    _mm_storeh_pi(reinterpret_cast<__m64*>(high), v);
+#else
+    low[0] = v[0];
+    low[1] = v[1];
+    high[0] = v[2];
+    high[1] = v[3];
+#endif
+}
+
+ANM_INLINE F4 load4(const float* p) { return *reinterpret_cast<const F4*>(p); }
+
+// Lanes a, a, b, b of the kPart-th quarter of two vectors (of which each result holds as many samples as fit).
+template <int kPart>
+ANM_INLINE F spread(F a, F b) {
+    constexpr int s = kPart * (kLanes / 4), t = s + kLanes;
+#if defined(__AVX512F__)
+    return __builtin_shufflevector(a, b, s, s, t, t, s + 1, s + 1, t + 1, t + 1, s + 2, s + 2, t + 2, t + 2, s + 3,
+                                   s + 3, t + 3, t + 3);
+#elif defined(__AVX2__)
+    return __builtin_shufflevector(a, b, s, s, t, t, s + 1, s + 1, t + 1, t + 1);
+#else
+    return __builtin_shufflevector(a, b, s, s, t, t);
+#endif
+}
+
 ANM_INLINE F to_float(I v) { return __builtin_convertvector(v, F); }
 ANM_INLINE I to_int(F v) { return __builtin_convertvector(v, I); }
 
