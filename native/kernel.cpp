@@ -49,10 +49,11 @@ struct Layout {
     int samples, rays_per_block, block_slots, blocks;
 
     Layout(int rays, int samples_) : samples(samples_) {
-        // Blocks of 48 to 128 slots keep the activations near the first-level cache; among them, the least padding.
+        // Blocks of at most about a hundred slots keep the activations near the first-level cache; among them, the one
+        // that pays least for padding and for starting.
         rays_per_block = 1;
         double best = 1e9;
-        for (int n = 1; n == 1 || n * samples <= 128; ++n) {
+        for (int n = 1; n == 1 || n * samples <= 96; ++n) {
             const int slots = round_up(n * samples, kBlockAlign);
             const double cost = (slots + 8.0) / (n * samples);
             if (cost < best) {
