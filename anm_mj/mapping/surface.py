@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Bool, Float, Float32, Int64
 
 from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
 from anm_mj.types import OCCUPIED
@@ -49,11 +49,11 @@ class SurfaceExtractor:
         A block's points are those at the time of the last frame that had a hit in it.
         """
         keys, stamps = self._blocks_about(centre_xy_m, radius_m)
-        stale = [
-            (key, stamp)
+        stale = {
+            key: stamp
             for key, stamp in zip(keys, stamps, strict=True)
             if key not in self._patches or self._patches[key].stamp != stamp
-        ]
+        }
         self._refresh(sdf, stale)
         patches = [self._patches[key] for key in keys]
         points = np.concatenate([np.zeros((0, 3), np.float32), *(p.xyz_m for p in patches)])
@@ -74,24 +74,31 @@ class SurfaceExtractor:
         keys = [(int(x), int(y), int(z)) for x, y, z in block[near]]
         return keys, stamp[layer, row, col][near].tolist()
 
-    def _refresh(self, sdf: SdfQuery, stale: list[tuple[tuple[int, int, int], int]]) -> None:
+    def _refresh(self, sdf: SdfQuery, stale: dict[tuple[int, int, int], int]) -> None:
         """Look for crossings in the given blocks, all in one query."""
         if not stale:
             return
-        blocks = np.array([key for key, _ in stale])
-        cells = self._active_cells(blocks)
-        points, normals = crossings(sdf, cells, self._spacing_m)
+        cells, corner = self._active_cells(np.array(list(stale)))
+        points = crossings(sdf, cells, corner, self._spacing_m)
         edge = self._occupancy.config.voxel_m
-        keep = self._occupancy.near_occupied(points, _REACH_VOXELS * edge)
-        points, normals = points[keep], normals[keep]
+        # Normals cost four queries each, so what is not kept gets none.
+        points = points[self._occupancy.near_occupied(points, _REACH_VOXELS * edge)]
+        normals = gradient_directions(sdf, points)
+        points = points.astype(np.float32)
         # A crossing belongs to the block of its nearest voxel, so that each is stored once.
         owner = np.floor_divide(np.rint(points / edge).astype(np.int64), BLOCK)
-        for key, stamp in stale:
-            mine = (owner == key).all(axis=1)
+        order = np.lexsort(owner.T)
+        first = np.flatnonzero((np.diff(owner[order], axis=0, prepend=np.nan) != 0).any(axis=1))
+        found = {tuple(owner[rows[0]].tolist()): rows for rows in np.split(order, first[1:]) if len(rows)}
+        none = np.zeros(0, np.int64)
+        for key, stamp in stale.items():
+            mine = found.get(key, none)
             self._patches[key] = _Patch(stamp, points[mine], normals[mine])
 
-    def _active_cells(self, blocks: Int64[np.ndarray, "n 3"]) -> Int64[np.ndarray, "m 3"]:
-        """Lattice cells (x, y, z) that touch an occupied voxel of the given blocks, each once."""
+    def _active_cells(
+        self, blocks: Int64[np.ndarray, "n 3"]
+    ) -> tuple[Bool[np.ndarray, "x y z"], Int64[np.ndarray, "3"]]:
+        """Which lattice cells touch an occupied voxel of the given blocks, and the index of the first cell."""
         edge = self._occupancy.config.voxel_m
         grid = self._occupancy.grid.state
         voxels = []
@@ -100,55 +107,47 @@ class SurfaceExtractor:
             part = grid[z : z + BLOCK, y : y + BLOCK, x : x + BLOCK]
             voxels.append(np.argwhere(part == OCCUPIED)[:, ::-1] + block * BLOCK)
         occupied = np.concatenate(voxels)
+        if not len(occupied):
+            return np.zeros((0, 0, 0), bool), np.zeros(3, np.int64)
         low = np.floor((occupied - 0.5) * (edge / self._spacing_m) + 1e-6).astype(np.int64)
         high = np.floor((occupied + 0.5) * (edge / self._spacing_m) - 1e-6).astype(np.int64)
-        span = int((high - low).max(initial=0)) + 1
-        offsets = np.indices((span, span, span)).reshape(3, -1).T
-        cells = np.minimum(low[:, None] + offsets, high[:, None]).reshape(-1, 3)
-        return np.unique(cells, axis=0)
+        corner = low.min(axis=0)
+        low, high = low - corner, high - corner
+        cells = np.zeros(high.max(axis=0) + 1, bool)
+        for offset in np.ndindex(*((high - low).max(axis=0) + 1)):
+            cells[tuple(np.minimum(low + offset, high).T)] = True
+        return cells, corner
 
 
 def crossings(
-    sdf: SdfQuery, cells: Int64[np.ndarray, "m 3"], spacing_m: float
-) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n 3"]]:
-    """Zero-crossings on the edges of lattice cells, by linear interpolation, and their normals by differences.
+    sdf: SdfQuery, cells: Bool[np.ndarray, "x y z"], corner: Int64[np.ndarray, "3"], spacing_m: float
+) -> Float[np.ndarray, "n 3"]:
+    """Zero-crossings on the edges of lattice cells, by linear interpolation, each once.
 
     Args:
         sdf: Signed distance at world points, in any unit.
-        cells: Lattice cells; cell (i, j, k) spans ``[i, i + 1] * spacing_m`` along x, and so on.
+        cells: Which lattice cells to look at, by x, y, z.
+        corner: Index of cell [0, 0, 0]; cell (i, j, k) spans ``[i, i + 1] * spacing_m`` along x, and so on.
         spacing_m: Spacing of the lattice [m].
 
     Returns:
-        World points [m] and unit normals that point to where the SDF grows.
+        World points [m].
     """
-    if not len(cells):
-        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
-    base = cells.min(axis=0)
-    shape = cells.max(axis=0) - base + 2
-    index = np.full(shape, -1, np.int64)
-    needed = np.zeros(shape, bool)
-    for offset in np.indices((2, 2, 2)).reshape(3, -1).T:
-        needed[tuple((cells - base + offset).T)] = True
-    vertices = np.argwhere(needed)
-    index[needed] = np.arange(len(vertices))
-    value = sdf((vertices + base) * spacing_m)
-    points = []
+    needed = np.zeros([n + 1 for n in cells.shape], bool)
+    for offset in np.ndindex(2, 2, 2):
+        needed[tuple(slice(a, a + n) for a, n in zip(offset, cells.shape, strict=True))] |= cells
+    values = np.zeros(needed.shape, np.float32)
+    values[needed] = sdf((np.argwhere(needed) + corner) * spacing_m)
+    positive = values > 0.0
+    points = [np.zeros((0, 3))]
     for axis in range(3):
-        neighbour = vertices.copy()
-        neighbour[:, axis] += 1
-        exists = neighbour[:, axis] < shape[axis]
-        other = np.full(len(vertices), -1)
-        other[exists] = index[tuple(neighbour[exists].T)]
-        first = np.flatnonzero(other >= 0)
-        second = other[first]
-        cross = (value[first] > 0.0) != (value[second] > 0.0)
-        first, second = first[cross], second[cross]
-        share = value[first] / (value[first] - value[second])
-        point = (vertices[first] + base).astype(float)
-        point[:, axis] += share
+        below, above = (tuple(s if a == axis else slice(None) for a in range(3)) for s in (slice(-1), slice(1, None)))
+        cross = needed[below] & needed[above] & (positive[below] != positive[above])
+        low, high = values[below][cross], values[above][cross]
+        point = (np.argwhere(cross) + corner).astype(float)
+        point[:, axis] += low / (low - high)
         points.append(point * spacing_m)
-    xyz = np.concatenate(points)
-    return xyz.astype(np.float32), gradient_directions(sdf, xyz)
+    return np.concatenate(points)
 
 
 def gradient_directions(sdf: SdfQuery, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:

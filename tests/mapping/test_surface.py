@@ -12,23 +12,33 @@ def _sphere(points):
     return (np.linalg.norm(points, axis=1) - 0.73).astype(np.float32)
 
 
+def _crossings_of_the_sphere():
+    return crossings(_sphere, np.ones((20, 20, 20), bool), np.array([-10, -10, -10]), 0.1)
+
+
 def test_crossings_of_a_sphere_lie_on_it_and_look_outwards():
-    cells = np.stack(np.meshgrid(*[np.arange(-10, 10)] * 3), axis=-1).reshape(-1, 3)
-    points, normals = crossings(_sphere, cells, 0.1)
+    points = _crossings_of_the_sphere()
     assert len(points) > 500
     assert np.abs(np.linalg.norm(points, axis=1) - 0.73).max() < 0.002
-    assert (normals * points).sum(axis=1).min() > 0.7
+    assert (gradient_directions(_sphere, points) * points).sum(axis=1).min() > 0.7
 
 
 def test_each_edge_is_crossed_once():
-    cells = np.stack(np.meshgrid(*[np.arange(-10, 10)] * 3), axis=-1).reshape(-1, 3)
-    points, _ = crossings(_sphere, cells, 0.1)
+    points = _crossings_of_the_sphere()
     assert len(np.unique(np.round(points, 6), axis=0)) == len(points)
 
 
+def test_only_edges_of_the_given_cells_are_crossed():
+    cells = np.zeros((20, 20, 20), bool)
+    cells[17, 10, 10] = True
+    points = crossings(_sphere, cells, np.array([-10, -10, -10]), 0.1)
+    assert len(points)
+    assert ((points >= [0.7, 0.0, 0.0]) & (points <= [0.8, 0.1, 0.1])).all()
+
+
 def test_no_cells_give_no_points():
-    points, normals = crossings(_sphere, np.zeros((0, 3), np.int64), 0.1)
-    assert points.shape == normals.shape == (0, 3)
+    points = crossings(_sphere, np.zeros((0, 0, 0), bool), np.zeros(3, np.int64), 0.1)
+    assert points.shape == gradient_directions(_sphere, points).shape == (0, 3)
 
 
 def test_a_flat_field_still_gives_unit_normals():
