@@ -25,7 +25,7 @@ from anm_mj.mapping.uncertainty import predictive_variance
 from anm_mj.mapping.view import view_samples
 from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfacePoints, VoxelGrid
 
-_FORMAT = "anm-mj map 1"
+_FORMAT = "anm-mj map 2"
 """Marks a checkpoint of ours, and its version."""
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int64
+from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
 
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.config import OccupancyConfig
@@ -42,6 +42,7 @@ class OccupancyGrid:
         self._log_odds = np.zeros(shape, np.int8)
         self._state = np.zeros(shape, np.int8)
         self._seen_range_m = np.zeros(shape, np.float32)
+        self._num_hits = np.zeros(shape, np.int32)
         self._block_stamp = np.zeros(shape, np.int32)
         self._num_frames = 0
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
@@ -61,6 +62,14 @@ class OccupancyGrid:
     def corner(self) -> Int64[np.ndarray, "3"]:
         """x, y, z index of cell [0, 0, 0]: its centre in the world in voxel edges; a multiple of ``BLOCK``."""
         return self._corner
+
+    @property
+    def num_hits(self) -> Int32[np.ndarray, "layers rows cols"]:
+        """How many pixels of all frames fell into each voxel, images being thinned to a focal length of 64 px.
+
+        Near, frontal and repeated looks all add to it: it is the sampling density of the surface there.
+        """
+        return self._num_hits
 
     @property
     def block_stamp(self) -> Int[np.ndarray, "layers rows cols"]:
@@ -132,6 +141,7 @@ class OccupancyGrid:
             "log_odds": self._log_odds.copy(),
             "state": self._state.copy(),
             "seen_range_m": self._seen_range_m.copy(),
+            "num_hits": self._num_hits.copy(),
             "block_stamp": self._block_stamp.copy(),
             "num_frames": np.array(self._num_frames),
         }
@@ -142,6 +152,7 @@ class OccupancyGrid:
         self._log_odds = state["log_odds"].astype(np.int8)
         self._state = state["state"].astype(np.int8)
         self._seen_range_m = state["seen_range_m"].astype(np.float32)
+        self._num_hits = state["num_hits"].astype(np.int32)
         self._block_stamp = state["block_stamp"].astype(np.int32)
         self._num_frames = int(state["num_frames"])
 
@@ -183,6 +194,7 @@ class OccupancyGrid:
         self._log_odds = _moved(self._log_odds, new_shape, before, 0)
         self._state = _moved(self._state, new_shape, before, UNKNOWN)
         self._seen_range_m = _moved(self._seen_range_m, new_shape, before, np.inf)
+        self._num_hits = _moved(self._num_hits, new_shape, before, 0)
         block_shape = tuple(n // BLOCK for n in new_shape)
         self._block_stamp = _moved(self._block_stamp, block_shape, before // BLOCK, 0)
         self._corner = new_low
@@ -232,14 +244,15 @@ class OccupancyGrid:
         state[flat] = np.where(value > 0, OCCUPIED, FREE)
 
     def _mark(self, voxels: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> None:
-        """Raise the log-odds of the voxels that were hit, once each, and note from how near."""
+        """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near."""
         _, rows, cols = self._state.shape
         x, y, z = (voxels - self._corner).T
         flat = (z * rows + y) * cols + x
         seen = self._seen_range_m.reshape(-1)
         # With several pixels in a voxel the last one counts: all are equally near, to within the voxel.
         seen[flat] = np.minimum(seen[flat], depth_m)
-        flat = np.unique(flat)
+        flat, count = np.unique(flat, return_counts=True)
+        self._num_hits.reshape(-1)[flat] += count
         log_odds, state = self._log_odds.reshape(-1), self._state.reshape(-1)
         value = np.minimum(log_odds[flat].astype(np.int16) + self.config.hit, self.config.limit).astype(np.int8)
         log_odds[flat] = value
