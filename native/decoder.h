@@ -12,16 +12,16 @@ using anm::round_up;
 // Views into one buffer of Settings::packed_size() floats. Rows are padded with zeros; H = hidden_pad, O = outputs_pad.
 // The first six double as the layout of the gradients (Settings::gradient_size() floats).
 struct PackedDecoders {
-    float* sdf_blob;      // [3 bins][H]
-    float* sdf_grid;      // [features][H], by level, then feature
-    float* sdf_out;       // [O][H]
-    float* color_blob;    // [3 bins][H]
-    float* color_geo;     // [O][H]; row 0, where s stands, is zero
-    float* color_out;     // [4][H]
-    float* sdf_grid_t;    // [H][features_pad]
-    float* sdf_out_t;     // [H][O]
-    float* color_geo_t;   // [H][O]
-    float* color_out_t;   // [H][kWidthAlign]
+    float* sdf_blob;     // [3 bins][H]
+    float* sdf_grid;     // [features][H], by level, then feature
+    float* sdf_out;      // [O][H]
+    float* color_blob;   // [3 bins][H]
+    float* color_geo;    // [O][H]; row 0, where s stands, is zero
+    float* color_out;    // [4][H]
+    float* sdf_grid_t;   // [H][features_pad]
+    float* sdf_out_t;    // [H][O]
+    float* color_geo_t;  // [H][O]
+    float* color_out_t;  // [H][kWidthAlign]
 
     PackedDecoders(const Settings& s, float* base) {
         const int h = s.hidden_pad(), o = s.outputs_pad();
@@ -80,9 +80,9 @@ struct Activations {
     float* rgb;           // [3][capacity]
     float* s;             // [slots]
     Blobs blobs;
-    float* d_rgb;       // [slots][4], by the colour before the sigmoid
-    float* d_s;         // [slots]
-    float* row;         // [slots][max(kWidthAlign, features_pad)], scratch
+    float* d_rgb;  // [slots][4], by the colour before the sigmoid
+    float* d_s;    // [slots]
+    float* row;    // [slots][max(kWidthAlign, features_pad)], scratch
 
     static std::size_t size(const Settings& c, int capacity) {
         const int row = c.features_pad() > kWidthAlign ? c.features_pad() : kWidthAlign;
@@ -156,7 +156,8 @@ ANM_INLINE void forward(const Settings& c, const Shape& shape, const PackedDecod
                                         kWidthAlign);
     for (int s = 0; s < slots; ++s) {
         a.s[s] = a.outputs[s * o];
-        for (int channel = 0; channel < 3; ++channel) a.rgb[channel * a.capacity + s] = a.row[s * kWidthAlign + channel];
+        for (int channel = 0; channel < 3; ++channel)
+            a.rgb[channel * a.capacity + s] = a.row[s * kWidthAlign + channel];
     }
     for (int i = 0; i < 3 * a.capacity; i += kLanes) store(a.rgb + i, sigmoid(load(a.rgb + i)));
 }

@@ -57,8 +57,8 @@ ANM_INLINE void find_corners(const Level& level, const Positions& at, std::ptrdi
     }
 }
 
-// Distance between levels in an array of features of `slots` slots. Away from powers of two, which would make all levels
-// of a slot compete for the same few places in the cache.
+// Distance between levels in an array of features of `slots` slots. Away from powers of two, which would make all
+// levels of a slot compete for the same few places in the cache.
 ANM_INLINE std::ptrdiff_t feature_stride(std::ptrdiff_t slots) {
     constexpr std::ptrdiff_t kPage = 1024, kOffset = 80;
     return (2 * slots + kPage - 1) / kPage * kPage + kOffset;
@@ -76,9 +76,9 @@ ANM_INLINE void prefetch(const Corners& corners, const float* table) {
     }
 }
 
-// Features of slots [begin, end), both multiples of kGroup, on one level. Table entries are read by scalar loads: gather
-// instructions are slower on processors with the mitigation for their leaks, and no faster on others. A group's lines
-// are asked for while the group before it is summed.
+// Features of slots [begin, end), both multiples of kGroup, on one level. Table entries are read by scalar loads:
+// gather instructions are slower on processors with the mitigation for their leaks, and no faster on others. A group's
+// lines are asked for while the group before it is summed.
 ANM_INLINE void encode(const Level& level, const float* table, const Positions& at, std::ptrdiff_t begin,
                        std::ptrdiff_t end, float* features) {
     if (begin == end) return;
@@ -95,7 +95,8 @@ ANM_INLINE void encode(const Level& level, const float* table, const Positions& 
         for (int s = 0; s < kGroup; ++s) {
             F4 total{};
             for (int edge = 0; edge < 4; ++edge) {
-                const F4 entries = load_pairs(entry(table, group.index[2 * edge][s]), entry(table, group.index[2 * edge + 1][s]));
+                const F4 entries =
+                    load_pairs(entry(table, group.index[2 * edge][s]), entry(table, group.index[2 * edge + 1][s]));
                 total += entries * load4(group.weight[edge] + 4 * s);
             }
             store2(out + 2 * s, F2{total[0] + total[2], total[1] + total[3]});

@@ -4,7 +4,8 @@
 //   1. blocks of rays: sample depths and positions, count samples per loss term;
 //   2. levels: encode all samples on one level, whose table (512 KB) then stays in the second-level cache;
 //   3. blocks of rays: decode, render, losses, back to the features, which are overwritten with their gradients;
-//   4. levels: scatter the gradients into a table that stays in the cache too, and Adam on it; beside them the decoders.
+//   4. levels: scatter the gradients into a table that stays in the cache too, and Adam on it; beside them the
+//   decoders.
 #include "adam.h"
 #include "rendering.h"
 #include "roofline.h"
@@ -161,7 +162,8 @@ private:
                 const float measured = rays_.depth[ray];
                 const bool hit = has_surface(c_, measured);
                 if (depths_ != nullptr) {
-                    std::memcpy(z, depths_ + static_cast<std::ptrdiff_t>(ray) * c_.samples(), sizeof(float) * c_.samples());
+                    std::memcpy(z, depths_ + static_cast<std::ptrdiff_t>(ray) * c_.samples(),
+                                sizeof(float) * c_.samples());
                 } else {
                     sample_ray(model_, measured, seed_, static_cast<std::uint32_t>(ray), z);
                 }
@@ -276,8 +278,7 @@ private:
     void update_level(int level, int worker) {
         float* d_table = floats(arena_, kWorkerTable, worker, 0);
         const float* table = level_table(model_.table, level);
-        scatter(model_.level[level], at_, 0, layout_.padded_slots(), features_ + level * level_stride_,
-                d_table);
+        scatter(model_.level[level], at_, 0, layout_.padded_slots(), features_ + level * level_stride_, d_table);
         smoothness_[level] = 0.0;
         if (corner_ != nullptr) {
             const int k = c_.smoothness_points;
@@ -408,7 +409,8 @@ void for_each_block(const Model& model, const float* points, std::int64_t count,
         scratch.encode_all(model, round_up(size, kQueryBlock));
         for (int i = 0; i < size; i += kQueryBlock) {
             one_blob(c, scratch.at, i, kQueryBlock, scratch.activations.blobs);
-            answer(scratch, Pairs{scratch.features + 2 * i, scratch.level_stride}, first + i, smaller(kQueryBlock, size - i));
+            answer(scratch, Pairs{scratch.features + 2 * i, scratch.level_stride}, first + i,
+                   smaller(kQueryBlock, size - i));
         }
     });
 }
@@ -421,7 +423,8 @@ void query_as(const Shape& shape, const Model& model, const float* points, std::
                    [&](const ChunkScratch& scratch, const Pairs& grid, std::int64_t first, int size) {
                        const Activations& a = scratch.activations;
                        for (int k = 0; k < sets; ++k) {
-                           const PackedDecoders w(c, const_cast<float*>(packed) + static_cast<std::ptrdiff_t>(k) * c.packed_size());
+                           const PackedDecoders w(
+                               c, const_cast<float*>(packed) + static_cast<std::ptrdiff_t>(k) * c.packed_size());
                            if (rgb == nullptr) {
                                forward_sdf(c, shape, w, grid, kQueryBlock, a);
                            } else {
@@ -462,8 +465,8 @@ ANM_INLINE float square_norm(const float* v, int width) {
 
 constexpr int kMaxWidth = 1024;
 
-// Squared norms of the gradients of s and of the colours (mean over channels) at sample i of a block. A layer's gradient
-// is an outer product, so its squared norm is a product of two and no gradient is formed.
+// Squared norms of the gradients of s and of the colours (mean over channels) at sample i of a block. A layer's
+// gradient is an outer product, so its squared norm is a product of two and no gradient is formed.
 void sample_sensitivity(const Settings& c, const PackedDecoders& w, const Pairs& grid, const Activations& a, int i,
                         float& sdf, float& rgb) {
     const int h = c.hidden_pad(), o = c.outputs_pad();
@@ -567,15 +570,17 @@ void render_as(const Shape& shape, const Model& model, const float* origin, cons
     });
 }
 
-void render(const Model& model, const float* origin, const float* direction, const float* depths, int count, int samples,
-            float* rgb, float* depth, const Parallel& parallel, const Arena& arena) {
+void render(const Model& model, const float* origin, const float* direction, const float* depths, int count,
+            int samples, float* rgb, float* depth, const Parallel& parallel, const Arena& arena) {
     const Settings& c = model.settings;
     float* packed = floats(arena, kPacked, 0, c.packed_size());
     pack(c, model.decoders, packed);
     if (Widths<32, 16>::fits(c)) {
-        render_as(Widths<32, 16>(c), model, origin, direction, depths, count, samples, rgb, depth, packed, parallel, arena);
+        render_as(Widths<32, 16>(c), model, origin, direction, depths, count, samples, rgb, depth, packed, parallel,
+                  arena);
     } else {
-        render_as(Widths<0, 0>(c), model, origin, direction, depths, count, samples, rgb, depth, packed, parallel, arena);
+        render_as(Widths<0, 0>(c), model, origin, direction, depths, count, samples, rgb, depth, packed, parallel,
+                  arena);
     }
 }
 

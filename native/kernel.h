@@ -1,6 +1,6 @@
-// What the bindings and the kernel share. The kernel is one translation unit, compiled once per instruction set; to keep
-// code of a newer set out of what an older processor runs, it defines nothing that the linker could merge with another
-// unit's copy: it uses no templates of the standard library, and its own things live in an unnamed namespace.
+// What the bindings and the kernel share. The kernel is one translation unit, compiled once per instruction set; to
+// keep code of a newer set out of what an older processor runs, it defines nothing that the linker could merge with
+// another unit's copy: it uses no templates of the standard library, and its own things live in an unnamed namespace.
 #pragma once
 
 #include <cstddef>
@@ -9,9 +9,9 @@
 namespace anm {
 
 constexpr int kMaxLevels = 32;
-constexpr int kGroup = 16;        // slots whose features lie together: 16 pairs of floats are two cache lines
-constexpr int kBlockAlign = 8;    // a block of rays starts at a multiple of so many slots
-constexpr int kWidthAlign = 16;   // rows of activations are padded to so many floats
+constexpr int kGroup = 16;          // slots whose features lie together: 16 pairs of floats are two cache lines
+constexpr int kBlockAlign = 8;      // a block of rays starts at a multiple of so many slots
+constexpr int kWidthAlign = 16;     // rows of activations are padded to so many floats
 constexpr int kGradientTasks = 32;  // fixed, so that sums do not depend on the number of threads
 
 constexpr int round_up(int value, int multiple) { return (value + multiple - 1) / multiple * multiple; }
@@ -62,8 +62,8 @@ struct Settings {
 struct Model {
     Settings settings;
     Level level[kMaxLevels];
-    const float* linspace_free = nullptr;  // uniform scheme: depths over [0, far]
-    const float* linspace_band = nullptr;  // offsets about the measured depth
+    const float* linspace_free = nullptr;   // uniform scheme: depths over [0, far]
+    const float* linspace_band = nullptr;   // offsets about the measured depth
     const float* linspace_spare = nullptr;  // in their place on rays without depth
     float* table = nullptr;
     float* table_m = nullptr;
@@ -113,8 +113,8 @@ struct Roofline {
 
 struct Kernel {
     const char* name;
-    // depths: given sample depths [n][samples], or null to draw them from the seed. corner: of the smoothness lattice, or
-    // null. gradients: null to train.
+    // depths: given sample depths [n][samples], or null to draw them from the seed. corner: of the smoothness lattice,
+    // or null. gradients: null to train.
     void (*step)(Model&, const Rays&, std::uint32_t seed, const float* depths, const float* corner, const Gradients*,
                  const Parallel&, const Arena&, Losses&);
     void (*sample)(const Model&, const Rays&, std::uint32_t seed, float* depths);

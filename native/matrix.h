@@ -16,9 +16,7 @@ constexpr int kTile = 4;
 struct Rows {
     const float* data;
     int stride;
-    ANM_INLINE float operator()(int s, int k) const {
-        return data[static_cast<std::ptrdiff_t>(s) * stride + k];
-    }
+    ANM_INLINE float operator()(int s, int k) const { return data[static_cast<std::ptrdiff_t>(s) * stride + k]; }
 };
 
 // Grid features: level by level, and in a level a pair for every slot.
@@ -39,7 +37,9 @@ struct PairsTile {
     std::ptrdiff_t level_stride;
     ANM_INLINE float operator()(int r, int k) const { return data[(k >> 1) * level_stride + 2 * r + (k & 1)]; }
 };
-ANM_INLINE RowsTile tile_at(const Rows& a, int s) { return {a.data + static_cast<std::ptrdiff_t>(s) * a.stride, a.stride}; }
+ANM_INLINE RowsTile tile_at(const Rows& a, int s) {
+    return {a.data + static_cast<std::ptrdiff_t>(s) * a.stride, a.stride};
+}
 ANM_INLINE PairsTile tile_at(const Pairs& a, int s) { return {a.data + 2 * s, a.level_stride}; }
 
 enum class Start { kZero, kAdd };
@@ -109,7 +109,8 @@ ANM_INLINE void outer_tile(const A& a, int k, int samples, const float* d, int d
 }
 
 template <int kVectors, class A>
-ANM_INLINE void outer_columns(const A& a, int depth, int samples, const float* d, int d_stride, float* g, int g_stride) {
+ANM_INLINE void outer_columns(const A& a, int depth, int samples, const float* d, int d_stride, float* g,
+                              int g_stride) {
     int k = 0;
     for (; k + kTile <= depth; k += kTile) {
         outer_tile<kTile, kVectors>(a, k, samples, d, d_stride, g + k * g_stride, g_stride);

@@ -13,7 +13,6 @@
 #include <mutex>
 #include <new>
 #include <optional>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -53,7 +52,8 @@ std::vector<std::string> kernel_names() {
     std::vector<std::string> names;
 #ifdef ANM_X86
     __builtin_cpu_init();
-    const bool v2 = __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt") && __builtin_cpu_supports("ssse3");
+    const bool v2 =
+        __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt") && __builtin_cpu_supports("ssse3");
     const bool v3 = v2 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
                     __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
     const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
@@ -96,7 +96,8 @@ void require(bool ok, const char* message) {
 
 class Engine {
 public:
-    Engine(const anm::Settings& settings, InFlat cells_per_m, nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig> factors,
+    Engine(const anm::Settings& settings, InFlat cells_per_m,
+           nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig> factors,
            nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig> masks, InFlat linspace_free, InFlat linspace_band,
            InFlat linspace_spare, int num_threads, const std::string& kernel)
         : kernel_(find_kernel(kernel)),
@@ -173,7 +174,8 @@ public:
 
     nb::tuple gradients(In origin, In direction, In rgb, InFlat depth, In depths, std::optional<InFlat> corner) {
         const anm::Rays rays = as_rays(origin, direction, rgb, depth);
-        require(depths.shape(0) == depth.shape(0) && depths.shape(1) == samples(), "one row of samples per ray is needed");
+        require(depths.shape(0) == depth.shape(0) && depths.shape(1) == samples(),
+                "one row of samples per ray is needed");
         anm::Losses losses{};
         anm::Gradients out;
         Out table = make_array({table_size_ / 2, std::size_t{2}}, out.table);
@@ -224,10 +226,12 @@ public:
         float *sdf = nullptr, *rgb = nullptr;
         Out sdf_out = make_array({points.shape(0)}, sdf);
         Out rgb_out = make_array({points.shape(0)}, rgb);
-        nb::gil_scoped_release release;
-        const std::lock_guard<std::mutex> lock(mutex_);
-        kernel_.sensitivity(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), sdf, rgb, parallel(), arena());
-        nb::gil_scoped_acquire acquire;
+        {
+            nb::gil_scoped_release release;
+            const std::lock_guard<std::mutex> lock(mutex_);
+            kernel_.sensitivity(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), sdf, rgb, parallel(),
+                                arena());
+        }
         return nb::make_tuple(sdf_out, rgb_out);
     }
 
@@ -267,7 +271,8 @@ private:
         const std::size_t count = depth.shape(0);
         require(count >= 1, "at least one ray is needed");
         for (const In* array : {&origin, &direction, &rgb}) {
-            require(array->shape(0) == count && array->shape(1) == 3, "origin, direction and colour need a row per depth");
+            require(array->shape(0) == count && array->shape(1) == 3,
+                    "origin, direction and colour need a row per depth");
         }
         return {origin.data(), direction.data(), rgb.data(), depth.data(), static_cast<int>(count)};
     }
@@ -332,7 +337,8 @@ NB_MODULE(_native, m) {
         .def_rw("hidden", &Settings::hidden)
         .def_rw("geometry", &Settings::geometry)
         .def_prop_rw(
-            "bins_per_m", [](const Settings& s) { return nb::make_tuple(s.bins_per_m[0], s.bins_per_m[1], s.bins_per_m[2]); },
+            "bins_per_m",
+            [](const Settings& s) { return nb::make_tuple(s.bins_per_m[0], s.bins_per_m[1], s.bins_per_m[2]); },
             [](Settings& s, const std::vector<float>& values) {
                 require(values.size() == 3, "bins_per_m has three values");
                 for (int axis = 0; axis < 3; ++axis) s.bins_per_m[axis] = values[static_cast<std::size_t>(axis)];
@@ -369,7 +375,8 @@ NB_MODULE(_native, m) {
         .def("set_state", &Engine::set_state, "table"_a, "decoders"_a)
         .def("get_state", &Engine::get_state)
         .def("step", &Engine::step, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "seed"_a, "corner"_a.none())
-        .def("gradients", &Engine::gradients, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "depths"_a, "corner"_a.none())
+        .def("gradients", &Engine::gradients, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "depths"_a,
+             "corner"_a.none())
         .def("sample", &Engine::sample, "depth"_a, "seed"_a)
         .def("query_sdf", &Engine::query_sdf, "points"_a)
         .def("query_rgb", &Engine::query_rgb, "points"_a)

@@ -21,7 +21,8 @@ ANM_INLINE void bell(const float* s, int slots, float* value, float* slope) {
     }
 }
 
-// Number of samples, from the first, that take part in rendering: those up to a truncation behind the first sign change.
+// Number of samples, from the first, that take part in rendering: those up to a truncation behind the first sign
+// change.
 ANM_INLINE int visible_samples(const float* s, const float* z, int samples, float truncation) {
     for (int i = 0; i + 1 < samples; ++i) {
         if (s[i + 1] * s[i] < 0.0F) {

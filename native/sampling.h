@@ -59,8 +59,8 @@ ANM_INLINE void sample_uniform(const Model& model, float depth, const float* jit
         return value > 0.0F ? value : 0.0F;
     };
     for (int k = 0; k < c.samples(); ++k) {
-        const bool take_even = near >= c.near_samples ||
-                               (even < c.free_samples && model.linspace_free[even] <= near_depth(near));
+        const bool take_even =
+            near >= c.near_samples || (even < c.free_samples && model.linspace_free[even] <= near_depth(near));
         sorted[k] = take_even ? model.linspace_free[even++] : near_depth(near++);
     }
     const int last = c.samples() - 1;

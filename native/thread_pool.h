@@ -26,7 +26,7 @@ private:
     std::mutex user_;
     std::mutex mutex_;
     std::condition_variable wake_;
-    std::atomic<std::uint64_t> batch_{0};  // counts batches; even when at rest would not do, workers compare it
+    std::atomic<std::uint64_t> batch_{0};  // counts batches, so that a worker knows a new one
     std::atomic<int> next_{0};
     std::atomic<int> running_{0};
     int count_ = 0, workers_ = 0;
