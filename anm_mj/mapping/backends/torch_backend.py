@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import StepLosses
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field import DECODER_NAMES, NeuralField, decode_color, decode_sdf, decoder_shapes
@@ -58,15 +59,8 @@ class TorchBackend:
         """Where it computes: "cpu" or "cuda"."""
         return self._device.type
 
-    def _make_optimizer(self) -> torch.optim.Adam:
-        cfg = self.config.optimizer
-        table = {"params": list(self.field.planes), "lr": cfg.table_learning_rate, "weight_decay": 0.0}
-        decoders = {
-            "params": list(self.field.decoders.values()),
-            "lr": cfg.decoder_learning_rate,
-            "weight_decay": cfg.decoder_weight_decay,
-        }
-        return torch.optim.Adam([table, decoders], betas=(cfg.beta1, cfg.beta2), eps=cfg.epsilon, fused=True)
+    def _make_optimizer(self) -> Adam:
+        return Adam(self.config.optimizer, list(self.field.planes), list(self.field.decoders.values()))
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
@@ -93,7 +87,7 @@ class TorchBackend:
             lattice = smoothness_lattice(self._tensor(smoothness_corner_m), cfg.loss)
             smoothness = smoothness_loss(self.field.grid_features(lattice), cfg.loss)
             total = total + cfg.loss.smoothness * smoothness
-        self._optimizer.zero_grad(set_to_none=True)
+        self._optimizer.zero_grad()
         total.backward()
         self._optimizer.step()
         values = torch.stack((total, terms.rgb, terms.depth, terms.sdf, terms.free_space, smoothness)).detach()
@@ -135,36 +129,12 @@ class TorchBackend:
     def query_sensitivity(
         self, points_m: Float[np.ndarray, "n 3"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Squared gradient norms by all decoder weights; see the protocol.
-
-        Each layer's weight gradient is an outer product, so its squared norm is a product of two squared norms and no
-        gradient has to be formed.
-        """
+        """Squared gradient norms by all decoder weights; see the protocol."""
         s_out = np.empty(len(points_m), np.float32)
         rgb_out = np.empty(len(points_m), np.float32)
-        sdf_hidden, sdf_out, color_hidden, color_out = self.field.decoders.values()
-        geometry_columns = color_hidden[:, -self.config.field.geometry_features :]
         for rows, points in self._chunks(points_m):
-            features, blob = self.field.encode(points)
-            sdf_input = torch.cat((features, blob), dim=1)
-            hidden = torch.relu(sdf_input @ sdf_hidden.t())
-            active = hidden > 0.0
-            outputs = hidden @ sdf_out.t()
-            input_norm, hidden_norm = _square_norm(sdf_input), _square_norm(hidden)
-            s_out[rows] = (hidden_norm + _square_norm(active * sdf_out[0]) * input_norm).cpu().numpy()
-            color_input = torch.cat((blob, outputs[:, 1:]), dim=1)
-            color_hid = torch.relu(color_input @ color_hidden.t())
-            color = torch.sigmoid(color_hid @ color_out.t())
-            total = torch.zeros_like(input_norm)
-            for channel in range(3):
-                back_color = (color_hid > 0.0) * color_out[channel]
-                back_geometry = back_color @ geometry_columns
-                back_hidden = active * (back_geometry @ sdf_out[1:])
-                squares = _square_norm(color_hid) + _square_norm(back_color) * _square_norm(color_input)
-                squares += _square_norm(back_geometry) * hidden_norm + _square_norm(back_hidden) * input_norm
-                slope = color[:, channel] * (1.0 - color[:, channel])
-                total += slope.square() * squares
-            rgb_out[rows] = (total / 3.0).cpu().numpy()
+            s, rgb = sensitivity(list(self.field.decoders.values()), *self.field.encode(points))
+            s_out[rows], rgb_out[rows] = s.cpu().numpy(), rgb.cpu().numpy()
         return s_out, rgb_out
 
     @torch.no_grad()
@@ -230,6 +200,42 @@ class TorchBackend:
             parts.append(self._tensor(weights[start : start + size].reshape(shape)))
             start += size
         return parts
+
+
+def sensitivity(
+    decoders: Sequence[Float[Tensor, "_ _"]], features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
+) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
+    """Squared norms of the gradients by all decoder weights, of s and of the colour (mean of the three channels).
+
+    Each layer's weight gradient is an outer product, so its squared norm is a product of two squared norms and no
+    gradient has to be formed.
+
+    Args:
+        decoders: The decoders' matrices in the order of the parameter layout.
+        features: Grid features.
+        blob: One-blob codes.
+    """
+    sdf_hidden, sdf_out, color_hidden, color_out = decoders
+    geometry_columns = color_hidden[:, blob.shape[1] :]
+    sdf_input = torch.cat((features, blob), dim=1)
+    hidden = torch.relu(sdf_input @ sdf_hidden.t())
+    active = hidden > 0.0
+    outputs = hidden @ sdf_out.t()
+    input_norm, hidden_norm = _square_norm(sdf_input), _square_norm(hidden)
+    of_s = hidden_norm + _square_norm(active * sdf_out[0]) * input_norm
+    color_input = torch.cat((blob, outputs[:, 1:]), dim=1)
+    color_hid = torch.relu(color_input @ color_hidden.t())
+    color = torch.sigmoid(color_hid @ color_out.t())
+    total = torch.zeros_like(input_norm)
+    for channel in range(3):
+        back_color = (color_hid > 0.0) * color_out[channel]
+        back_geometry = back_color @ geometry_columns
+        back_hidden = active * (back_geometry @ sdf_out[1:])
+        squares = _square_norm(color_hid) + _square_norm(back_color) * _square_norm(color_input)
+        squares += _square_norm(back_geometry) * hidden_norm + _square_norm(back_hidden) * input_norm
+        slope = color[:, channel] * (1.0 - color[:, channel])
+        total += slope.square() * squares
+    return of_s, total / 3.0
 
 
 def _square_norm(rows: Float[Tensor, "n width"]) -> Float[Tensor, " n"]:

@@ -1,0 +1,66 @@
+"""Adam by torch's fused kernel, called directly.
+
+``torch.optim`` does the same, but on first use it imports torch's compiler, and that loads a second LLVM beside the one
+of a software GL renderer: in a process that has rendered before, this ends in a segmentation fault.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from anm_mj.mapping.config import OptimizerConfig
+
+
+class Adam:
+    """Adam (Kingma and Ba, ICLR 2015) with an L2 penalty, over groups of parameters with rates of their own."""
+
+    def __init__(self, config: OptimizerConfig, table: list[torch.Tensor], decoders: list[torch.Tensor]) -> None:
+        """Start with empty moments.
+
+        Args:
+            config: rates, decays and penalty.
+            table: the hash table's planes; no penalty.
+            decoders: the decoders' weights.
+        """
+        self._config = config
+        self._groups = [
+            (_Group(table), config.table_learning_rate, 0.0),
+            (_Group(decoders), config.decoder_learning_rate, config.decoder_weight_decay),
+        ]
+
+    def zero_grad(self) -> None:
+        """Drop all gradients."""
+        for group, _, _ in self._groups:
+            for parameter in group.parameters:
+                parameter.grad = None
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Move every parameter that has a gradient."""
+        for group, learning_rate, weight_decay in self._groups:
+            moved = [i for i, parameter in enumerate(group.parameters) if parameter.grad is not None]
+            num_steps = [group.num_steps[i] for i in moved]
+            torch._foreach_add_(num_steps, 1)
+            torch._fused_adam_(
+                [group.parameters[i] for i in moved],
+                [group.parameters[i].grad for i in moved],
+                [group.first_moments[i] for i in moved],
+                [group.second_moments[i] for i in moved],
+                [],
+                num_steps,
+                lr=learning_rate,
+                beta1=self._config.beta1,
+                beta2=self._config.beta2,
+                weight_decay=weight_decay,
+                eps=self._config.epsilon,
+                amsgrad=False,
+                maximize=False,
+            )
+
+
+class _Group:
+    def __init__(self, parameters: list[torch.Tensor]) -> None:
+        self.parameters = parameters
+        self.first_moments = [torch.zeros_like(p, requires_grad=False) for p in parameters]
+        self.second_moments = [torch.zeros_like(p, requires_grad=False) for p in parameters]
+        self.num_steps = [torch.zeros((), device=p.device) for p in parameters]
