@@ -18,7 +18,7 @@ from anm_mj.mapping.backends.backend import MapperBackend, StepLosses
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig, config_from_dict
 from anm_mj.mapping.keyframes import KeyframeStore, concatenate, sample_frame
-from anm_mj.mapping.mesh import colored_mesh, extract_mesh
+from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import predictive_variance
@@ -54,6 +54,7 @@ class NeuralMap:
         self._keyframes = KeyframeStore(config.schedule.replay_bytes, config.schedule.pixel_share)
         self._occupancy = OccupancyGrid(config.occupancy)
         self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
+        self._mesh = MeshExtractor(self._occupancy)
         self._num_frames = 0
 
     @property
@@ -121,14 +122,18 @@ class NeuralMap:
         """Free, occupied and unknown space as fused from depth so far; views of the arrays within."""
         return self._occupancy.grid
 
-    def mesh(self, resolution_m: float = 0.05) -> trimesh.Trimesh:
+    def mesh(self, resolution_m: float = 0.05, *, reuse: bool = False) -> trimesh.Trimesh:
         """The observed surface in the world [m], with vertex colours; faces look into free space.
+
+        Args:
+            resolution_m: Edge of a marching-cubes cell [m].
+            reuse: Ask the field only where frames have come in since the last call with this resolution and keep the
+                rest, for a view of a run as it goes.
 
         Raises:
             MapError: If the resolution is not positive.
         """
-        vertices, faces = extract_mesh(self.backend.query_sdf, self._occupancy, resolution_m)
-        return colored_mesh(vertices, faces, self.rgb(vertices))
+        return colored_mesh(self._mesh.extract(self.backend.query_sdf, self.rgb, resolution_m, reuse=reuse))
 
     def render(
         self, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]

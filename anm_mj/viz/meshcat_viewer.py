@@ -37,8 +37,8 @@ BODY, SIGHT, WAY, GRAPH, REGIONS, TARGET, PATH = 0x4A5568, 0x2B6CA3, 0x7A3FA0, 0
 class Meshable(Protocol):
     """A map that can show its surface."""
 
-    def mesh(self, resolution_m: float) -> trimesh.Trimesh:
-        """The surface as a coloured mesh, world [m]."""
+    def mesh(self, resolution_m: float, *, reuse: bool) -> trimesh.Trimesh:
+        """The surface as a coloured mesh, world [m]; with ``reuse``, new only where frames have come in since."""
         ...
 
 
@@ -138,7 +138,7 @@ class MeshcatViewer:
     def _show_mesh(self, mapper: Meshable, step: int) -> None:
         begin_s = time.perf_counter()
         self._mesh_step = step
-        mesh = mapper.mesh(MESH_RESOLUTION_M)
+        mesh = mapper.mesh(MESH_RESOLUTION_M, reuse=True)
         if len(mesh.faces):
             self._object("mesh", shapes.neural_surface(mesh))
             self._centre(np.asarray(mesh.bounds).mean(axis=0)[:2])

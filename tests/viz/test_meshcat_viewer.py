@@ -24,7 +24,7 @@ class CountingMap(FakeMap):
 
     num_meshes = 0
 
-    def mesh(self, resolution_m: float) -> trimesh.Trimesh:
+    def mesh(self, resolution_m: float, *, reuse: bool = False) -> trimesh.Trimesh:
         self.num_meshes += 1
         return super().mesh(resolution_m)
 
@@ -146,7 +146,7 @@ def test_browser_that_never_reads_holds_nothing_up(viewer):
 
 def test_broken_map_ends_the_view_and_not_the_run(viewer, caplog):
     class Broken(CountingMap):
-        def mesh(self, resolution_m: float) -> trimesh.Trimesh:
+        def mesh(self, resolution_m: float, *, reuse: bool = False) -> trimesh.Trimesh:
             raise RuntimeError("no mesh today")
 
     show(viewer, 1)
