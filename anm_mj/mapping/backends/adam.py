@@ -38,12 +38,14 @@ class Adam:
     def step(self) -> None:
         """Move every parameter that has a gradient."""
         for group, learning_rate, weight_decay in self._groups:
-            moved = [i for i, parameter in enumerate(group.parameters) if parameter.grad is not None]
+            gradients = {i: p.grad for i, p in enumerate(group.parameters) if p.grad is not None}
+            moved = list(gradients)
             num_steps = [group.num_steps[i] for i in moved]
-            torch._foreach_add_(num_steps, 1)
-            torch._fused_adam_(
+            for count in num_steps:
+                count.add_(1)
+            torch.ops.aten._fused_adam_.default(
                 [group.parameters[i] for i in moved],
-                [group.parameters[i].grad for i in moved],
+                list(gradients.values()),
                 [group.first_moments[i] for i in moved],
                 [group.second_moments[i] for i in moved],
                 [],
