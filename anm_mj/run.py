@@ -69,6 +69,7 @@ def run(
             config.policy,
             config.seed,
             mapper.backend.device,
+            mapper.engine_name,
             backend.name,
             backend.renderer_string,
         )

@@ -29,6 +29,8 @@ class RunFacts:
     seed: int
     device: str
     """Where the neural map is trained: ``cpu``, or the GPU with its name."""
+    engine: str
+    """What trains it: ``torch``, or ``native`` with its instruction set."""
     gl_backend: str
     """What ``MUJOCO_GL`` was in effect."""
     gl_renderer: str
