@@ -69,7 +69,7 @@ class Mapper(Protocol):
         ...
 
     def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """Predictive variance under perturbed decoders at world points (paper, eq. 5)."""
+        """How unsure the map is at world points: a variance up to a constant factor; larger is less certain."""
         ...
 
     def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:

@@ -163,7 +163,7 @@ class SurfacePoints:
     normal: Float32[np.ndarray, "n 3"]
     """Unit normals in the world, pointing into free space."""
     uncertainty: Float32[np.ndarray, " n"]
-    """Predictive variance under perturbed decoders (paper, eq. 5); larger is less certain."""
+    """A variance up to a constant factor, such as that of eq. 5 of the paper; larger is less certain."""
 
 
 @dataclass(frozen=True)

@@ -213,11 +213,12 @@ class OccupancyConfig:
 
 @dataclass(frozen=True)
 class UncertaintyConfig:
-    """How the predictive variance under perturbed decoders (paper, eq. 5) is computed."""
+    """How the uncertainty of the map at a point is computed."""
 
-    method: Literal["perturbation", "closed_form"] = "closed_form"
-    """"perturbation": sample variance over noisy decoders, as in the paper. "closed_form": its first-order limit for
-    infinitely many passes, at the price of two; closer to that limit than 20 passes are."""
+    method: Literal["evidence", "closed_form", "perturbation"] = "evidence"
+    """"evidence": by how densely a place was looked at and how usual its features are; predicts the true error best of
+    the three. "perturbation": sample variance over noisy decoders (paper, eq. 5). "closed_form": the first-order limit
+    of that for infinitely many passes, at the price of two; closer to it than 20 passes are."""
     noise_std: float = 0.02
     """Standard deviation b of the Gaussian noise on every decoder weight."""
     num_passes: int = 20
@@ -226,6 +227,8 @@ class UncertaintyConfig:
     """Weight of the mean variance of the colour channels (in [0, 1]) against that of s (in truncations)."""
 
     def __post_init__(self) -> None:
+        methods = ("evidence", "closed_form", "perturbation")
+        _require(self.method in methods, "method", self.method, f"it must be one of {methods}")
         _require(self.noise_std > 0.0, "noise_std", self.noise_std, "it must be positive")
         _require(self.num_passes >= 2, "num_passes", self.num_passes, "a variance needs at least 2 passes")
         _require(self.color_weight >= 0.0, "color_weight", self.color_weight, "it cannot be negative")

@@ -21,7 +21,7 @@ from anm_mj.mapping.keyframes import KeyframeStore, concatenate, sample_frame
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.surface import SurfaceExtractor
-from anm_mj.mapping.uncertainty import predictive_variance
+from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
 from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfacePoints, VoxelGrid
 
@@ -103,11 +103,11 @@ class NeuralMap:
         return self.backend.query_rgb(points_m)
 
     def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """Predictive variance under perturbed decoders at world points [m] (paper, eq. 5).
+        """How unsure the map is at world points [m], by the configured method (:mod:`anm_mj.mapping.uncertainty`).
 
-        In squared truncations for s plus squared colour units; the same parameters always give the same answer.
+        A variance whose scale depends on the method; the same map always gives the same answer.
         """
-        return predictive_variance(self.backend, points_m, self.config.uncertainty, self.seed)
+        return uncertainty_at(self.backend, self._occupancy, points_m, self.config.uncertainty, self.seed)
 
     def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
         """Zero-crossings near occupied voxels within ``radius_m`` [m] in the plane, with present uncertainties.
