@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, UInt8, UInt16, UInt32
+from jaxtyping import Float32, Int64, UInt16
 
+from anm_mj.errors import MapError
 from anm_mj.types import Intrinsics, Observation
 
 _DEPTH_UNIT_M = 2e-4
 """Depth is stored in multiples of this [m]; 16 bits reach 13.1 m."""
 _NO_DEPTH = 0
 _DEPTH_LIMIT = np.iinfo(np.uint16).max
+_PIXEL = np.dtype([("index", np.uint32), ("rgb", np.uint8, 3), ("depth", np.uint16)])
+"""A stored pixel, 9 bytes: its place in the image, row by row, its colour and its depth in units."""
 
 
 @dataclass(frozen=True)
@@ -27,89 +30,77 @@ class RayBatch:
     """Planar depth [m]; NaN where there is none."""
 
 
-@dataclass
-class _Keyframe:
-    """Pixels of one frame in random order, so that cutting the tail off is a fair thinning."""
-
-    pixel: UInt16[np.ndarray, " p"] | UInt32[np.ndarray, " p"]
-    """Index into the image, row by row."""
-    rgb: UInt8[np.ndarray, "p 3"]
-    depth: UInt16[np.ndarray, " p"]
-
-    @property
-    def num_bytes(self) -> int:
-        return self.pixel.nbytes + self.rgb.nbytes + self.depth.nbytes
-
-
 class KeyframeStore:
-    """Keyframes and the frame at hand, from which training rays are drawn uniformly.
+    """Keyframes, from which training rays are drawn: a frame uniformly, then one of its pixels.
 
-    Memory is bounded: when ``limit_bytes`` is reached, every keyframe gives up a random half of its pixels, so that all
-    places keep being replayed, each at a lower density.
+    Memory is bounded: when ``limit_bytes`` is reached, every keyframe gives up a random half of its pixels, and later
+    ones bring as few, so that all places keep being replayed, each at a lower density.
     """
 
     def __init__(self, limit_bytes: int, pixel_share: float) -> None:
-        self._limit_bytes = limit_bytes
         self._share = pixel_share
-        self._frames: list[_Keyframe] = []
+        # One array for all, so that a batch is one look-up however many frames there are. The system hands out its
+        # memory only as it is written to.
+        self._pixels = np.empty(limit_bytes // _PIXEL.itemsize, _PIXEL)
+        self._start = np.zeros(1, np.int64)
         self._intrinsics = np.zeros((0, 5), np.float32)
         self._T_world_camera = np.zeros((0, 4, 4), np.float32)
-        self._num_bytes = 0
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self._start) - 1
 
     @property
     def num_bytes(self) -> int:
         """Memory that pixels take [bytes]."""
-        return self._num_bytes
+        return int(self._start[-1]) * _PIXEL.itemsize
+
+    @property
+    def num_pixels(self) -> Int64[np.ndarray, " k"]:
+        """Pixels kept of each keyframe, oldest first."""
+        return np.diff(self._start)
 
     def add(self, observation: Observation, rng: np.random.Generator) -> None:
         """Keep a share of an observation's pixels for replay."""
         size = observation.depth_m.size
-        share = self._share
-        if self._frames:
-            share = min(share, len(self._frames[-1].pixel) / size)
-        count = max(1, round(share * size))
+        count = max(1, round(self._share * size))
+        # In random order, so that cutting the tail off is a fair thinning.
         pixel = rng.permutation(size)[:count]
-        frame = _Keyframe(
-            pixel.astype(np.uint16 if size <= 1 << 16 else np.uint32),
-            observation.rgb.reshape(-1, 3)[pixel],
-            _pack_depth(observation.depth_m.reshape(-1)[pixel]),
-        )
-        self._frames.append(frame)
+        while self._start[-1] + count > len(self._pixels) and count > 1:
+            self._thin()
+            count = max(1, count // 2)
+        begin, end = self._start[-1], self._start[-1] + count
+        if end > len(self._pixels):
+            raise MapError(f"{len(self)} keyframes of one pixel fill the replay store; raise schedule.replay_bytes.")
+        pixel = pixel[:count]
+        new = self._pixels[begin:end]
+        new["index"] = pixel
+        new["rgb"] = observation.rgb.reshape(-1, 3)[pixel]
+        new["depth"] = _pack_depth(observation.depth_m.reshape(-1)[pixel])
+        self._start = np.append(self._start, end)
         row = _intrinsics_row(observation.intrinsics)
         self._intrinsics = np.concatenate((self._intrinsics, row[None]))
         pose = observation.T_world_camera.astype(np.float32)
         self._T_world_camera = np.concatenate((self._T_world_camera, pose[None]))
-        self._num_bytes += frame.num_bytes
-        while self._num_bytes > self._limit_bytes and len(frame.pixel) > 1:
-            self._thin()
 
     def _thin(self) -> None:
-        for frame in self._frames:
-            keep = max(1, len(frame.pixel) // 2)
-            # Copies, because a slice would keep the whole array alive.
-            frame.pixel = frame.pixel[:keep].copy()
-            frame.rgb = frame.rgb[:keep].copy()
-            frame.depth = frame.depth[:keep].copy()
-        self._num_bytes = sum(frame.num_bytes for frame in self._frames)
+        """Give up half of every keyframe's pixels, now and in those to come."""
+        self._share /= 2.0
+        kept = np.maximum(1, self.num_pixels // 2)
+        start = np.concatenate((np.zeros(1, np.int64), np.cumsum(kept)))
+        # Forwards, each to a place before its own, so that nothing is overwritten before it has moved.
+        for old, new, count in zip(self._start[:-1].tolist(), start[:-1].tolist(), kept.tolist(), strict=True):
+            self._pixels[new : new + count] = self._pixels[old : old + count]
+        self._start = start
 
     def sample(self, count: int, rng: np.random.Generator) -> RayBatch:
         """Draw ``count`` pixels, each from a keyframe drawn uniformly."""
-        which = rng.integers(len(self._frames), size=count)
+        which = rng.integers(len(self), size=count)
         position = rng.random(count)
-        pixel = np.empty(count, np.int64)
-        rgb = np.empty((count, 3), np.uint8)
-        depth = np.empty(count, np.uint16)
-        order = np.argsort(which, kind="stable")
-        starts = np.flatnonzero(np.diff(which[order], prepend=-1))
-        for rows in np.split(order, starts[1:]):
-            frame = self._frames[which[rows[0]]]
-            chosen = (position[rows] * len(frame.pixel)).astype(np.int64)
-            pixel[rows], rgb[rows], depth[rows] = frame.pixel[chosen], frame.rgb[chosen], frame.depth[chosen]
+        pixels = self._pixels[self._start[which] + (position * self.num_pixels[which]).astype(np.int64)]
+        depth = pixels["depth"]
         depth_m = np.where(depth == _NO_DEPTH, np.float32(np.nan), depth * np.float32(_DEPTH_UNIT_M))
-        return _rays(pixel, rgb, depth_m, self._intrinsics[which], self._T_world_camera[which])
+        index = pixels["index"].astype(np.int64)
+        return _rays(index, pixels["rgb"], depth_m, self._intrinsics[which], self._T_world_camera[which])
 
 
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from anm_mj.errors import MapError
 from anm_mj.mapping.keyframes import KeyframeStore, sample_frame
 from tests.mapping.ray_room import Room
 
@@ -35,7 +36,7 @@ def test_missing_and_far_depth_come_back_as_nan():
 
 def test_memory_stays_bounded_and_every_keyframe_keeps_being_replayed(room: Room):
     rng = np.random.default_rng(0)
-    limit = 64 * 64 * 7 * 3
+    limit = 64 * 64 * 9 * 3
     store = KeyframeStore(limit, 1.0)
     for observation in room.turn(1.5, 1.5, 10):
         store.add(observation, rng)
@@ -46,8 +47,48 @@ def test_memory_stays_bounded_and_every_keyframe_keeps_being_replayed(room: Room
     assert np.histogram(yaws, bins=10, range=(-np.pi, np.pi))[0].min() > 0
 
 
+def test_a_full_store_keeps_as_much_of_the_oldest_keyframe_as_of_the_newest(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(64 * 64 * 9 * 3, 1.0)
+    views = [room.observe(1.0 + 0.1 * k, 1.5, 0.3 * k) for k in range(14)]
+    for view in views:
+        store.add(view, rng)
+    # Of quarters only twelve would fit, so each is down to an eighth.
+    assert store.num_pixels.tolist() == [64 * 64 // 8] * 14
+    rays = store.sample(20_000, rng)
+    shares = [(np.abs(rays.origin_m[:, 0] - 1.0 - 0.1 * k) < 0.01).mean() for k in range(14)]
+    np.testing.assert_allclose(shares, 1 / 14, atol=0.01)
+    # What is left of each is still what that camera saw, and spread over its whole image.
+    points = rays.origin_m + rays.direction * rays.depth_m[:, None]
+    assert np.abs(room.sdf(points.astype(float))).max() < 1e-3
+    oldest = rays.direction[np.abs(rays.origin_m[:, 0] - 1.0) < 0.01]
+    counts, _, _ = np.histogram2d(oldest[:, 1], oldest[:, 2], bins=4, range=[(-1, 1), (-1, 1)])
+    assert counts.min() > 0.5 * counts.mean()
+
+
+def test_images_of_several_sizes_share_a_store(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(10_000_000, 1.0)
+    store.add(room.observe(1.5, 1.2, 0.0, size=32), rng)
+    store.add(room.observe(1.5, 1.2, 2.0, size=300), rng)
+    assert store.num_pixels.tolist() == [32 * 32, 300 * 300]
+    rays = store.sample(2000, rng)
+    points = rays.origin_m + rays.direction * rays.depth_m[:, None]
+    assert np.abs(room.sdf(points.astype(float))).max() < 1e-3
+
+
+def test_a_store_too_small_for_one_pixel_of_each_keyframe_says_so(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(9 * 3, 1.0)
+    *fitting, surplus = room.turn(1.5, 1.5, 4)
+    for observation in fitting:
+        store.add(observation, rng)
+    with pytest.raises(MapError, match="3 keyframes of one pixel"):
+        store.add(surplus, rng)
+
+
 def test_a_share_of_the_pixels_can_be_kept(room: Room):
     rng = np.random.default_rng(0)
     store = KeyframeStore(10_000_000, 0.05)
     store.add(room.observe(1.5, 1.2, 0.0), rng)
-    assert store.num_bytes == round(0.05 * 64 * 64) * 7
+    assert store.num_bytes == round(0.05 * 64 * 64) * 9
