@@ -91,7 +91,7 @@ def run(
             wall_s = time.perf_counter() - begin
             stages = Stages(config.planning, robot.footprint)
             for pose in recorder.poses:
-                stages.topdown.visit(pose)
+                stages.topdown.visit(pose.xy_m)
             survey = stages.read(mapper, outcome.observation)
             metrics = recorder.finish(outcome.stop_reason, mapper, survey, wall_s=wall_s, loop_s=outcome.loop_s)
             return folder, metrics

@@ -5,7 +5,7 @@ from anm_mj.errors import PlanError
 from anm_mj.explore import STUCK_COLLISIONS, explore
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.make import policy_class
-from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason
+from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason, SurfacePoints
 from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import FakeRobot, ListRecorder
 from tests.planning.worlds import room
@@ -131,3 +131,54 @@ def test_random_draws_the_same_actions_for_the_same_seed_and_others_for_another(
     assert actions(3) == actions(3)
     assert actions(3) != actions(4)
     assert set(actions(3)) == {Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT}
+
+
+def wall_surface(x_m):
+    """The wall at ``x_m`` as surface points, uncertain in its middle; the opposite wall beside it, certain."""
+    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(0.3, 4.1, 0.1), np.arange(0.2, 1.4, 0.1)))
+    here = np.stack([np.full(y.size, x_m), y, z], axis=1).astype(np.float32)
+    there = here * np.float32([0, 1, 1]) + np.float32([0.2, 0, 0])
+    normal = np.repeat(np.float32([[-1, 0, 0], [1, 0, 0]]), y.size, axis=0)
+    uncertainty = np.concatenate([np.where(np.abs(y - 2.2) < 0.6, 9.0, 1.0), np.ones(y.size)]).astype(np.float32)
+    return SurfacePoints(np.concatenate([here, there]), normal, uncertainty)
+
+
+def test_gvg_turns_to_an_uncertain_wall_of_a_known_room_and_is_then_complete():
+    world = seen_room()
+    world.surface = lambda centre, radius: wall_surface(5.2)
+    start = Pose2(2.0, 2.2, np.pi)
+    outcome, recorder = run(make("gvg", bootstrap_turns=0, region_radius_m=9.0, min_gain_m2=0.05), world, start)
+    assert any("1 regions anchored" in plan.reason for _, plan in recorder.plans)
+    assert outcome.stop_reason is StopReason.COMPLETE
+    last = recorder.observations[-1].pose
+    assert abs(last.yaw_rad) < np.pi / 4  # It faces the wall in the east.
+
+
+def test_places_beyond_the_number_cast_at_once_are_not_forgotten():
+    world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
+    policy = make("gvg", bootstrap_turns=0, gain_range_m=2.0, max_candidates=2)
+    outcome, recorder = run(policy, world, Pose2(0.6, 0.6, 0.0), num_steps=60)
+    assert outcome.stop_reason is StopReason.BUDGET
+    assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 2.5
+
+
+@pytest.mark.parametrize("name", ["gvg", "anm-s"])
+def test_a_policy_gets_past_an_obstacle_that_the_map_does_not_show(name):
+    world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
+    world.boxes = np.concatenate([world.boxes, [[2.2, 1.4, 2.25, 2.6]]])  # Across the straight way, unseen.
+    world.sdf = lambda points: np.full(len(points), 0.1, np.float32)
+    policy = make(name, bootstrap_turns=0, gain_range_m=2.5)
+    outcome, recorder = run(policy, world, Pose2(1.2, 2.0, 0.0), num_steps=250)
+    assert outcome.stop_reason is not StopReason.STUCK
+    assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 3.0
+    assert 1 <= sum(result.collided for _, result, *_ in recorder.steps) <= 8
+
+
+def test_vertices_passed_on_the_way_count_as_visited():
+    policy = make("anm-s", bootstrap_turns=0)
+    _, recorder = run(policy, seen_room(boxes=[(2.2, 1.6, 2.6, 2.0)]), Pose2(1.0, 1.5, 0.0), num_steps=120)
+    trail = np.array(policy._stages.topdown.trail_xy_m)
+    driven = np.array([pose.xy_m for _, _, pose, _ in recorder.steps])
+    last_plan = recorder.plans[-1][0]
+    away = np.linalg.norm(driven[:last_plan, None] - trail[None], axis=-1).min(axis=1)
+    assert away.max() < 0.3

@@ -46,7 +46,7 @@ class _Crop:
 
 @dataclass(frozen=True)
 class _Hits:
-    """Where each ray first meets something that is not free; its last sample where it never does."""
+    """Where each ray first meets something that is not free; its first sample where it never does."""
 
     voxel: Int[np.ndarray, "az el"]
     """Flat index into the crop."""

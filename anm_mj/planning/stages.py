@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gvg import voronoi_graph
@@ -14,6 +16,9 @@ from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.protocols import Mapper
 from anm_mj.stopwatch import Stopwatch
 from anm_mj.types import FORWARD_STEP_M, Action, Footprint, Observation, Pose2, Region, TopDownMap, VoronoiGraph
+
+TRAIL_SPACING_M = 0.2
+"""Distance between the places that a way leaves in the trail [m]."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +43,13 @@ class Stages:
         self.safe_m = footprint.radius_m + config.margin_m
         self.topdown = TopDownMapper(config, footprint)
         self.finder = RegionFinder(config)
-        self.trail_xy_m: list[np.ndarray] = []
+        self._way_xy_m = np.zeros((0, 2))
 
     def read(self, mapper: Mapper, observation: Observation) -> Situation:
         """Top-down map, graph, shortest paths and regions as of now."""
         watch = Stopwatch()
         pose = observation.pose
-        self.trail_xy_m.append(pose.xy_m)
+        self._follow_way(pose)
         grid = mapper.occupancy
         with watch.stage("topdown"):
             topdown = self.topdown.update(grid, mapper.sdf, pose)
@@ -58,6 +63,22 @@ class Stages:
             height = float(observation.T_world_camera[2, 3])
             regions = self.finder.regions(graph, grid, height)
         return Situation(pose, topdown, graph, paths, regions, height, watch)
+
+    def set_out(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:
+        """Remember the way that the robot is sent, of which the next reading counts what it has gone as visited [m]."""
+        self._way_xy_m = path_xy_m
+
+    def _follow_way(self, pose: Pose2) -> None:
+        """Add the part of the last way that lies behind the robot to the trail."""
+        legs = list(zip(self._way_xy_m[:-1], self._way_xy_m[1:], strict=True))
+        points = [
+            a + t * (b - a) for a, b in legs for t in np.arange(0.0, 1.0, TRAIL_SPACING_M / max(math.dist(a, b), 1e-9))
+        ]
+        if points:
+            gone = int(np.argmin(np.linalg.norm(np.array(points) - pose.xy_m, axis=1)))
+            for point in points[1 : gone + 1]:
+                self.topdown.visit(point)
+        self._way_xy_m = np.zeros((0, 2))
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the place that a refused forward step would have led to, so that no plan leads there again."""

@@ -21,6 +21,9 @@ from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, 
 TRUNCATION_M = 0.1
 """Beyond this distance the SDF says no more than 'far' [m]."""
 
+BLOCKED_CELLS = 2
+"""Radius of the obstacle that a refused step leaves in the map [cells]."""
+
 SdfQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, " n"]]
 
 
@@ -36,18 +39,24 @@ class TopDownMapper:
         """
         self.config = config
         self.footprint = footprint
-        self._trail: list[Pose2] = []
-        self._blocked_xy_m: list[Float[np.ndarray, 2]] = []
-        self._min_sdf_m = np.zeros((0, 0), np.float32)
+        self.trail_xy_m: list[Float[np.ndarray, 2]] = []
+        """Where the robot has been [m]."""
+        self._new_trail_xy_m: list[Float[np.ndarray, 2]] = []
+        self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._origin_xy_m = np.zeros(2)
+        self._min_sdf_m = np.zeros((0, 0), np.float32)
+        self._near_trail = np.zeros((0, 0), bool)
+        self._under_robot = np.zeros((0, 0), bool)
+        self._blocked = np.zeros((0, 0), bool)
 
     def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Remember a place where the robot met something the map does not show [m]."""
-        self._blocked_xy_m.append(xy_m)
+        self._new_blocked_xy_m.append(xy_m)
 
-    def visit(self, pose: Pose2) -> None:
-        """Take in that the robot has stood somewhere: the floor there is free."""
-        self._trail.append(pose)
+    def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
+        """Take in that the robot has been somewhere: the floor there is free [m]."""
+        self.trail_xy_m.append(xy_m)
+        self._new_trail_xy_m.append(xy_m)
 
     def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> TopDownMap:
         """The map as known now.
@@ -57,13 +66,17 @@ class TopDownMapper:
             sdf: metric SDF of world points (N, 3), truncated at ``TRUNCATION_M``.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
         """
-        self.visit(pose)
-        state = self._columns(grid)
+        self.visit(pose.xy_m)
         self._follow_growth(grid)
+        self._stamp(grid)
+        state = self._columns(grid)
         self._ask_sdf(grid, state, sdf, pose)
         field = np.where(state == OCCUPIED, np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
         field = np.minimum(field, self._min_sdf_m)
-        state = np.where((field <= 0) & (state == FREE), np.int8(OCCUPIED), state)
+        # A body has stood here: whatever voxels and field say, the floor was passable.
+        field[self._under_robot], state[self._under_robot] = TRUNCATION_M, FREE
+        field[self._blocked], state[self._blocked] = -TRUNCATION_M / 2, OCCUPIED
+        state[(field <= 0) & (state == FREE)] = OCCUPIED
         free = state == FREE
         resolution = grid.resolution_m
         clearance = _signed_distance(free) * np.float32(resolution)
@@ -84,31 +97,42 @@ class TopDownMapper:
         )
         body = grid.state[max(z0, 0) : max(z1, 0)]
         num_free = np.count_nonzero(body == FREE, axis=0)
-        occupied = (body == OCCUPIED).any(axis=0)
         state = np.where(num_free >= self.config.free_share * max(z1 - z0, 1), np.int8(FREE), np.int8(UNKNOWN))
         state[_enclosed_holes(state == UNKNOWN, self.config.hole_area_m2 / grid.resolution_m**2)] = FREE
-        start = self._trail[0]
-        known = [(start, self.config.start_radius_m)] + [(p, self.footprint.radius_m) for p in self._trail]
-        for pose, radius in known:
-            _stamp_disc(state, grid, pose.xy_m, radius, FREE)
-        state[occupied] = OCCUPIED
-        for pose in self._trail:  # A body has stood here: whatever the voxels say, the floor was passable.
-            _stamp_disc(state, grid, pose.xy_m, self.footprint.radius_m - grid.resolution_m, FREE)
-        for xy in self._blocked_xy_m:
-            _stamp_disc(state, grid, xy, grid.resolution_m, OCCUPIED)
+        state[self._near_trail] = FREE
+        state[(body == OCCUPIED).any(axis=0)] = OCCUPIED
         return state
 
+    def _stamp(self, grid: VoxelGrid) -> None:
+        """Draw new places of the trail and new obstacles into their layers."""
+        body, cell = self.footprint.radius_m, grid.resolution_m
+        for xy in self._new_trail_xy_m:
+            first = xy is self.trail_xy_m[0]
+            _stamp_disc(self._near_trail, grid, xy, max(body, self.config.start_radius_m) if first else body)
+            _stamp_disc(self._under_robot, grid, xy, body - cell)
+        for xy in self._new_blocked_xy_m:
+            _stamp_disc(self._blocked, grid, xy, BLOCKED_CELLS * cell)
+        self._new_trail_xy_m, self._new_blocked_xy_m = [], []
+
     def _follow_growth(self, grid: VoxelGrid) -> None:
-        """Keep the remembered SDF aligned with a grid that has grown."""
+        """Keep what is remembered aligned with a grid that has grown."""
         shape = grid.state.shape[1:]
         if self._min_sdf_m.shape == shape and np.allclose(self._origin_xy_m, grid.origin_m[:2]):
             return
-        grown = np.full(shape, TRUNCATION_M, np.float32)
-        if self._min_sdf_m.size:
-            col, row = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)
-            rows, cols = len(self._min_sdf_m), len(self._min_sdf_m[0])
-            grown[row : row + rows, col : col + cols] = self._min_sdf_m
-        self._min_sdf_m, self._origin_xy_m = grown, grid.origin_m[:2].astype(float)
+        col, row = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)
+        rows, cols = row + len(self._min_sdf_m), col + self._min_sdf_m.shape[1]
+        for name, unknown in (
+            ("_min_sdf_m", np.float32(TRUNCATION_M)),
+            ("_near_trail", False),
+            ("_under_robot", False),
+            ("_blocked", False),
+        ):
+            grown = np.full(shape, unknown)
+            old = getattr(self, name)
+            if old.size:
+                grown[row:rows, col:cols] = old
+            setattr(self, name, grown)
+        self._origin_xy_m = grid.origin_m[:2].astype(float)
 
     def _ask_sdf(self, grid: VoxelGrid, state: Int8[np.ndarray, "rows cols"], sdf: SdfQuery, pose: Pose2) -> None:
         half = int(np.ceil(self.config.horizon_m / 2 / grid.resolution_m))
@@ -142,19 +166,19 @@ def _signed_distance(free: Bool[np.ndarray, "rows cols"]) -> Float32[np.ndarray,
 
 
 def _stamp_disc(
-    state: Int8[np.ndarray, "rows cols"], grid: VoxelGrid, xy_m: Float[np.ndarray, 2], radius_m: float, value: int
+    layer: Bool[np.ndarray, "rows cols"], grid: VoxelGrid, xy_m: Float[np.ndarray, 2], radius_m: float
 ) -> None:
     resolution = grid.resolution_m
     reach = int(np.ceil(radius_m / resolution))
     col, row = np.floor((xy_m - grid.origin_m[:2]) / resolution).astype(int)
-    rows = np.arange(max(row - reach, 0), min(row + reach + 1, state.shape[0]))
-    cols = np.arange(max(col - reach, 0), min(col + reach + 1, state.shape[1]))
+    rows = np.arange(max(row - reach, 0), min(row + reach + 1, layer.shape[0]))
+    cols = np.arange(max(col - reach, 0), min(col + reach + 1, layer.shape[1]))
     if not (len(rows) and len(cols)):
         return
     y = grid.origin_m[1] + (rows + 0.5) * resolution - xy_m[1]
     x = grid.origin_m[0] + (cols + 0.5) * resolution - xy_m[0]
     disc = x[None, :] ** 2 + y[:, None] ** 2 <= radius_m**2
-    state[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1][disc] = value
+    layer[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1][disc] = True
 
 
 def _enclosed_holes(unknown: Bool[np.ndarray, "rows cols"], max_cells: float) -> Bool[np.ndarray, "rows cols"]:

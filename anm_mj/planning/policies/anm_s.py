@@ -57,12 +57,11 @@ class AnmS:
         if not self._bootstrapped and self.config.bootstrap_turns:
             self._bootstrapped = True
             return self._look_around("bootstrap: one full turn before the first decision")
-        for region in self._headed_for:
-            self._stages.finder.mark_looked_at(region)
-        self._headed_for = ()
+        self._mark_looked_at(observation.pose)
         now = self._stages.read(mapper, observation)
         nodes = np.flatnonzero(now.graph.degree >= 3)
-        reachable = nodes[np.isfinite(now.reach.distance_m[nodes]) & (now.reach.distance_m[nodes] > ARRIVED_M)]
+        away = np.linalg.norm(now.graph.vertex_xy_m[nodes] - now.pose.xy_m, axis=1) > ARRIVED_M
+        reachable = nodes[np.isfinite(now.reach.distance_m[nodes]) & away]
         if not len(reachable):
             if self._target_xy_m is None:
                 return self._stop(now, "no vertex of the graph can be reached, even after a look around")
@@ -79,12 +78,20 @@ class AnmS:
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
         self._stages.blocked(pose, action)
+        self._headed_for = ()
         if self._target_xy_m is not None:
             self._failed_xy_m.append(self._target_xy_m)
 
+    def _mark_looked_at(self, pose: Pose2) -> None:
+        """Suppress the regions of the target if the robot has come there; a way cut short has shown nothing of them."""
+        if self._target_xy_m is not None and np.linalg.norm(self._target_xy_m - pose.xy_m) < 2 * ARRIVED_M:
+            for region in self._headed_for:
+                self._stages.finder.mark_looked_at(region)
+        self._headed_for = ()
+
     def _scores(self, now: Situation, nodes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         xy = now.graph.vertex_xy_m[nodes]
-        visited = _within(xy, self._stages.trail_xy_m, self.config.visited_radius_m)
+        visited = _within(xy, self._stages.topdown.trail_xy_m, self.config.visited_radius_m)
         failed = _within(xy, self._failed_xy_m, FAIL_RADIUS_M)
         in_horizon = (np.abs(xy - now.pose.xy_m) <= self.config.horizon_m / 2).all(axis=1)
         start = np.repeat(now.pose.xy_m[None], len(xy), axis=0)
@@ -102,6 +109,7 @@ class AnmS:
     ) -> Plan:
         xy = now.graph.vertex_xy_m[vertex]
         self._target_xy_m = xy
+        self._stages.set_out(path)
         self._headed_for = tuple(region for region in now.regions if region.vertex == vertex)
         towards = [region.centre_m[:2] - xy for region in self._headed_for]
         headings = tuple(math.atan2(d[1], d[0]) for d in towards)

@@ -10,7 +10,7 @@ something clearly better. When no reachable place has gain worth a step the run 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -55,8 +55,9 @@ class _Option:
     xy_m: Float[np.ndarray, 2]
     gain_m2: float
     yaw_rad: float
-    cost_steps: float
-    score: float
+    num_regions: int
+    cost_steps: float = math.inf
+    score: float = 0.0
 
 
 class Gvg:
@@ -70,7 +71,6 @@ class Gvg:
         self._caster: GainCaster | None = None
         self._bootstrapped = False
         self._target_xy_m: Float[np.ndarray, 2] | None = None
-        self._headed_for: tuple[Region, ...] = ()
         self._remembered: dict[tuple[int, int], Float[np.ndarray, " azimuths"]] = {}
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
@@ -79,50 +79,49 @@ class Gvg:
             self._bootstrapped = True
             turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
             return Plan("bootstrap: one full turn before the first decision", np.zeros((0, 2)), actions=turns)
-        self._forget_seen_regions(observation.pose)
         now = self._stages.read(mapper, observation)
         with now.watch.stage("gain"):
-            options, unreachable = self._options(now, mapper)
+            options, unreachable = self._options(now, mapper, self.config.max_candidates)
+            if not any(option.score for option in options):
+                # Before nothing is said to be left, no place may be judged by what it was worth long ago.
+                options, unreachable = self._options(now, mapper, None)
         with now.watch.stage("choice"):
-            return self._choose(now, options, unreachable)
+            plan = self._choose(now, options, unreachable)
+        self._stages.set_out(plan.path_xy_m)
+        return plan
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and give the present target up."""
         self._stages.blocked(pose, action)
         self._target_xy_m = None
 
-    def _forget_seen_regions(self, pose: Pose2) -> None:
-        if self._target_xy_m is None or np.linalg.norm(self._target_xy_m - pose.xy_m) > 2 * FORWARD_STEP_M:
-            return
-        for region in self._headed_for:
-            towards = region.centre_m[:2] - pose.xy_m
-            if abs(wrap_angle(math.atan2(towards[1], towards[0]) - pose.yaw_rad)) <= math.pi / 4:
-                self._stages.finder.mark_looked_at(region)
-
-    def _options(self, now: Situation, mapper: Mapper) -> tuple[list[_Option], int]:
+    def _options(self, now: Situation, mapper: Mapper, max_cast: int | None) -> tuple[list[_Option], int]:
         reachable = np.isfinite(now.reach.distance_m)
         # What is reached already is weighed as the robot's own place.
-        vertices = self._thin(now, reachable & (now.reach.distance_m > ARRIVED_M))
+        away = np.linalg.norm(now.graph.vertex_xy_m - now.pose.xy_m, axis=1) > ARRIVED_M
+        vertices = self._thin(now, reachable & away)
         places = np.concatenate([now.pose.xy_m[None], now.graph.vertex_xy_m[vertices]])
-        panoramas = self._panoramas(now, mapper, places)
-        bonus = self._region_bonus(now, vertices, places)
+        panoramas = self._panoramas(now, mapper, places, max_cast)
+        regions = self._assign_regions(now, places)
         options = []
         for i, vertex in enumerate([HERE, *vertices.tolist()]):
+            for region in regions[i]:
+                self._add_region(panoramas[i], region, places[i])
             gain, yaw = best_view(panoramas[i])
-            gain += bonus[i]
             if vertex == HERE:
                 cost = abs(wrap_angle(yaw - now.pose.yaw_rad)) / TURN_STEP_RAD
             else:
                 cost = self._estimate(now, vertex, yaw)
-            options.append(self._option(vertex, places[i], gain, yaw, cost))
+            options.append(self._option(_Option(vertex, places[i], gain, yaw, len(regions[i])), cost))
         return options, int((~reachable).sum())
 
-    def _option(self, vertex: int, xy_m: Float[np.ndarray, 2], gain: float, yaw: float, cost: float) -> _Option:
-        worth_it = gain >= self.config.min_gain_m2 and cost >= LEAST_STEPS
-        score = gain / (cost + self.config.cost_offset_steps) if worth_it else 0.0
-        if self._is_target(xy_m):
+    def _option(self, place: _Option, cost: float) -> _Option:
+        """The same place with another cost and the score that goes with it."""
+        worth_it = place.gain_m2 >= self.config.min_gain_m2 and cost >= LEAST_STEPS
+        score = place.gain_m2 / (cost + self.config.cost_offset_steps) if worth_it else 0.0
+        if self._is_target(place.xy_m):
             score *= self.config.hysteresis
-        return _Option(vertex, xy_m, gain, yaw, cost, score)
+        return replace(place, cost_steps=cost, score=score)
 
     def _is_target(self, xy_m: Float[np.ndarray, 2]) -> bool:
         """Whether a place is the present target: vertices move a little with every new frame."""
@@ -140,34 +139,41 @@ class Gvg:
         return kept[np.argsort(now.reach.distance_m[kept], kind="stable")]
 
     def _panoramas(
-        self, now: Situation, mapper: Mapper, places_xy_m: Float[np.ndarray, "n 2"]
+        self, now: Situation, mapper: Mapper, places_xy_m: Float[np.ndarray, "n 2"], max_cast: int | None
     ) -> Float[np.ndarray, "n azimuths"]:
         grid = mapper.occupancy
         if self._caster is None:
             self._caster = GainCaster(self.config, grid.resolution_m, now.camera_height_m)
         self._caster.note_view(grid, now.pose)
         keys = [(int(x), int(y)) for x, y in np.floor(places_xy_m / self.config.candidate_spacing_m)]
-        near = np.linalg.norm(places_xy_m - now.pose.xy_m, axis=1) < FORGET_RANGE_M
-        stale = np.array([i == 0 or near[i] or key not in self._remembered for i, key in enumerate(keys)])
-        cast = np.flatnonzero(stale)[: self.config.max_candidates]
+        stale = np.linalg.norm(places_xy_m - now.pose.xy_m, axis=1) < FORGET_RANGE_M
+        new = np.array([key not in self._remembered for key in keys])
+        new[0] = True  # The robot's own place; it is no vertex, so that nothing else answers for it.
+        # Places never looked from come first: without any gain they could not be chosen at all.
+        cast = np.concatenate([np.flatnonzero(new), np.flatnonzero(stale & ~new)])[:max_cast]
         panoramas = np.zeros((len(places_xy_m), self.config.num_azimuths))
         for i, key in enumerate(keys):
             panoramas[i] = self._remembered.get(key, 0.0)
         panoramas[cast] = self._caster.panoramas(grid, places_xy_m[cast])
-        self._remembered.update({keys[i]: panoramas[i] for i in cast})
+        self._remembered.update({keys[i]: panoramas[i].copy() for i in cast})
         return panoramas
 
-    def _region_bonus(
-        self, now: Situation, vertices: Int[np.ndarray, " m"], places_xy_m: Float[np.ndarray, "n 2"]
-    ) -> Float[np.ndarray, " n"]:
-        bonus = np.zeros(len(places_xy_m))
-        if not len(vertices):
-            return bonus
+    def _assign_regions(self, now: Situation, places_xy_m: Float[np.ndarray, "n 2"]) -> list[list[Region]]:
+        """Each region to the place nearest to its anchor; those in view from here have been looked at and drop out."""
+        regions: list[list[Region]] = [[] for _ in places_xy_m]
         for region in now.regions:
             anchor = now.graph.vertex_xy_m[region.vertex]
             nearest = int(np.argmin(np.linalg.norm(places_xy_m - anchor, axis=1)))
-            bonus[nearest] += REGION_SHARE * MEMBER_AREA_M2 * region.num_members
-        return bonus
+            if nearest == 0 and abs(wrap_angle(_bearing(now.pose.xy_m, region) - now.pose.yaw_rad)) <= math.pi / 4:
+                self._stages.finder.mark_looked_at(region)
+            else:
+                regions[nearest].append(region)
+        return regions
+
+    def _add_region(self, panorama: Float[np.ndarray, " azimuths"], region: Region, xy_m: Float[np.ndarray, 2]) -> None:
+        sector = math.tau / len(panorama)
+        azimuth = round(_bearing(xy_m, region) / sector) % len(panorama)
+        panorama[azimuth] += REGION_SHARE * MEMBER_AREA_M2 * region.num_members
 
     def _estimate(self, now: Situation, vertex: int, yaw: float) -> float:
         towards = now.graph.vertex_xy_m[vertex] - now.pose.xy_m
@@ -185,8 +191,8 @@ class Gvg:
             if estimate.vertex != HERE and not len(path):
                 continue
             cost = path_steps(path, now.pose.yaw_rad, estimate.yaw_rad)
-            option = self._option(estimate.vertex, estimate.xy_m, estimate.gain_m2, estimate.yaw_rad, cost)
-            if best is None or option.score > best[0].score:
+            option = self._option(estimate, cost)
+            if option.score > (best[0].score if best else 0.0):
                 best = (option, path)
         candidates = tuple(Candidate(o.xy_m, o.score, o.gain_m2, o.cost_steps) for o in shortlist)
         if best is None:
@@ -194,10 +200,9 @@ class Gvg:
         option, path = best
         kept = self._is_target(option.xy_m)
         self._target_xy_m = option.xy_m
-        self._headed_for = tuple(r for r in now.regions if r.vertex == option.vertex)
         reason = (
             f"{'keeps' if kept else 'takes'} {option.gain_m2:.1f} m2 expected for {option.cost_steps:.0f} steps, "
-            f"best of {len(options)} places, {len(self._headed_for)} regions anchored"
+            f"best of {len(options)} places, {option.num_regions} regions anchored"
         )
         return Plan(
             reason,
@@ -231,3 +236,9 @@ class Gvg:
             regions=now.regions,
             stage_ms=now.watch.ms,
         )
+
+
+def _bearing(xy_m: Float[np.ndarray, 2], region: Region) -> float:
+    """World direction from a place to a region [rad]."""
+    towards = region.centre_m[:2] - xy_m
+    return math.atan2(towards[1], towards[0])
