@@ -17,6 +17,7 @@ from anm_mj.evaluation.evaluate import evaluate_run
 from anm_mj.run import run
 from anm_mj.scene.home.house import make_small_scene
 
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 STEPS = 90
 FILES = (
     "manifest.json", "config.json", "steps.jsonl", "plans.jsonl", "curve.csv", "metrics.json", "trajectory.tum",
@@ -143,3 +144,31 @@ def test_one_interrupt_ends_a_run_well(scene, tmp_path):
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["stop_reason"] == "INTERRUPTED"
     for name in FILES:
         assert (tmp_path / "run" / name).exists(), name
+
+
+def measure(script: str, *options: str) -> str:
+    """What a script prints."""
+    command = [sys.executable, str(SCRIPTS / script), *options]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_the_map_renders_views_from_where_the_robot_never_was(finished):
+    folder, _ = finished
+    assert "psnr" in measure("heldout_views.py", str(folder), "--views", "2")
+    heldout = json.loads((folder / "heldout.json").read_text())
+    assert heldout["num_views"] == len(heldout["views"]) == 2
+    assert heldout["mean"]["psnr_known_db"] > 12.0
+    assert heldout["mean"]["depth_l1_cm"] < 20.0
+    trajectory = np.loadtxt(folder / "trajectory.tum")[:, 1:3]
+    for view in heldout["views"]:
+        assert np.hypot(*(trajectory - (view["pose"]["x_m"], view["pose"]["y_m"])).T).min() > 0.5
+        assert view["observed_percent"] >= 50.0
+
+
+def test_evidence_predicts_the_error_of_a_whole_run_better_than_eq_5_does(finished, tmp_path):
+    folder, _ = finished
+    assert "evidence" in measure("bench_uncertainty.py", str(folder), "--json-file", str(tmp_path / "areas.json"))
+    rows = json.loads((tmp_path / "areas.json").read_text())
+    areas = {(row["points"], row["method"]): row["area"] for row in rows}
+    for points in ("surface", "everywhere"):
+        assert areas[points, "evidence"] < areas[points, "closed form"]
