@@ -9,11 +9,13 @@ from __future__ import annotations
 import argparse
 import logging
 import math
+import os
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
 from rich.console import Console
+from rich.logging import RichHandler
 
 from anm_mj.errors import AnmError
 
@@ -33,8 +35,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run a command line and return its exit status."""
     arguments = _with_joined_start(sys.argv[1:] if argv is None else argv)
     parsed = _parser().parse_args(arguments)
-    logging.basicConfig(level=logging.WARNING, format="%(message)s")
-    logging.getLogger("anm_mj").setLevel(logging.INFO)
+    _log_to(Console(stderr=True))
     try:
         return parsed.command(parsed)
     except AnmError as err:
@@ -42,6 +43,13 @@ def main(argv: list[str] | None = None) -> int:
         return USAGE_ERROR
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _log_to(console: Console) -> None:
+    """Send what the project logs to a console, and of other packages only warnings."""
+    handler = RichHandler(console=console, show_time=False, show_level=False, show_path=False)
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[handler], force=True)
+    logging.getLogger("anm_mj").setLevel(logging.INFO)
 
 
 def _with_joined_start(argv: list[str]) -> list[str]:
@@ -71,21 +79,28 @@ def _add_explore(commands: Any) -> None:
         "explore",
         help="let the robot explore a scene and write a run folder",
         epilog="example: anm-mj explore home --steps 500",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     explore.add_argument("scene", metavar="SCENE", help="name from the catalogue (anm-mj scene list) or a scene folder")
-    explore.add_argument("--policy", default="gvg", help="gvg, anm-s (the paper's), random, or module:Class")
+    explore.add_argument(
+        "--policy", default="gvg", help="gvg, anm-s (the paper's), random, or module:Class (default: gvg)"
+    )
     explore.add_argument(
         "--steps", type=int, metavar="N", help="budget of actions; turns count (default: the scene's own)"
     )
-    explore.add_argument("--seed", type=int, default=0, metavar="S", help="one seed, same steps")
+    explore.add_argument("--seed", type=int, default=0, metavar="S", help="one seed, same steps (default: 0)")
     explore.add_argument("--start", metavar="X,Y,YAW_DEG", help="start pose in m, m, deg (default: the scene's first)")
     explore.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: a new one in runs/)")
-    explore.add_argument("--preset", default="default", help="mapping effort: quick, default or paper")
-    explore.add_argument("--drive", default="kinematic", help="kinematic (exact actions) or physics (wheels, contact)")
-    explore.add_argument("--device", default="auto", help="where the map is trained: auto, cpu or cuda")
+    explore.add_argument(
+        "--preset", default="default", help="mapping effort: quick, default or paper (default: default)"
+    )
+    explore.add_argument(
+        "--drive",
+        default="kinematic",
+        help="kinematic (exact actions) or physics (wheels, contact) (default: kinematic)",
+    )
+    explore.add_argument("--device", default="auto", help="where the map is trained: auto, cpu or cuda (default: auto)")
     explore.add_argument("--view", action="store_true", help="show the run in the browser, on this machine only")
-    explore.add_argument("--port", type=int, help="port of the view (default: the next free one from 7000)")
+    explore.add_argument("--port", type=int, help="port of --view (default: the next free one from 7000)")
     explore.add_argument(
         "--set",
         action="append",
@@ -117,6 +132,8 @@ def _explore(parsed: argparse.Namespace) -> int:
     from anm_mj.progress import Interrupt, ProgressLine, print_metrics
     from anm_mj.run import run
 
+    # As with python -m, a policy of the user's own is found beside where the command is given.
+    sys.path.insert(0, os.getcwd())
     config = make_config(
         parsed.preset,
         parsed.settings,
@@ -129,6 +146,8 @@ def _explore(parsed: argparse.Namespace) -> int:
         device=parsed.device,
     )
     console = Console()
+    if console.is_terminal:
+        _log_to(console)  # The live line knows how to make room for what its own console prints.
     viewer = _viewer(parsed)
     try:
         with Interrupt(console) as interrupt, ProgressLine(console) as line:
@@ -143,7 +162,11 @@ def _explore(parsed: argparse.Namespace) -> int:
 
 
 def _viewer(parsed: argparse.Namespace) -> Any:
+    from anm_mj.config import ConfigError
+
     if not parsed.view:
+        if parsed.port is not None:
+            raise ConfigError(f"--port is {parsed.port}, but nothing is shown; add --view.")
         return None
     from anm_mj.viz.meshcat_viewer import MeshcatViewer
 

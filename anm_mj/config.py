@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
@@ -13,6 +14,8 @@ from anm_mj.planning.config import PlanningConfig
 DRIVES = ("kinematic", "physics")
 DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
+OPTIONS = ("policy", "steps", "seed", "start", "drive", "device", "preset")
+"""Fields of ``RunConfig`` with an option of their own; the scene is the first argument."""
 SMALL_SCENE_ROOMS = 5
 """Scenes up to this many rooms get 1000 steps, larger ones 2000, from 20 rooms on 10,000 (the paper's budgets)."""
 
@@ -82,6 +85,8 @@ def make_config(preset: str, settings: list[str], **options: Any) -> RunConfig:
             raise ConfigError(
                 f"--set {setting} has no '='; write it as stage.name=value, as in planning.margin_m=0.06."
             )
+        if name in OPTIONS:
+            raise ConfigError(f"--set {name} is not how it is given; use --{name} {value}.")
         config = _with(config, name.split("."), value, name)
     return config
 
@@ -121,6 +126,16 @@ def _like(old: Any, value: str, full_name: str) -> Any:
         new = None
     if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
         new = float(new)
-    if type(new) is not type(old):
+    if not _is_like(new, old):
         raise ConfigError(f"--set {full_name}={value}: '{value}' is not of type {type(old).__name__}, like {old}.")
     return new
+
+
+def _is_like(new: Any, old: Any) -> bool:
+    if isinstance(new, float) and not math.isfinite(new):
+        return False
+    if isinstance(old, tuple) and isinstance(new, tuple):
+        return len(new) == len(old) and all(
+            _is_like(n, o) or (type(n) is int and type(o) is float) for n, o in zip(new, old, strict=True)
+        )
+    return type(new) is type(old)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from pathlib import Path
 from types import FrameType
@@ -25,6 +26,7 @@ class ProgressLine:
     def __init__(self, console: Console):
         """Nothing is shown before the first step."""
         self._console = console
+        self._loss = math.nan
         self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
 
     def __enter__(self) -> ProgressLine:
@@ -38,6 +40,8 @@ class ProgressLine:
 
     def update(self, progress: Progress, recorder: RunRecorder, num_steps: int) -> None:
         """Show how the run stands."""
+        if progress.update.num_iterations:  # Not every step trains.
+            self._loss = progress.update.loss
         if self._live is None and progress.step % PLAIN_EVERY and progress.step != num_steps:
             return
         target = progress.plan.target_xy_m
@@ -47,7 +51,7 @@ class ProgressLine:
             f"{progress.step / max(progress.loop_s, 1e-9):.1f} Hz",
             f"covered {row.completion_ratio:.1f} %" if row is not None else "",
             f"target {target[0]:.1f},{target[1]:.1f}" if target is not None else "",
-            f"loss {progress.update.loss:.3g}",
+            f"loss {self._loss:.3g}",
             progress.plan.reason,
         ]
         line = " · ".join(part for part in parts if part)

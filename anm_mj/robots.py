@@ -9,20 +9,19 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anm_mj.config import DRIVES
 from anm_mj.errors import RobotError, SceneError
+from anm_mj.scene.navigable import require_clear
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
 
 if TYPE_CHECKING:
-    from anm_mj.control.clearance import Clearance
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.robot import SimRobot
 
 ROBOT_XML = Path(__file__).resolve().parents[1] / "models" / "diff_drive" / "diff_drive.xml"
 FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
 """Of the robot in ``models/diff_drive``: its shell has a radius of 0.17 m and begins 0.05 m above the floor."""
-DRIVES = ("kinematic", "physics")
-"""Ways to execute an action: exactly and at once, or by wheel torque and contact."""
 _PREFIX = "robot/"
 
 
@@ -59,7 +58,7 @@ def make_robot(scene: Scene, *, start: Pose2 | None = None, drive: str = "kinema
     from anm_mj.sim.robot import SimRobot
 
     clearance = Clearance(*scene.triangles(), FOOTPRINT)
-    start = _start_pose(scene, start, clearance)
+    start = _start_pose(scene, start)
     model = build_model(scene, ROBOT_XML, _PREFIX)
     data = mujoco.MjData(model)
     robot_model = RobotModel(ROBOT_XML)
@@ -72,7 +71,7 @@ def make_robot(scene: Scene, *, start: Pose2 | None = None, drive: str = "kinema
     return SimRobot(model, data, camera, wheels, FOOTPRINT)
 
 
-def _start_pose(scene: Scene, start: Pose2 | None, clearance: Clearance) -> Pose2:
+def _start_pose(scene: Scene, start: Pose2 | None) -> Pose2:
     """The start that was asked for, or the scene's first.
 
     Raises:
@@ -89,11 +88,7 @@ def _start_pose(scene: Scene, start: Pose2 | None, clearance: Clearance) -> Pose
             f"The start pose {where} lies outside scene {scene.name}, which reaches from ({low[0]:g} m, {low[1]:g} m) "
             f"to ({high[0]:g} m, {high[1]:g} m); choose one within{_clear_starts(scene)}."
         )
-    if clearance.collides(start):
-        raise SceneError(
-            f"The robot (radius {FOOTPRINT.radius_m:g} m) would touch something at the start pose {where} of scene "
-            f"{scene.name}; choose one with more room{_clear_starts(scene)}."
-        )
+    require_clear(scene, start, FOOTPRINT)
     return start
 
 

@@ -17,7 +17,7 @@ from anm_mj.explore import Progress, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.planning.policies.make import policy_class
+from anm_mj.planning.policies.make import make_policy, policy_class
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Viewer
 from anm_mj.scene.folder import load_scene
@@ -48,7 +48,7 @@ def run(
             then, but for an error in the loop itself.
     """
     begin = time.perf_counter()
-    make_policy = policy_class(config.policy)
+    policy_type = policy_class(config.policy)
     scene = load_scene(config.scene)
     steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
     backend = select_backend()
@@ -62,6 +62,7 @@ def run(
 
     mapper = NeuralMap(config.mapping, seed=config.seed, device=config.device)
     with make_robot(scene, start=_start_pose(config), drive=config.drive, image_px=config.image_px) as robot:
+        policy = make_policy(policy_type, config.planning, robot.footprint, config.seed)
         folder = RunFolder.create(out, scene.name, config.policy)
         facts = RunFacts(
             config.scene,
@@ -81,7 +82,7 @@ def run(
             outcome = explore(
                 robot,
                 mapper,
-                make_policy(config.planning, robot.footprint, config.seed),
+                policy,
                 num_steps=steps,
                 recorder=recorder,
                 viewer=viewer or NullViewer(),

@@ -46,6 +46,13 @@ def fails(capsys, *argv):
         (["--set", "planning.margin_m=wide"], "wide", "float"),
         (["--set", "planning.margin_m=-0.1"], "-0.1", "above zero"),
         (["--set", "planning=1"], "planning", "single setting"),
+        (["--set", "planning.margin_m=1e999"], "1e999", "float"),
+        (["--set", "planning.region_percentile=150"], "150", "below 100"),
+        (["--set", "mapping.field.blob_period_m=(1,2)"], "(1,2)", "tuple"),
+        (["--set", "preset=paper"], "preset", "--preset paper"),
+        (["--policy", ":Policy"], ":Policy", "cannot be imported"),
+        (["--policy", "..a:Policy"], "..a", "cannot be imported"),
+        (["--port", "7001"], "7001", "--view"),
         (["--wrong"], "--wrong", "--help"),
     ],
 )
@@ -58,11 +65,33 @@ def test_a_wrong_option_is_named_with_its_value_and_what_would_be_right(capsys, 
 def test_a_missing_scene_is_named(capsys):
     assert "nowhere" in fails(capsys, "explore", "nowhere")
     assert "no_such_folder" in fails(capsys, "explore", "no_such_folder/at_all")
+    assert "xxx" in fails(capsys, "explore", "x" * 300)
+
+
+def test_a_folder_that_merely_has_a_scenes_name_does_not_hide_the_catalogue(tmp_path, monkeypatch):
+    from anm_mj.scene.folder import load_scene
+
+    (tmp_path / "home").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_scene("home").rooms == 7
+
+
+def test_a_policy_beside_the_user_is_found_and_one_that_cannot_be_made_leaves_no_folder(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "class Plain:\n    def plan(self, mapper, observation): ...\n    def blocked(self, pose, action): ...\n"
+    )
+    script = Path(sys.executable).parent / "anm-mj"
+    words = [script, "explore", "home", "--policy", "mine:Plain", "--out", "run"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "Plain cannot be made from (config, footprint, seed)" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_start_inside_a_wall_is_refused_and_leaves_no_folder(capsys, tmp_path):
     said = fails(capsys, "explore", "home", "--start", "0.0,4.0,0", "--out", tmp_path / "run")
-    assert "(0 m, 4 m, 0 deg)" in said
+    assert "(0.00, 4.00)" in said
     assert not (tmp_path / "run").exists()
 
 
@@ -74,6 +103,7 @@ def test_an_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path):
     (tmp_path / "file").write_text("not a folder")
     said = fails(capsys, "explore", "home", "--out", tmp_path / "file" / "run")
     assert str(tmp_path / "file" / "run") in said
+    assert "cannot be made" in fails(capsys, "explore", "home", "--out", tmp_path / ("x" * 300))
     if os.geteuid() != 0:  # The superuser may write everywhere.
         (tmp_path / "locked").mkdir(mode=0o500)
         assert "locked" in fails(capsys, "explore", "home", "--out", tmp_path / "locked" / "run")
@@ -95,8 +125,9 @@ def test_files_that_are_no_scenes_are_refused_and_nothing_is_left_behind(capsys,
     (tmp_path / "corrupt.glb").write_bytes(data[: len(data) // 2])
     (tmp_path / "noise.glb").write_bytes(np.random.default_rng(0).bytes(2000))
     (tmp_path / "empty.ply").write_bytes(b"")
+    (tmp_path / "odd.gltf").write_text('{"asset": {"version": "2.0"}, "images": ["a"], "extensionsUsed": 5}')
     (tmp_path / "notes.txt").write_text("no mesh")
-    for name in ("corrupt.glb", "noise.glb", "empty.ply", "notes.txt", "missing.obj"):
+    for name in ("corrupt.glb", "noise.glb", "odd.gltf", "empty.ply", "notes.txt", "missing.obj"):
         assert name in fails(capsys, "scene", "import", tmp_path / name, tmp_path / "out")
         assert not (tmp_path / "out").exists()
 

@@ -5,6 +5,7 @@ The names are a contract: what other programs read of a run, they find here.
 
 from __future__ import annotations
 
+import itertools
 import os
 from dataclasses import dataclass
 from datetime import datetime
@@ -37,11 +38,9 @@ class RunFolder:
         Raises:
             RunFolderError: The folder holds files already, is a file, or cannot be made.
         """
-        path = out if out is not None else _unused(runs, scene_name, policy)
-        if path.is_dir() and any(path.iterdir()):
-            raise RunFolderError(f"{path} is not empty; choose another folder, or remove this one.")
+        path = out if out is not None else runs / _stem(scene_name, policy)
         try:
-            path.mkdir(parents=True, exist_ok=True)
+            path = _made(path) if out is None else _empty(path)
             (path / "depth").mkdir()
         except OSError as err:
             raise RunFolderError(f"{path} cannot be made ({err.strerror}); choose a folder you may write to.") from err
@@ -56,7 +55,7 @@ class RunFolder:
         Raises:
             RunFolderError: There is no such folder, or it is not one of a run.
         """
-        if not path.is_dir():
+        if not os.path.isdir(path):  # Unlike Path.is_dir, never an error.
             raise RunFolderError(f"{path} is not a folder; give the folder that a run wrote.")
         folder = cls(path)
         for needed in (folder.steps, folder.frames, folder.camera, folder.ground_truth):
@@ -155,13 +154,33 @@ class RunFolder:
         return self.path / "depth" / f"{step:06d}.png"
 
 
-def _unused(runs: Path, scene_name: str, policy: str) -> Path:
+def _stem(scene_name: str, policy: str) -> str:
     readable = "".join(c if c.isalnum() or c in "-." else "-" for c in policy)
-    stem = f"{Path(scene_name).stem}_{readable}_{datetime.now():%Y%m%d-%H%M%S}"
-    path, count = runs / stem, 1
-    while path.exists():
-        count += 1
-        path = runs / f"{stem}-{count}"
+    return f"{Path(scene_name).stem}_{readable}_{datetime.now():%Y%m%d-%H%M%S}"
+
+
+def _made(path: Path) -> Path:
+    """A new folder of this name, or with a number after it when another run has just taken the name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for count in itertools.count(1):
+        numbered = path if count == 1 else path.with_name(f"{path.name}-{count}")
+        try:
+            numbered.mkdir()
+        except FileExistsError:
+            continue
+        return numbered
+    raise AssertionError("counting never ends")
+
+
+def _empty(path: Path) -> Path:
+    """The folder at a path, made if need be.
+
+    Raises:
+        RunFolderError: It holds something.
+    """
+    path.mkdir(parents=True, exist_ok=True)
+    if any(path.iterdir()):
+        raise RunFolderError(f"{path} is not empty; choose another folder, or remove this one.")
     return path
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 from anm_mj.errors import PlanError
@@ -74,7 +75,15 @@ class PlanningConfig:
         """
         for f in fields(self):
             value = getattr(self, f.name)
-            if value < 0 or (value == 0 and f.name not in ("margin_m", "bootstrap_turns", "start_radius_m")):
-                raise PlanError(f"planning.{f.name} is {value}; it must be above zero.")
+            if (
+                not math.isfinite(value)
+                or value < 0
+                or (value == 0 and f.name not in ("margin_m", "bootstrap_turns", "start_radius_m"))
+            ):
+                raise PlanError(f"planning.{f.name} is {value}; it must be a number above zero.")
         if self.free_share > 1.0:
             raise PlanError(f"planning.free_share is {self.free_share}; it must be in (0, 1].")
+        if self.region_percentile >= 100.0:
+            raise PlanError(f"planning.region_percentile is {self.region_percentile}; it must be below 100.")
+        if self.gain_range_m < 0.5:
+            raise PlanError(f"planning.gain_range_m is {self.gain_range_m}; nothing is seen nearer than 0.5.")

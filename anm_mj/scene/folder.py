@@ -83,8 +83,11 @@ def load_scene(name_or_path: str | Path) -> Scene:
         SceneError: if there is no such scene, or the folder is not a complete scene folder.
     """
     path = Path(name_or_path)
-    if isinstance(name_or_path, str) and path.name == name_or_path and not path.is_dir():
+    # A folder beside the user that merely has a scene's name, as /home has, is no reason to pass the catalogue by.
+    if isinstance(name_or_path, str) and path.name == name_or_path and not os.path.isfile(path / TOML):
         known = {entry.name: entry for root in scene_roots() for entry in scene_folders(root)}
+        if name_or_path not in known and os.path.isdir(path):
+            return read_scene_folder(path)
         if name_or_path not in known:
             names = ", ".join(sorted(known)) or "none yet"
             raise SceneError(
@@ -116,15 +119,15 @@ def read_scene_folder(folder: Path) -> Scene:
     Raises:
         SceneError: if the folder is missing, is not a scene folder, or lacks a part.
     """
-    if not folder.exists():
+    if not os.path.exists(folder):  # Unlike Path.exists, never an error.
         raise SceneError(f"{folder} does not exist: give a scene's name, or the path of a scene folder.")
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise SceneError(
             f"{folder} is a file, not a scene folder: turn it into one with `anm-mj scene import` and give that."
         )
-    if not (folder / TOML).is_file():
+    if not os.path.isfile(folder / TOML):
         raise SceneError(f"{folder} is not a scene folder: it holds no {TOML}. Make one with `anm-mj scene import`.")
-    missing = [part for part in (XML, GEOMETRY, ASSETS) if not (folder / part).exists()]
+    missing = [part for part in (XML, GEOMETRY, ASSETS) if not os.path.exists(folder / part)]
     if missing:
         raise SceneError(f"Scene folder {folder} is incomplete: {', '.join(missing)} missing. Import the scene again.")
     try:

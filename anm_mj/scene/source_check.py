@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import logging
+import os
 import re
 import struct
 from pathlib import Path
@@ -27,9 +28,9 @@ def check_source(src: Path) -> None:
             undone here.
     """
     kinds = ", ".join(KINDS)
-    if not src.exists():
+    if not os.path.exists(src):  # Unlike Path.exists, never an error.
         raise SceneError(f"{src} does not exist: give the path of a mesh file ({kinds}).")
-    if not src.is_file() or src.suffix.lower() not in KINDS:
+    if not os.path.isfile(src) or src.suffix.lower() not in KINDS:
         raise SceneError(f"{src} is not of a kind that can be imported: give a mesh file ({kinds}).")
     try:
         data = src.read_bytes()
@@ -53,9 +54,11 @@ def _check_gltf(src: Path, data: bytes) -> None:
     """Refuse a glTF whose triangles cannot be decoded; warn of textures that cannot."""
     try:
         header = _gltf_header(src, data)
-    except (struct.error, ValueError) as err:
+        used = set(header.get("extensionsUsed", []))
+        uris = [image.get("uri", "data:") for image in header.get("images", [])]
+        files = [src.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
+    except (struct.error, ValueError, TypeError, AttributeError) as err:
         raise damaged(src, err) from err
-    used = set(header.get("extensionsUsed", []))
     if "KHR_draco_mesh_compression" in used and importlib.util.find_spec("DracoPy") is None:
         raise SceneError(f"{src} is Draco-compressed: `pip install DracoPy`, or export it without compression.")
     if "EXT_meshopt_compression" in used:
@@ -66,8 +69,7 @@ def _check_gltf(src: Path, data: bytes) -> None:
             "use the variant with JPEG or PNG textures",
             src,
         )
-    uris = [image.get("uri", "data:") for image in header.get("images", [])]
-    _warn_of_missing(src, [src.parent / unquote(uri) for uri in uris if not uri.startswith("data:")])
+    _warn_of_missing(src, files)
 
 
 def _gltf_header(src: Path, data: bytes) -> dict[str, Any]:

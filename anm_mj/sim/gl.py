@@ -74,7 +74,7 @@ def select_backend() -> GlBackend:
             attempts.append((name, str(err)))
             continue
         os.environ["MUJOCO_GL"] = name
-        _logger.info("GL back-end %s: %s", name, renderer_string)
+        _logger.debug("GL back-end %s: %s", name, renderer_string)
         return GlBackend(name, renderer_string, tuple(attempts))
 
     tried = "; ".join(f"{name}: {error}" for name, error in attempts)

@@ -36,7 +36,7 @@ def policy_class(name: str) -> Callable[[PlanningConfig, Footprint, int], Policy
         raise PlanError(f"Unknown policy '{name}'; use one of {', '.join(POLICIES)}, or module:Class for your own.")
     try:
         module = importlib.import_module(module_name)
-    except ImportError as err:
+    except (ImportError, ValueError, TypeError) as err:
         raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({err}).") from err
     made = getattr(module, class_name, None)
     if made is None:
@@ -45,3 +45,19 @@ def policy_class(name: str) -> Callable[[PlanningConfig, Footprint, int], Policy
     if missing:
         raise PlanError(f"Policy '{name}' lacks the method(s) {', '.join(missing)} that every policy has.")
     return made
+
+
+def make_policy(
+    made: Callable[[PlanningConfig, Footprint, int], Policy], config: PlanningConfig, footprint: Footprint, seed: int
+) -> Policy:
+    """A policy of a class that :func:`policy_class` found.
+
+    Raises:
+        PlanError: the class cannot be made from settings, footprint and seed.
+    """
+    try:
+        return made(config, footprint, seed)
+    except TypeError as err:
+        raise PlanError(
+            f"Policy {getattr(made, '__name__', made)} cannot be made from (config, footprint, seed): {err}."
+        ) from err
