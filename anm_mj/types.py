@@ -149,7 +149,7 @@ class VoxelGrid:
     state: Int8[np.ndarray, "layers rows cols"]
     """FREE, OCCUPIED or UNKNOWN; ``[layer, row, col]`` = ``[z, y, x]``."""
     seen_range_m: Float32[np.ndarray, "layers rows cols"]
-    """Smallest distance from which a cell's surface was observed [m]; +inf where never."""
+    """Smallest planar depth at which a cell's surface was observed [m]; +inf where never."""
     origin_m: Float[np.ndarray, "3"]
     """World x, y, z of the outer corner of cell [0, 0, 0]."""
     resolution_m: float

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import resource
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -78,7 +80,8 @@ class RunRecorder:
     def __init__(self, folder: RunFolder, truth: GroundTruth) -> None:
         self._folder = folder
         self._truth = truth
-        truth.save(folder.ground_truth)
+        with _writing(folder.ground_truth):
+            truth.save(folder.ground_truth)
         self._steps = LineWriter(folder.steps)
         self._plans = LineWriter(folder.plans)
         self._frames = LineWriter(folder.frames)
@@ -191,18 +194,20 @@ class RunRecorder:
         self.close()
         # First what nobody could compute again, then what may take long: a run killed in between has lost nothing.
         write_json(self._folder.metrics, ending)
-        finished.save(self._folder.map)
+        with _writing(self._folder.map):
+            finished.save(self._folder.map)
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         metrics = write_results(self._folder, self._truth, self._curve, self._travel, ending)
-        draw_topdown(
-            self._folder.topdown_picture,
-            survey.topdown,
-            survey.graph,
-            survey.regions,
-            self._poses,
-            target_xy_m=self._last_target_xy_m,
-            title=_title(self._folder.path.name, metrics),
-        )
+        with _writing(self._folder.topdown_picture):
+            draw_topdown(
+                self._folder.topdown_picture,
+                survey.topdown,
+                survey.graph,
+                survey.regions,
+                self._poses,
+                target_xy_m=self._last_target_xy_m,
+                title=_title(self._folder.path.name, metrics),
+            )
         return metrics
 
     def close(self) -> None:
@@ -250,3 +255,12 @@ def _write_camera(path: Path, observation: Observation) -> None:
 def _title(name: str, metrics: Metrics) -> str:
     seen = "" if metrics.completion_ratio is None else f", {metrics.completion_ratio:.1f} % complete"
     return f"{name}{seen}, {metrics.steps} steps, {metrics.path_m:.1f} m"
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Say which file could not be written, as on a full disk; torch reports that as a RuntimeError."""
+    try:
+        yield
+    except (OSError, RuntimeError) as err:
+        raise RunFolderError(f"{path} cannot be written ({err}); free some space.") from err
