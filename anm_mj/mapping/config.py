@@ -21,7 +21,12 @@ class FieldConfig:
     num_levels: int = 16
     """Levels of the hash grid; each holds 2 features per entry."""
     log2_table_size: int = 16
-    """Binary logarithm of the number of entries per level."""
+    """Binary logarithm of the number of entries per level at the start."""
+    largest_log2_table_size: int = 17
+    """Up to this the table doubles as the scene grows; at or below ``log2_table_size`` it keeps its size."""
+    entries_per_m3: float = 120.0
+    """The table doubles when it has fewer entries per level than this for each cubic metre of the occupancy grid's
+    blocks that hold surface (about 1 m3 to a square metre of surface) [1/m3]."""
     finest_cell_m: float = 0.01
     """Edge of a cell on the finest level [m]."""
     coarsest_cell_m: float = 0.6
@@ -48,6 +53,13 @@ class FieldConfig:
             self.log2_table_size,
             "tables of 2^8 to 2^22 entries are supported",
         )
+        _require(
+            self.largest_log2_table_size <= 22,
+            "largest_log2_table_size",
+            self.largest_log2_table_size,
+            "tables of up to 2^22 entries are supported",
+        )
+        _require(self.entries_per_m3 > 0.0, "entries_per_m3", self.entries_per_m3, "it must be positive")
         _require(
             0.0 < self.finest_cell_m <= self.coarsest_cell_m,
             "finest_cell_m",
@@ -265,6 +277,7 @@ def default_mapping() -> MappingConfig:
 def paper_mapping() -> MappingConfig:
     """The paper's own training effort and sampling (section IV-B, with the numbers of its released code)."""
     return MappingConfig(
+        field=FieldConfig(largest_log2_table_size=16),
         sampling=SamplingConfig(scheme="uniform", free_samples=32, near_samples=11, far_m=4.0),
         loss=LossConfig(smoothness=1e-5, no_depth_is_free=False),
         optimizer=OptimizerConfig(table_learning_rate=1e-3),
@@ -276,7 +289,7 @@ def paper_mapping() -> MappingConfig:
 def quick_mapping() -> MappingConfig:
     """Half the levels and fewer iterations: for tests, sweeps and slow machines."""
     return MappingConfig(
-        field=FieldConfig(num_levels=8, log2_table_size=15, finest_cell_m=0.04),
+        field=FieldConfig(num_levels=8, log2_table_size=15, largest_log2_table_size=16, finest_cell_m=0.04),
         schedule=ScheduleConfig(first_iterations=100, iterations=2, num_rays=384),
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, StepLosses
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig, config_from_dict
+from anm_mj.mapping.encoding import doubled_table
 from anm_mj.mapping.keyframes import KeyframeStore, concatenate, sample_frame
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
@@ -49,6 +50,7 @@ class NeuralMap:
         """
         self.config = config
         self.seed = seed
+        self._device = device
         self.backend: MapperBackend = make_backend(config, seed=seed, device=device)
         self._rng = np.random.default_rng([seed, 1])
         self._keyframes = KeyframeStore(config.schedule.replay_bytes, config.schedule.pixel_share)
@@ -70,6 +72,7 @@ class NeuralMap:
         """
         schedule = self.config.schedule
         self._occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        self._fit_table()
         first = self._num_frames == 0
         if self._num_frames % schedule.keyframe_every == 0:
             self._keyframes.add(observation, self._rng)
@@ -195,6 +198,22 @@ class NeuralMap:
         loaded._occupancy.set_state(_part(arrays, "occupancy."))
         loaded._num_frames = saved["num_frames"]
         return loaded
+
+    def _fit_table(self) -> None:
+        """Double the table while the scene is large for it; every place keeps the features it has learnt.
+
+        The optimiser starts afresh, as its moments belong to an engine; that happens a few times in a run at most.
+        """
+        while True:
+            field = self.config.field
+            wanted = field.entries_per_m3 * self._occupancy.surface_volume_m3
+            if field.log2_table_size >= field.largest_log2_table_size or wanted <= 1 << field.log2_table_size:
+                return
+            state = self.backend.get_state()
+            state["table"] = doubled_table(state["table"], field)
+            self.config = replace(self.config, field=replace(field, log2_table_size=field.log2_table_size + 1))
+            self.backend = make_backend(self.config, seed=self.seed, device=self._device)
+            self.backend.set_state(state)
 
     def _train(self, observation: Observation, *, first: bool) -> StepLosses:
         """One iteration on rays of the keyframes and, after the first, of the frame at hand."""

@@ -37,6 +37,8 @@ def test_the_paper_preset_has_the_papers_numbers():
     [
         (lambda: FieldConfig(num_levels=0), "num_levels is 0"),
         (lambda: FieldConfig(finest_cell_m=1.0), "finest_cell_m is 1.0"),
+        (lambda: FieldConfig(largest_log2_table_size=23), "largest_log2_table_size is 23"),
+        (lambda: FieldConfig(entries_per_m3=0.0), r"entries_per_m3 is 0\.0"),
         (lambda: SamplingConfig(near_samples=0), "near_samples is 0"),
         (lambda: LossConfig(sdf=-1.0), "sdf is -1.0"),
         (lambda: OptimizerConfig(beta1=1.0), "beta1 is 1.0"),

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,7 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anm_mj.mapping.config import FieldConfig
-from anm_mj.mapping.encoding import HashGrid, _Interpolate, cell_sizes_m, gather_corners, index_factors, one_blob
+from anm_mj.mapping.encoding import (
+    HashGrid,
+    _Interpolate,
+    cell_sizes_m,
+    doubled_table,
+    gather_corners,
+    index_factors,
+    one_blob,
+)
 
 CPU = torch.device("cpu")
 SMALL = FieldConfig(num_levels=4, log2_table_size=10, finest_cell_m=0.05, coarsest_cell_m=0.6)
@@ -106,3 +116,33 @@ def test_one_blob_repeats_after_a_period_and_is_continuous_there():
     torch.testing.assert_close(one_blob(points, period, 16), one_blob(points + period, period, 16), atol=1e-4, rtol=0.0)
     seam = one_blob(torch.tensor([[-1e-4] * 3, [1e-4] * 3]), period, 16)
     torch.testing.assert_close(seam[0], seam[1], atol=2e-3, rtol=0.0)
+
+
+@pytest.mark.parametrize("bits", [8, 11, 14])
+def test_a_doubled_table_gives_every_point_in_the_world_the_features_it_had(bits):
+    # Three doublings, so that each axis of the levels indexed by position gets a bit more.
+    config = FieldConfig(num_levels=6, log2_table_size=bits)
+    table = np.random.default_rng(0).standard_normal((6 << bits, 2)).astype(np.float32)
+    points = torch.rand(500, 3, generator=_seeded()) * 80.0 - 40.0
+    before = _features(config, table, points)
+    for _ in range(3):
+        table = doubled_table(table, config)
+        config = replace(config, log2_table_size=config.log2_table_size + 1)
+        assert table.shape == (6 << config.log2_table_size, 2)
+    torch.testing.assert_close(_features(config, table, points), before, rtol=0.0, atol=0.0)
+
+
+def test_doubling_sets_apart_places_that_shared_an_entry():
+    config = FieldConfig(num_levels=1, coarsest_cell_m=0.02, log2_table_size=8)
+    cells = np.random.default_rng(0).integers(-500, 500, (1000, 3))
+
+    def num_distinct(config):
+        factors, masks = index_factors(config)
+        return len(np.unique(np.bitwise_xor.reduce((cells * factors[:, 0]) & masks[:, 0], axis=1)))
+
+    assert num_distinct(config) <= 256
+    assert num_distinct(replace(config, log2_table_size=9)) > 1.5 * num_distinct(config)
+
+
+def _features(config, table, points):
+    return HashGrid(config, CPU).features(points, *(torch.from_numpy(plane.copy()) for plane in table.T))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.config import FieldConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import FREE, OCCUPIED
@@ -141,3 +142,67 @@ def test_what_was_learnt_stays_where_it_was_when_the_world_grows(tiny_config, ro
     far.T_world_camera[:2, 3] += 30.0
     neural_map.integrate(far)
     assert np.abs(neural_map.sdf(points) - before).mean() < 0.02
+
+
+@pytest.mark.parametrize("engine", ["torch", "native"])
+def test_the_table_grows_with_the_scene_and_every_place_keeps_what_was_learnt(tiny_config, room, engine, monkeypatch):
+    if engine == "native" and native_fault() is not None:
+        pytest.skip(f"the native engine is missing: {native_fault()}")
+    field = replace(tiny_config.field, log2_table_size=10, largest_log2_table_size=12, entries_per_m3=90.0)
+    neural_map = NeuralMap(replace(tiny_config, field=field, engine=engine), seed=0, device="cpu")
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1.0, 5.0, (500, 3))
+    sizes, moved = [], []
+    fit_table = neural_map._fit_table
+
+    def fit_and_compare():
+        before = neural_map.sdf(points)
+        fit_table()
+        moved.append(np.abs(neural_map.sdf(points) - before).max())
+
+    monkeypatch.setattr(neural_map, "_fit_table", fit_and_compare)
+    for observation in room.turn(1.5, 1.5, 8):
+        neural_map.integrate(observation)
+        sizes.append(neural_map.config.field.log2_table_size)
+    assert (sizes[0], sizes[-1]) == (11, 12)
+    assert sizes == sorted(sizes)
+    assert max(moved) == 0.0
+    volume = neural_map._occupancy.surface_volume_m3
+    assert 1 << 11 < 90.0 * volume <= 1 << 12
+    near = _near_surface(room, rng, 500)
+    assert np.abs(neural_map.sdf(near) - room.sdf(near)).mean() < 0.03
+
+
+def test_a_table_that_may_not_grow_keeps_its_size(tiny_config, room):
+    field = replace(tiny_config.field, log2_table_size=10, largest_log2_table_size=8, entries_per_m3=1e6)
+    neural_map = NeuralMap(replace(tiny_config, field=field), seed=0, device="cpu")
+    neural_map.integrate(room.observe(1.5, 1.5, 0.0))
+    assert neural_map.config.field.log2_table_size == 10
+
+
+def test_a_grown_map_is_saved_and_loaded_at_its_size(tiny_config, room, tmp_path):
+    field = replace(tiny_config.field, log2_table_size=10, largest_log2_table_size=11, entries_per_m3=1e6)
+    neural_map = NeuralMap(replace(tiny_config, field=field), seed=0, device="cpu")
+    neural_map.integrate(room.observe(1.5, 1.5, 0.0))
+    neural_map.save(tmp_path / "map.pt")
+    loaded = NeuralMap.load(tmp_path / "map.pt", device="cpu")
+    points = np.random.default_rng(0).uniform(0.0, 3.0, (100, 3))
+    assert loaded.config.field.log2_table_size == 11
+    np.testing.assert_array_equal(loaded.sdf(points), neural_map.sdf(points))
+
+
+def test_frames_that_lost_all_depth_do_no_harm_where_none_says_nothing(tiny_config, room):
+    config = replace(
+        tiny_config,
+        loss=replace(tiny_config.loss, no_depth_is_free=False),
+        occupancy=replace(tiny_config.occupancy, no_depth_is_free=False),
+    )
+    neural_map = NeuralMap(config, seed=0, device="cpu")
+    for observation in room.turn(1.5, 1.5, 12):
+        neural_map.integrate(observation)
+        neural_map.integrate(replace(observation, depth_m=np.full_like(observation.depth_m, np.nan)))
+    points = _near_surface(room, np.random.default_rng(0))
+    assert np.abs(neural_map.sdf(points) - room.sdf(points)).mean() < 0.02
+    vertices = neural_map.mesh(0.05).vertices
+    assert (np.abs(room.sdf(vertices)) < 0.05).mean() > 0.9
+    assert (np.abs(vertices[:, 0]) < 0.05).sum() > 500
