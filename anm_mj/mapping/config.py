@@ -257,14 +257,14 @@ class MappingConfig:
     schedule: ScheduleConfig = ScheduleConfig()
     occupancy: OccupancyConfig = OccupancyConfig()
     uncertainty: UncertaintyConfig = UncertaintyConfig()
-    engine: Literal["auto", "native", "torch"] = "auto"
-    """What computes: "native" (C++ on the CPU), "torch" (any device), or "auto": torch where there is a CUDA device,
-    else native if it was built, else torch. All give the same map up to rounding."""
+    engine: Literal["auto", "native", "triton", "torch"] = "auto"
+    """What computes: "native" (C++ on the CPU), "triton" (CUDA), "torch" (any device), or "auto": triton where there is
+    a CUDA device and it works, native on a CPU if it was built, else torch. All give the same map up to rounding."""
     surface_lattice_m: float = 0.1
     """Spacing of the lattice on which zero-crossings are looked for [m]."""
 
     def __post_init__(self) -> None:
-        engines = ("auto", "native", "torch")
+        engines = ("auto", "native", "triton", "torch")
         _require(self.engine in engines, "engine", self.engine, f"it must be one of {engines}")
         _require(self.surface_lattice_m > 0.0, "surface_lattice_m", self.surface_lattice_m, "it must be positive")
 

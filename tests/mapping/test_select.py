@@ -7,7 +7,13 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends import select
-from anm_mj.mapping.backends.select import choose_engine, make_backend, native_fault, with_available_engine
+from anm_mj.mapping.backends.select import (
+    choose_engine,
+    make_backend,
+    native_fault,
+    triton_fault,
+    with_available_engine,
+)
 from anm_mj.mapping.neural_map import NeuralMap
 
 
@@ -30,8 +36,41 @@ def test_a_cpu_gets_the_native_engine(with_native):
     assert choose_engine("auto", "cpu").name == "native"
 
 
-def test_a_gpu_gets_torch(with_native, with_cuda):
-    assert choose_engine("auto", "auto") == ("torch", "it runs on the GPU", False)
+@pytest.fixture
+def with_triton(monkeypatch):
+    monkeypatch.setattr(select, "triton_fault", lambda: None)
+
+
+@pytest.fixture
+def without_triton(monkeypatch):
+    monkeypatch.setattr(select, "triton_fault", lambda: "its kernels do not run")
+
+
+def test_a_gpu_gets_triton(with_native, with_cuda, with_triton):
+    assert choose_engine("auto", "auto") == ("triton", "the quickest on a GPU", False)
+
+
+def test_a_gpu_without_triton_gets_torch(with_native, with_cuda, without_triton):
+    reason = "the Triton engine cannot be used: its kernels do not run"
+    assert choose_engine("auto", "auto") == ("torch", reason, True)
+
+
+def test_asking_for_triton_where_it_does_not_run_is_an_error(with_cuda, without_triton):
+    assert choose_engine("torch", "cuda").name == "torch"
+    with pytest.raises(MapError, match="asked for, but its kernels do not run; use engine"):
+        choose_engine("triton", "cuda")
+    with pytest.raises(MapError, match="asked for, but it needs a CUDA device"):
+        choose_engine("triton", "cpu")
+
+
+def test_triton_is_not_loaded_beside_a_software_renderer(with_cuda, monkeypatch):
+    monkeypatch.setattr(select, "_software_renderer", lambda: True)
+    assert "crash together" in (triton_fault() or "")
+
+
+def test_a_gpu_is_what_triton_is_for(monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    assert triton_fault() == "there is no CUDA device"
 
 
 def test_what_is_named_is_taken(with_native, with_cuda):
@@ -64,7 +103,8 @@ def test_unknown_names_are_refused():
         choose_engine("auto", "tpu")
 
 
-def test_a_map_of_an_engine_that_is_missing_loads_with_another(without_native, tiny_config):
+def test_a_map_of_an_engine_that_is_missing_loads_with_another(without_native, without_triton, tiny_config):
+    assert with_available_engine(replace(tiny_config, engine="triton")).engine == "auto"
     assert with_available_engine(replace(tiny_config, engine="native")).engine == "auto"
     assert with_available_engine(replace(tiny_config, engine="torch")).engine == "torch"
 

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import importlib
 import logging
+import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal, NamedTuple
+
+import torch
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
@@ -14,7 +18,7 @@ from anm_mj.mapping.config import MappingConfig
 
 _LOG = logging.getLogger(__name__)
 
-Engine = Literal["native", "torch"]
+Engine = Literal["native", "triton", "torch"]
 
 
 class EngineChoice(NamedTuple):
@@ -37,18 +41,48 @@ def native_fault() -> str | None:
     return None if module.kernel_names() else "this processor has no SSE4.2"
 
 
+def triton_fault() -> str | None:
+    """Why the Triton engine cannot be used here; None if it can.
+
+    Where nothing else stands against it, the first call compiles its kernels and compares a few steps with torch.
+    """
+    if not torch.cuda.is_available() and not _interpreted():
+        return "there is no CUDA device"
+    if _software_renderer():
+        return "the software GL renderer of this process and Triton bring an LLVM each, which crash together"
+    try:
+        module = importlib.import_module("anm_mj.mapping.backends.triton_backend")
+    except ImportError as err:
+        return f"it does not load ({err})"
+    return module.self_check()
+
+
+def _interpreted() -> bool:
+    """Whether Triton's kernels are to run in its interpreter, on the host, as in tests."""
+    return os.environ.get("TRITON_INTERPRET") == "1"
+
+
+def _software_renderer() -> bool:
+    try:
+        return "libLLVM" in Path("/proc/self/maps").read_text()
+    except OSError:
+        # Not Linux, for which alone Triton is made.
+        return False
+
+
 def choose_engine(engine: str = "auto", device: str = "auto") -> EngineChoice:
     """The engine for a configuration's ``engine`` on a device.
 
     Args:
-        engine: "auto" (torch on CUDA, else native where it works, else torch), "native" or "torch".
+        engine: "auto" (on CUDA Triton where it works, else torch; on a CPU native where it works, else torch),
+            "native", "triton" or "torch".
         device: "auto", "cpu" or "cuda".
 
     Raises:
         MapError: If engine or device are unknown, or what is asked for by name is not there.
     """
-    if engine not in ("auto", "native", "torch"):
-        raise MapError(f"The mapping engine is {engine!r}, but it must be 'auto', 'native' or 'torch'.")
+    if engine not in ("auto", "native", "triton", "torch"):
+        raise MapError(f"The mapping engine is {engine!r}, but it must be 'auto', 'native', 'triton' or 'torch'.")
     if engine == "native":
         # A GPU that nobody asked for is no reason to refuse.
         if device == "cuda":
@@ -61,8 +95,16 @@ def choose_engine(engine: str = "auto", device: str = "auto") -> EngineChoice:
     cuda = resolve_device(device).type == "cuda"
     if engine == "torch":
         return EngineChoice("torch", "asked for")
+    if engine == "triton":
+        fault = triton_fault() if cuda or _interpreted() else "it needs a CUDA device"
+        if fault is not None:
+            raise MapError(f"The Triton mapping engine was asked for, but {fault}; use engine 'auto' or 'torch'.")
+        return EngineChoice("triton", "asked for")
     if cuda:
-        return EngineChoice("torch", "it runs on the GPU")
+        fault = triton_fault()
+        if fault is not None:
+            return EngineChoice("torch", f"the Triton engine cannot be used: {fault}", fallback=True)
+        return EngineChoice("triton", "the quickest on a GPU")
     fault = native_fault()
     if fault is not None:
         return EngineChoice("torch", f"the native engine is missing: {fault}", fallback=True)
@@ -80,6 +122,11 @@ def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> M
         _LOG.warning("The map is trained by torch, many times slower, because %s.", choice.reason)
     if choice.name == "torch":
         return TorchBackend(config, seed=seed, device=device)
+    if choice.name == "triton":
+        # Triton is not made for every platform.
+        from anm_mj.mapping.backends.triton_backend import TritonBackend
+
+        return TritonBackend(config, seed=seed, device=device)
     # The compiled module is there, as was found just now, but need not be.
     from anm_mj.mapping.backends.native_backend import NativeBackend
 
@@ -91,5 +138,6 @@ def with_available_engine(config: MappingConfig) -> MappingConfig:
 
     A map can be loaded where another engine runs than the one that trained it.
     """
-    missing = config.engine == "native" and native_fault() is not None
+    faults = {"native": native_fault, "triton": triton_fault}
+    missing = config.engine in faults and faults[config.engine]() is not None
     return replace(config, engine="auto") if missing else config

@@ -1,0 +1,231 @@
+"""The engine for a GPU, in Triton: a training step is a few kernels, on CUDA replayed as one captured graph.
+
+Not measured on a GPU. Its results were compared with the torch engine's in Triton's interpreter, which runs the kernels
+on the host, and the kernels were compiled for a GPU that was not there. The CUDA graph has not run, nor has anything
+said what a step costs; the interpreter multiplies in float32 where the compiled kernels sum three TF32 products.
+Therefore :func:`self_check` compares a few steps with the torch engine before this one is first used, and the tests run
+on a GPU where they find one.
+
+Kernels do the sampling, the encoding, the decoders with rendering, losses and their gradients (in one), the scatter
+into the table's gradient, and Adam. Left to torch on the device, because they are rare or leave a kernel little to win:
+the smoothness term, rendering of views and the sensitivity of the outputs. It draws the same samples as the torch
+engine from the same seed, and its checkpoints are the same. The table's gradient is summed by atomics, so two runs
+differ in the last bits.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+from torch import Tensor
+
+from anm_mj.errors import MapError
+from anm_mj.mapping.backends import triton_kernels as kernels
+from anm_mj.mapping.backends.backend import StepLosses
+from anm_mj.mapping.backends.torch_backend import TorchBackend, resolve_device, sensitivity
+from anm_mj.mapping.backends.triton_field import TritonField
+from anm_mj.mapping.backends.triton_step import TrainingStep, capacity_for
+from anm_mj.mapping.config import MappingConfig, default_mapping
+from anm_mj.mapping.encoding import one_blob
+from anm_mj.mapping.field import initial_parameters
+from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.rendering import bell_weights, composite
+
+_CHUNK = 1 << 18
+"""Points per query."""
+_CHECK_STEPS = 3
+"""Steps of the check before first use: the first compiles, the second captures and replays, the third replays."""
+_CHECK_TOLERANCE = 1e-3
+"""How far losses may be apart after them, as a share."""
+
+
+class TritonBackend:
+    """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` on a CUDA device, or in the interpreter."""
+
+    def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
+        """Start from the parameters that ``seed`` gives.
+
+        Args:
+            config: The mapping configuration.
+            seed: What the start values are drawn from.
+            device: "auto", "cuda", or "cpu" where the interpreter runs the kernels.
+
+        Raises:
+            MapError: If a layer or a ray's samples are too many for the kernels, or the device is a CPU and the
+                kernels are not interpreted.
+        """
+        self.config = config
+        self._device = resolve_device(device)
+        if self._device.type == "cpu" and not kernels.INTERPRETED:
+            raise MapError("The Triton engine needs a CUDA device, and there is none; use engine 'auto' or 'torch'.")
+        self._field = TritonField(config, self._device)
+        self._period_m = torch.tensor(config.field.blob_period_m, device=self._device)
+        self._training: TrainingStep | None = None
+        self._num_steps = 0
+        self.set_state(initial_parameters(config.field, seed))
+
+    @property
+    def name(self) -> str:
+        """Which engine it is: "triton"."""
+        return "triton"
+
+    @property
+    def device(self) -> str:
+        """Where it computes: "cuda", or "cpu" in the interpreter."""
+        return self._device.type
+
+    def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
+        """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
+        self._num_steps += 1
+        training = self._loaded(rays, seed, smoothness_corner_m)
+        training.run()
+        return training.losses(len(rays.depth_m))
+
+    def sample_depths(self, depth_m: Float32[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, "n samples"]:
+        """The planar depths [m] that :meth:`step` samples rays of these measured depths at."""
+        zeros = np.zeros((len(depth_m), 3), np.float32)
+        training = self._loaded(RayBatch(zeros, zeros, zeros, depth_m), seed, None)
+        training.draw_samples()
+        return training.depths(len(depth_m))
+
+    def gradients(
+        self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None
+    ) -> tuple[StepLosses, dict[str, Float32[np.ndarray, "..."]]]:
+        """Losses and their gradients by parameter name, as in :meth:`step`; nothing is trained.
+
+        The decoders' weight decay, which is the optimiser's, is not in them.
+        """
+        training = self._loaded(rays, seed, smoothness_corner_m)
+        training.compute_gradients()
+        flat = torch.cat((self._field.table_gradient, training.decoder_gradient())).cpu().numpy()
+        self._field.table_gradient.zero_()
+        return training.losses(len(rays.depth_m)), self._field.split(flat)
+
+    def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """The SDF s at world points, in fractions of the truncation; see the protocol."""
+        out = np.empty(len(points_m), np.float32)
+        for rows, points in self._chunks(points_m):
+            out[rows] = self._field.decode(points, self._field.weights[None], color=False)[0][0].cpu().numpy()
+        return out
+
+    def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+        """Colours in [0, 1] at world points; see the protocol."""
+        out = np.empty((len(points_m), 3), np.float32)
+        for rows, points in self._chunks(points_m):
+            out[rows] = self._field.decode(points, self._field.weights[None])[1][0].t().cpu().numpy()
+        return out
+
+    def query_perturbed(
+        self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
+    ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
+        """The SDF s and colours under ``k`` sets of decoder weights; see the protocol."""
+        s_out = np.empty((len(decoders), len(points_m)), np.float32)
+        rgb_out = np.empty((len(decoders), len(points_m), 3), np.float32)
+        weights = self._tensor(decoders)
+        for rows, points in self._chunks(points_m, max(1, _CHUNK // len(decoders))):
+            s, rgb = self._field.decode(points, weights)
+            s_out[:, rows] = s.cpu().numpy()
+            rgb_out[:, rows] = rgb.transpose(1, 2).cpu().numpy()
+        return s_out, rgb_out
+
+    @torch.no_grad()
+    def query_sensitivity(
+        self, points_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+        """Squared gradient norms by all decoder weights; see the protocol."""
+        s_out = np.empty(len(points_m), np.float32)
+        rgb_out = np.empty(len(points_m), np.float32)
+        for rows, points in self._chunks(points_m):
+            blob = one_blob(points.t(), self._period_m, self.config.field.blob_bins)
+            s, rgb = sensitivity(self._field.split_weights(), self._field.features(points).t(), blob)
+            s_out[rows], rgb_out[rows] = s.cpu().numpy(), rgb.cpu().numpy()
+        return s_out, rgb_out
+
+    def render(
+        self,
+        origin_m: Float32[np.ndarray, "n 3"],
+        direction: Float32[np.ndarray, "n 3"],
+        z_m: Float32[np.ndarray, "n samples"],
+    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+        """Rendered colour and planar depth of rays; see the protocol."""
+        rgb_out = np.empty((len(z_m), 3), np.float32)
+        depth_out = np.empty(len(z_m), np.float32)
+        chunk = max(1, _CHUNK // z_m.shape[1])
+        for start in range(0, len(z_m), chunk):
+            rows = slice(start, start + chunk)
+            z = self._tensor(z_m[rows])
+            points = self._tensor(origin_m[rows])[:, None] + self._tensor(direction[rows])[:, None] * z[:, :, None]
+            s, rgb = self._field.decode(points.view(-1, 3).t().contiguous(), self._field.weights[None])
+            weights = bell_weights(s.view(z.shape), z, self.config.field.truncation_m)
+            rgb_out[rows] = composite(weights, rgb[0].t().reshape(*z.shape, 3)).cpu().numpy()
+            depth_out[rows] = (weights * z).sum(dim=1).cpu().numpy()
+        return rgb_out, depth_out
+
+    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+        """Copies of all parameters by name."""
+        return self._field.get_state()
+
+    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+        """Take over parameters by name and start the optimiser afresh; see the protocol."""
+        self._field.set_state(state)
+        self._num_steps = 0
+
+    def _loaded(self, rays: RayBatch, seed: int, corner_m: Float[np.ndarray, "3"] | None) -> TrainingStep:
+        """The training step with this batch in its buffers; other buffers if these are of another size."""
+        capacity, smooth = capacity_for(len(rays.depth_m)), corner_m is not None
+        training = self._training
+        if training is None or (training.capacity, training.smooth) != (capacity, smooth):
+            # The old buffers go before the new ones come.
+            self._training = None
+            training = TrainingStep(self.config, self._field, capacity, smooth=smooth)
+            self._training = training
+        training.load(rays, seed, corner_m, max(1, self._num_steps))
+        return training
+
+    def _chunks(
+        self, points_m: Float[np.ndarray, "n 3"], chunk: int = _CHUNK
+    ) -> Iterator[tuple[slice, Float[Tensor, "3 m"]]]:
+        for start in range(0, len(points_m), chunk):
+            rows = slice(start, start + chunk)
+            yield rows, self._tensor(points_m[rows].T)
+
+    def _tensor(self, array: Float[np.ndarray, "..."]) -> Float[Tensor, "..."]:
+        return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self._device)
+
+
+@functools.cache
+def self_check() -> str | None:
+    """What is wrong with the engine's results on the device at hand; None if nothing is.
+
+    The first call trains a few steps on a small table and compares them with the torch engine; this compiles the
+    kernels of the default configuration.
+    """
+    config = default_mapping()
+    config = replace(config, field=replace(config.field, log2_table_size=10))
+    rng = np.random.default_rng(0)
+    direction = rng.uniform(-1.0, 1.0, (48, 3)).astype(np.float32)
+    depth = np.where(np.arange(48) % 4 == 0, np.nan, rng.uniform(0.5, 3.0, 48)).astype(np.float32)
+    rays = RayBatch(np.zeros_like(direction), direction, np.abs(direction), depth)
+    # Whatever a compiler or a driver may raise, torch can do the work.
+    try:
+        backend = TritonBackend(config, seed=0)
+        losses = [backend.step(rays, seed) for seed in range(_CHECK_STEPS)]
+    except Exception as err:
+        return f"its kernels do not run ({type(err).__name__}: {_first_line(err)})"
+    reference = TorchBackend(config, seed=0, device="cpu")
+    expected = [reference.step(rays, seed) for seed in range(_CHECK_STEPS)]
+    # Without smoothness, which is zero here.
+    ours, theirs = np.array(losses)[:, :5], np.array(expected)[:, :5]
+    error = np.max(np.abs(ours / theirs - 1.0))
+    if not error < _CHECK_TOLERANCE:
+        return f"its losses differ from the torch engine's by {error:.1e} after {_CHECK_STEPS} steps"
+    return None
+
+
+def _first_line(err: Exception) -> str:
+    return next(iter(str(err).splitlines()), "")
