@@ -61,7 +61,7 @@ class NeuralMap:
 
     @property
     def engine_name(self) -> str:
-        """What computes the map, for the run's manifest: "torch", or "native" with its instruction set."""
+        """What computes the map, for the run's manifest: "torch", "triton", or "native" with its instruction set."""
         return self.backend.name
 
     def integrate(self, observation: Observation) -> MapUpdate:

@@ -19,7 +19,7 @@ TRUNCATION_SHARE = 1e-4
 
 @pytest.fixture(scope="module")
 def found() -> dict:
-    """What a process of its own found: pytest's renders in software, beside which Triton crashes."""
+    """What a process of its own found: pytest's may have rendered in software, after which Triton crashes."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     if not torch.cuda.is_available():
         environment["TRITON_INTERPRET"] = "1"

@@ -1,7 +1,7 @@
 """The Triton engine against the torch engine, in a process of its own: prints what was found, as JSON.
 
-Triton brings an LLVM that crashes beside a software GL renderer's, so pytest's own process, which renders, must not
-load it. Run with ``TRITON_INTERPRET=1`` where there is no GPU; the kernels then run on the host, and slowly.
+Triton brings an LLVM that crashes if loaded beside a software GL renderer's, so pytest's own process, which renders,
+must not load it. Run with ``TRITON_INTERPRET=1`` where there is no GPU; the kernels then run on the host, and slowly.
 """
 
 import json

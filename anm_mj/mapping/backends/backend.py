@@ -32,7 +32,7 @@ class MapperBackend(Protocol):
 
     @property
     def name(self) -> str:
-        """Which engine it is, for the log: "torch", or "native" with its instruction set."""
+        """Which engine it is, for the log: "torch", "triton", or "native" with its instruction set."""
         ...
 
     @property

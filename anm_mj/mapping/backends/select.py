@@ -49,7 +49,7 @@ def triton_fault() -> str | None:
     if not torch.cuda.is_available() and not _interpreted():
         return "there is no CUDA device"
     if _software_renderer():
-        return "the software GL renderer of this process and Triton bring an LLVM each, which crash together"
+        return "this process has rendered in software before, and Triton's LLVM crashes if loaded beside the renderer's"
     try:
         module = importlib.import_module("anm_mj.mapping.backends.triton_backend")
     except ImportError as err:
@@ -63,6 +63,7 @@ def _interpreted() -> bool:
 
 
 def _software_renderer() -> bool:
+    """Whether this process has rendered in software; Triton crashes if loaded after that, and does not before it."""
     try:
         return "libLLVM" in Path("/proc/self/maps").read_text()
     except OSError:
