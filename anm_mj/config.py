@@ -78,7 +78,10 @@ def make_config(preset: str, settings: list[str], **options: Any) -> RunConfig:
         ConfigError: the preset, a setting's name or a value is not one there is.
     """
     _require_choice("--preset", preset, PRESETS)
-    config = RunConfig(preset=preset, mapping=MAPPING_PRESETS[preset](), **options)
+    mapping = MAPPING_PRESETS[preset]()
+    if options.get("policy") == "anm-s":  # The paper's policy is led by the paper's uncertainty, whatever the preset.
+        mapping = replace(mapping, uncertainty=MAPPING_PRESETS["paper"]().uncertainty)
+    config = RunConfig(preset=preset, mapping=mapping, **options)
     for setting in settings:
         name, equals, value = setting.partition("=")
         if not equals:

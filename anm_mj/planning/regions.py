@@ -1,8 +1,8 @@
 """Regions of interest: uncertain surface, clustered by geometry and topology, anchored to vertices that can see it.
 
-Surface points whose predictive variance stands out (paper, eq. 5) are clustered where they lie close together *in front
-of* the surface, so that the two sides of a wall never join. Each cluster is anchored to the nearest vertex that sees
-it: within range, not at a grazing angle, with nothing in between.
+Surface points whose uncertainty stands out (paper, eq. 5, by default weighed by how well each place was seen) are
+clustered where they lie close together *in front of* the surface, so that the two sides of a wall never join. Each
+cluster is anchored to the nearest vertex that sees it: within range, not at a grazing angle, with nothing in between.
 """
 
 from __future__ import annotations
