@@ -11,12 +11,11 @@ from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
-from anm_mj.mapping.field import DECODER_NAMES, decode_color, decode_sdf
+from anm_mj.mapping.field import DECODER_NAMES
 from anm_mj.mapping.keyframes import RayBatch, concatenate, sample_frame
-from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
-from anm_mj.mapping.rendering import bell_weights, composite
-from anm_mj.mapping.sampling import sample_depths, valid_depth
+from anm_mj.mapping.sampling import sample_depths
 from tests.mapping.ray_room import Room
+from tests.mapping.reference import reference_gradients
 
 if native_fault() is not None:
     pytest.skip(f"the native engine cannot be used: {native_fault()}", allow_module_level=True)
@@ -61,52 +60,6 @@ def rays() -> RayBatch:
     return batch
 
 
-def reference_gradients(backend: TorchBackend, rays: RayBatch, z_m: np.ndarray, dtype: torch.dtype):
-    """Losses and gradients by autograd at the same positions, computed in ``dtype`` from the same float32 corners."""
-    config, field = backend.config, backend.field
-    leaves = {name: p.detach().to(dtype).requires_grad_() for name, p in field.decoders.items()}
-    planes = [p.detach().to(dtype).requires_grad_() for p in field.planes]
-
-    def features(points):
-        index, weight = field._grid.corners(points)
-        out = torch.stack([(plane[index.long()] * weight.to(dtype)).sum(dim=0) for plane in planes])
-        return out.view(-1, len(points)).t()
-
-    def tensor(array):
-        return torch.from_numpy(array)
-
-    z = tensor(z_m)
-    points = (tensor(rays.origin_m)[:, None] + tensor(rays.direction)[:, None] * z[:, :, None]).view(-1, 3)
-    blob = field.encode(points)[1].to(dtype)
-    outputs = decode_sdf(leaves["sdf_hidden"], leaves["sdf_out"], features(points), blob)
-    color = decode_color(leaves["color_hidden"], leaves["color_out"], blob, outputs[:, 1:])
-    s, rgb = outputs[:, 0].view(z.shape), color.view(*z.shape, 3)
-    weights = bell_weights(s, z.to(dtype), config.field.truncation_m)
-    depth = tensor(rays.depth_m)
-    valid = valid_depth(depth, config.sampling)
-    terms = ray_losses(
-        s,
-        z.to(dtype),
-        composite(weights, rgb),
-        (weights * z.to(dtype)).sum(dim=1),
-        tensor(rays.rgb).to(dtype),
-        depth.to(dtype),
-        valid,
-        config.field.truncation_m,
-        config.loss,
-    )
-    smoothness = torch.zeros((), dtype=dtype)
-    if config.loss.smoothness > 0.0:
-        lattice = smoothness_lattice(torch.from_numpy(CORNER_M.astype(np.float32)), config.loss)
-        smoothness = smoothness_loss(features(lattice), config.loss)
-    total = terms.total + config.loss.smoothness * smoothness
-    total.backward()
-    gradients = {"table": np.stack([p.grad.numpy() for p in planes], axis=1)}
-    gradients |= {name: leaves[name].grad.numpy() for name in DECODER_NAMES}
-    losses = (total, terms.rgb, terms.depth, terms.sdf, terms.free_space, smoothness)
-    return [loss.item() for loss in losses], gradients
-
-
 def corner(config: MappingConfig):
     return CORNER_M if config.loss.smoothness > 0.0 else None
 
@@ -148,7 +101,7 @@ def test_losses_and_gradients_are_those_of_autograd(config, kernel, dtype, rays)
     native, reference = trained_pair(config, rays, kernel)
     z = native.sample_depths(rays.depth_m, 3)
     losses, gradients = native.gradients(rays, z, corner(config))
-    expected_losses, expected = reference_gradients(reference, rays, z, dtype)
+    expected_losses, expected = reference_gradients(reference, rays, z, dtype, corner(config))
     np.testing.assert_allclose(losses, expected_losses, rtol=1e-5)
     for name, gradient in gradients.items():
         assert relative_error(gradient, expected[name]) < 1e-5, name
