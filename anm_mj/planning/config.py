@@ -54,7 +54,7 @@ class PlanningConfig:
     """Elevations within the camera's vertical field of view."""
     candidate_spacing_m: float = 0.5
     """Vertices weighed by the gvg policy lie at least this far apart [m]."""
-    max_candidates: int = 60
+    max_candidates: int = 150
     """Most candidates whose gain is cast anew for one decision."""
     min_gain_m2: float = 0.15
     """Expected new surface below which nothing is worth a step [m2]."""
