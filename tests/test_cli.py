@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.cli import main
+from anm_mj.cli.main import main
 
 
 def fails(capsys, *argv):

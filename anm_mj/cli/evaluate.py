@@ -1,0 +1,24 @@
+"""``anm-mj eval``: the numbers of a finished run."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+
+def add_evaluate(commands: Any) -> None:
+    """Add ``eval`` to the commands of the program."""
+    evaluate = commands.add_parser("eval", help="compute the numbers of a run anew from its folder alone")
+    evaluate.add_argument("run", type=Path, metavar="RUN", help="a run folder")
+    evaluate.set_defaults(command=_evaluate)
+
+
+def _evaluate(parsed: argparse.Namespace) -> int:
+    from anm_mj.evaluation.evaluate import evaluate_run
+    from anm_mj.progress import print_metrics
+
+    print_metrics(Console(), evaluate_run(parsed.run), parsed.run)
+    return 0

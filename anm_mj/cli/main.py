@@ -1,0 +1,71 @@
+"""The command line: ``anm-mj explore | eval | scene | doctor``.
+
+Wrong input ends with one sentence and exit status 2. Heavy packages are imported by the commands that need them, so
+that ``--help`` and a mistyped option answer at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import NoReturn
+
+from rich.console import Console
+
+from anm_mj.cli.evaluate import add_evaluate
+from anm_mj.cli.explore import add_explore
+from anm_mj.cli.log import log_to
+from anm_mj.cli.scene import add_scene
+from anm_mj.errors import AnmError
+
+USAGE_ERROR = 2
+INTERRUPTED = 130
+"""Exit status of a program that a second Ctrl-C has ended, by custom 128 + SIGINT."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one sentence, without the usage in front of it."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(USAGE_ERROR, f"{self.prog}: {message}; see {self.prog} --help.\n")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command line and return its exit status."""
+    arguments = _with_joined_start(sys.argv[1:] if argv is None else argv)
+    parsed = _parser().parse_args(arguments)
+    log_to(Console(stderr=True))
+    try:
+        return parsed.command(parsed)
+    except AnmError as err:
+        Console(stderr=True).print(f"anm-mj: {err}", style="red", markup=False, highlight=False, soft_wrap=True)
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _with_joined_start(argv: list[str]) -> list[str]:
+    """The same words with ``--start -1,2,0`` as one: alone, a word that begins with '-' is taken for an option."""
+    words = list(argv)
+    if "--start" in words[:-1]:
+        at = words.index("--start")
+        words[at : at + 2] = [f"--start={words[at + 1]}"]
+    return words
+
+
+def _parser() -> _Parser:
+    parser = _Parser(prog="anm-mj", description="Active neural mapping of indoor scenes with a MuJoCo robot.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    add_explore(commands)
+    add_evaluate(commands)
+    add_scene(commands)
+    doctor = commands.add_parser("doctor", help="what this machine has, and what will be used")
+    doctor.set_defaults(command=_doctor)
+    return parser
+
+
+def _doctor(parsed: argparse.Namespace) -> int:
+    del parsed
+    from anm_mj.doctor import main as doctor
+
+    return doctor()

@@ -1,0 +1,64 @@
+"""``anm-mj scene``: make, import and list scenes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+
+def add_scene(commands: Any) -> None:
+    """Add ``scene`` and its actions to the commands of the program."""
+    scene = commands.add_parser("scene", help="import scenes and list them")
+    actions = scene.add_subparsers(required=True, metavar="ACTION")
+    imported = actions.add_parser("import", help="turn a mesh file into a scene folder")
+    imported.add_argument("src", type=Path, metavar="SRC", help="a .glb, .gltf, .obj or .ply file")
+    imported.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
+    imported.add_argument("--up", default="auto", help="axis that points up in SRC: x, y, z or auto")
+    imported.add_argument("--scale", type=float, help="metres per unit of SRC (default: found from its size)")
+    imported.add_argument("--name", help="name of the scene (default: the file's)")
+    imported.add_argument("--licence", help="licence of SRC, kept in the folder")
+    imported.add_argument("--source", help="where SRC comes from, kept in the folder (default: the file's name)")
+    imported.set_defaults(command=_scene_import)
+    actions.add_parser("list", help="the scenes that can be named").set_defaults(command=_scene_list)
+
+
+def _scene_import(parsed: argparse.Namespace) -> int:
+    from anm_mj.scene.importer import import_scene
+
+    scene = import_scene(
+        parsed.src,
+        parsed.out,
+        up=parsed.up,
+        scale=parsed.scale,
+        name=parsed.name,
+        licence=parsed.licence,
+        source=parsed.source,
+    )
+    size = scene.bounds_m[1] - scene.bounds_m[0]
+    start = scene.starts[0]
+    Console().print(
+        f"{scene.name}: {scene.num_triangles} triangles, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} m, "
+        f"start {start.x_m:.2f},{start.y_m:.2f}. Explore it: anm-mj explore {parsed.out}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return 0
+
+
+def _scene_list(parsed: argparse.Namespace) -> int:
+    del parsed
+    from rich.table import Table
+
+    from anm_mj.scene.catalogue import list_scenes
+
+    table = Table("name", "rooms", "size [m]", "triangles", "licence", "folder", box=None)
+    for scene in list_scenes():
+        size = scene.bounds_m[1] - scene.bounds_m[0]
+        rooms = "" if scene.rooms is None else str(scene.rooms)
+        extent = " x ".join(f"{length:.1f}" for length in size)
+        table.add_row(scene.name, rooms, extent, str(scene.num_triangles), scene.licence, str(scene.folder))
+    Console().print(table)
+    return 0
