@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
 from anm_mj.planning.lookahead import way_is_blocked
-from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
+from anm_mj.protocols import Mapper, ObservingPolicy, Policy, Recorder, Robot, Viewer
 from anm_mj.stopwatch import Stopwatch
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 
@@ -75,7 +75,7 @@ def explore(
     total = Stopwatch()
     collisions = 0
     plan: Plan | None = None
-    observation, update = _perceive(robot, mapper, total)
+    observation, update = _perceive(robot, mapper, policy, total)
     recorder.observation(observation)
 
     def outcome(reason: StopReason, steps: int) -> Outcome:
@@ -109,7 +109,7 @@ def explore(
             collisions += not plan.actions
         elif action is Action.MOVE_FORWARD:
             collisions = 0
-        observation, update = _perceive(robot, mapper, watch)
+        observation, update = _perceive(robot, mapper, policy, watch)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)
         total.add(watch)
@@ -122,11 +122,14 @@ def explore(
     return outcome(StopReason.BUDGET, num_steps)
 
 
-def _perceive(robot: Robot, mapper: Mapper, watch: Stopwatch) -> tuple[Observation, MapUpdate]:
+def _perceive(robot: Robot, mapper: Mapper, policy: Policy, watch: Stopwatch) -> tuple[Observation, MapUpdate]:
     with watch.stage("observe"):
         observation = robot.observe()
     with watch.stage("map"):
         update = mapper.integrate(observation)
+    if isinstance(policy, ObservingPolicy):
+        with watch.stage("plan"):
+            policy.observe(observation)
     return observation, update
 
 

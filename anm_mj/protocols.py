@@ -96,6 +96,15 @@ class Policy(Protocol):
 
 
 @runtime_checkable
+class ObservingPolicy(Policy, Protocol):
+    """A policy that keeps a map of its own and therefore wants every observation, not only those it decides on."""
+
+    def observe(self, observation: Observation) -> None:
+        """Take in an observation; the first one comes before any action."""
+        ...
+
+
+@runtime_checkable
 class Recorder(Protocol):
     """Keeps what a run does as it does it."""
 
