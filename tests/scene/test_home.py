@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from anm_mj.scene.folder import Scene, load_scene
-from anm_mj.scene.home.atlas import pack
+from anm_mj.scene.furniture.atlas import pack
+from anm_mj.scene.furniture.quads import Quads, ball, box, cushion, cylinder, lathe, strut
+from anm_mj.scene.furniture.textures import hashed, noise, plain
+from anm_mj.scene.furniture.wall import WINDOW_DEPTH_M
 from anm_mj.scene.home.house import HOME_STARTS, furnished_rooms, make_small_scene
 from anm_mj.scene.home.layout import (
     CEILING_M,
     DOOR_HEIGHT_M,
     WALL_M,
-    WINDOW_DEPTH_M,
     Room,
     doorway_passage,
     room_shell,
 )
 from anm_mj.scene.home.plan import home_doorways, home_rooms
-from anm_mj.scene.home.quads import Quads, ball, box, cushion, cylinder, lathe, strut
 from anm_mj.scene.home.rooms import furnish
-from anm_mj.scene.home.textures import hashed, noise, plain
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear, navigable_area
 
 _GREY = plain((0.5, 0.5, 0.5))

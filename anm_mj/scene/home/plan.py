@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+from anm_mj.scene.furniture.textures import (
+    dots,
+    leaves,
+    plain,
+    planks,
+    plaster,
+    rgb,
+    spots,
+    stripes,
+    tiles,
+    view_outside,
+)
 from anm_mj.scene.home.layout import Doorway, Finish, Room, Side, Window
-from anm_mj.scene.home.textures import dots, leaves, plain, planks, plaster, rgb, spots, stripes, tiles, view_outside
 
 _WHITE = plain(rgb("f4f1ea"), 0.01)
 _CEILING = plaster(rgb("f3f1ec"), 0.02, texel_m=0.04)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from anm_mj.scene.home import clutter, decor, kitchen, seating, storage, tables
-from anm_mj.scene.home.layout import Room, Side
-from anm_mj.scene.home.quads import Material, Quads, join
-from anm_mj.scene.home.textures import (
+from anm_mj.scene.furniture import clutter, decor, kitchen, seating, storage, tables
+from anm_mj.scene.furniture.quads import Material, Quads, join
+from anm_mj.scene.furniture.textures import (
     abstract,
     dots,
     fabric,
@@ -20,6 +19,7 @@ from anm_mj.scene.home.textures import (
     tiles,
     wood,
 )
+from anm_mj.scene.home.layout import Room, Side
 
 _WHITE = plain(rgb("f4f1ea"), 0.01)
 _OAK, _PINE, _WALNUT = wood(rgb("b98a56")), wood(rgb("dcb887")), wood(rgb("6e4a32"))

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.home.quads import Material, Quads, ball, box, cushion, join, lathe, strut
-from anm_mj.scene.home.textures import Colour, plain, rgb, wood
+from anm_mj.scene.furniture.quads import Material, Quads, ball, box, cushion, join, lathe, strut
+from anm_mj.scene.furniture.textures import Colour, plain, rgb, wood
 
 _DARK = plain(rgb("2b2d31"))
 _STEM = plain(rgb("3f7d4e"), 0.2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from anm_mj.scene.home.quads import Material, Quads, ball, box, cushion, cylinder, join, lathe, strut
+from anm_mj.scene.furniture.quads import Material, Quads, ball, box, cushion, cylinder, join, lathe, strut
 
 
 def chair(frame: Material, seat: Material) -> Quads:

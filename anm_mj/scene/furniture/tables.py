@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anm_mj.scene.home.quads import Material, Quads, box, cushion, join
+from anm_mj.scene.furniture.quads import Material, Quads, box, cushion, join
 
 
 def table(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.scene.home.quads import Material, Quads, box, join
-from anm_mj.scene.home.textures import plain, rgb
+from anm_mj.scene.furniture.quads import Material, Quads, box, join
+from anm_mj.scene.furniture.textures import plain, rgb
 
 _SPINES = [
     plain(rgb(code))

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
-from anm_mj.scene.home.light import Lighting, to_linear, to_srgb
-from anm_mj.scene.home.quads import Quads
+from anm_mj.scene.furniture.light import Lighting, to_linear, to_srgb
+from anm_mj.scene.furniture.quads import Quads
 from anm_mj.scene.part import Part
 
 _MARGIN_PX = 1

@@ -1,4 +1,4 @@
-"""Surfaces as quadrilaterals: what all walls and furniture of the house are made of.
+"""Surfaces as quadrilaterals: what all walls and furniture of our own scenes are made of.
 
 Every surface is a list of quads, counter-clockwise as seen from the side it is meant to be seen from. A quad is the
 unit that light and texture are baked for (``atlas.py``); a triangle is a quad with two equal corners.

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.home.quads import Material, Quads, box, cushion, cylinder, grid_quads, join, lathe, strut
-from anm_mj.scene.home.textures import Colour, glow, plain, rgb, rug, spots
+from anm_mj.scene.furniture.quads import Material, Quads, box, cushion, cylinder, grid_quads, join, lathe, strut
+from anm_mj.scene.furniture.textures import Colour, glow, plain, rgb, rug, spots
 
 _DARK = plain(rgb("2b2d31"))
 _LEAF_GREENS = [plain(rgb(code), 0.2) for code in ("3f7d4e", "55925a", "2f6b45")]
