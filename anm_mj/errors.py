@@ -29,5 +29,9 @@ class RobotError(AnmError):
     """A robot model lacks a part, or a drive cannot be made from it."""
 
 
+class TaskError(AnmError):
+    """An environment's task cannot be made, or is asked for what it does not offer (an unknown option, no action)."""
+
+
 class RunFolderError(AnmError):
     """A run folder cannot be written or read."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from anm_mj.config import DRIVES
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.navigable import require_clear
-from anm_mj.sim.gl import select_backend
+from anm_mj.sim.gl import require_unforked, select_backend
 from anm_mj.types import Footprint, Pose2
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def make_robot(scene: Scene, *, start: Pose2 | None = None, drive: str = "kinema
     if image_px < 1:
         raise RobotError(f"A camera of {image_px} x {image_px} px sees nothing; image_px must be positive, e.g. 256.")
     select_backend()
+    require_unforked()
     import mujoco
 
     from anm_mj.control.clearance import Clearance

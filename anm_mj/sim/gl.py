@@ -89,6 +89,29 @@ def select_backend() -> GlBackend:
     raise RenderError(f"{chosen} ({tried}). {_ADVICE}{unset}")
 
 
+def require_unforked() -> None:
+    """Note that this process is about to make a GL context, or refuse to if a process that it was forked from has.
+
+    GL's threads and connections are not there in a forked process: the first picture would never be done.
+
+    Raises:
+        RenderError: if this process was forked from one that called this.
+    """
+    global _gl_process
+    if _gl_process is None:
+        _gl_process = os.getpid()
+    if _gl_process != os.getpid():
+        raise RenderError(
+            f"This process was forked from one that has made pictures ({_gl_process}), which GL does not survive: "
+            'start it by the method "spawn" or "forkserver" instead, as multiprocessing.get_context does and, '
+            'for Gymnasium, make_vec(..., vector_kwargs={"context": "spawn"}).'
+        )
+
+
+_gl_process: int | None = None
+"""The process that has, or had, GL contexts; a fork inherits it."""
+
+
 class ProbeError(Exception):
     """A back-end does not work; the message is the last line of its error."""
 

@@ -83,6 +83,12 @@ class SimRobot:
         self._step += action != Action.STOP
         return result
 
+    def restart(self, pose: Pose2) -> None:
+        """Begin anew at a pose: at rest, at time and step 0, everything else in the scene where it was at first."""
+        mujoco.mj_resetData(self._model, self._data)
+        self._drive.place(pose)
+        self._step = 0
+
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""
         self._camera.close()

@@ -39,6 +39,9 @@ class _Slide:
     def pose(self) -> Pose2:
         return Pose2(float(self._data.qpos[0]), 0.0, 0.0)
 
+    def place(self, pose: Pose2) -> None:
+        self._data.qpos[0] = pose.x_m
+
     def act(self, action: Action) -> ActionResult:
         moved_m = float(action == Action.MOVE_FORWARD)
         self._data.qpos[0] += moved_m
@@ -72,6 +75,14 @@ def test_steps_count_every_action_but_stop(robot):
     assert observation.step == robot.step == 2
     assert observation.time_s == 0.5
     assert robot.footprint == _FOOTPRINT
+
+
+def test_a_restarted_robot_stands_where_it_was_put_and_counts_anew(robot):
+    robot.act(Action.MOVE_FORWARD)
+    robot.restart(Pose2(0.5, 0.0, 0.0))
+    observation = robot.observe()
+    assert (observation.step, observation.time_s, observation.pose) == (0, 0.0, Pose2(0.5, 0.0, 0.0))
+    np.testing.assert_allclose(observation.T_world_camera[:3, 3], [0.5, 0.0, 1.25])
 
 
 def test_a_closed_robot_says_so(robot):
