@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from functools import partial
 
 from anm_mj.errors import PlanError
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.anm_s import AnmS
+from anm_mj.planning.policies.frontier import FULL_RANGE_M, Frontier
 from anm_mj.planning.policies.gvg import Gvg
 from anm_mj.planning.policies.random_walk import RandomWalk
 from anm_mj.protocols import Policy
@@ -16,6 +18,8 @@ from anm_mj.types import Footprint
 POLICIES: dict[str, Callable[[PlanningConfig, Footprint, int], Policy]] = {
     "gvg": Gvg,
     "anm-s": AnmS,
+    "frontier": Frontier,
+    "frontier-full": partial(Frontier, range_m=FULL_RANGE_M),
     "random": RandomWalk,
 }
 

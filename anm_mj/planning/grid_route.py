@@ -1,0 +1,58 @@
+"""Shortest ways over a grid map, for policies without a graph: Dijkstra over cells, pulled straight."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from skimage.graph import MCP_Geometric
+
+from anm_mj.frames import cell_to_world, world_to_cell
+from anm_mj.planning.paths import NEAR_ROBOT_M, pull_straight
+from anm_mj.types import FREE, Pose2, TopDownMap
+
+COMFORT_M = 0.2
+"""Clearance beyond the least one up to which a way prefers to keep away from obstacles [m]."""
+
+
+class GridRoutes:
+    """The shortest ways from the robot to all cells of a map that it can reach."""
+
+    def __init__(self, topdown: TopDownMap, pose: Pose2, safe_m: float):
+        """Search the whole map once.
+
+        Args:
+            topdown: the map; ways lead over free cells only.
+            pose: where the robot stands; within ``NEAR_ROBOT_M`` of it no more clearance is asked than it has now.
+            safe_m: least clearance of a way [m].
+        """
+        self.topdown = topdown
+        self.pose = pose
+        self.safe_m = safe_m
+        start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
+        clearance = topdown.clearance_m
+        rows, cols = np.ogrid[: clearance.shape[0], : clearance.shape[1]]
+        near = np.hypot(rows - start[0], cols - start[1]) * topdown.resolution_m < NEAR_ROBOT_M
+        needed = np.where(near, min(safe_m, float(clearance[tuple(start)])), safe_m)
+        passable = (clearance >= needed) & (topdown.state == FREE)
+        passable[tuple(start)] = True
+        crowding = np.clip((safe_m + COMFORT_M - clearance) / COMFORT_M, 0.0, 1.0)
+        self._search = MCP_Geometric(np.where(passable, 1.0 + crowding, -1.0))
+        self.cost_cells = self._search.find_costs([tuple(start)])[0]
+        """Length of the way to each cell, dearer near obstacles [cells]; +inf where there is none."""
+        self._cells = np.argwhere(np.isfinite(self.cost_cells))
+        self._xy_m = cell_to_world(self._cells, topdown.origin_xy_m, topdown.resolution_m)
+
+    def nearest(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """The reachable place nearest to another one, as the crow flies [m]."""
+        return self._xy_m[np.argmin(np.linalg.norm(self._xy_m - xy_m, axis=1))]
+
+    def path_to(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
+        """Polyline from the robot to a reachable place [m].
+
+        Args:
+            xy_m: a place that :meth:`nearest` gave.
+        """
+        end = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
+        cells = np.array(self._search.traceback(tuple(end)))
+        way = cell_to_world(cells, self.topdown.origin_xy_m, self.topdown.resolution_m)
+        return pull_straight(np.concatenate([self.pose.xy_m[None], way[1:]]), self.topdown, self.safe_m, self.pose)

@@ -1,0 +1,133 @@
+"""A two-dimensional evidence grid from the depth camera used as a planar scanner, for policies with a map of their own.
+
+Every image column is one beam of a scan: it ends at the nearest surface between the lowest and the highest point of
+the robot's body, and what lies before that is free (Moravec and Elfes, ICRA 1985; Yamauchi, CIRA 1997). Unlike the
+occupancy beside the neural map it can be limited in range, as the published configurations of the baselines are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+from skimage.draw import polygon
+
+from anm_mj.frames import pixel_directions, world_to_cell
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, TopDownMap
+
+RESOLUTION_M = 0.05
+GROWTH_CELLS = 128
+"""The grid grows by blocks of this many cells."""
+HIT, PASS = 0.85, -0.4
+"""Log-odds that one scan adds to a cell it ends in, and to one it goes through."""
+JOINED_M = 0.25
+"""Ends of neighbouring beams nearer to each other than this lie on one surface [m]."""
+MOST, LEAST = 3.5, -2.0
+"""Bounds of a cell's log-odds, so that it can change its mind."""
+
+
+class ScanGrid:
+    """Log-odds of occupancy in the plane, grown to wherever scans reach."""
+
+    def __init__(self, footprint: Footprint, range_m: float):
+        """Start with nothing known.
+
+        Args:
+            footprint: the heights that obstacles are looked for at.
+            range_m: beams are cut at this distance from the camera [m].
+        """
+        self.footprint = footprint
+        self.range_m = range_m
+        self.origin_xy_m = np.zeros(2)
+        """World x, y of the outer corner of cell [0, 0]."""
+        self.log_odds = np.zeros((0, 0), np.float32)
+        """NaN where no scan has told anything."""
+
+    def integrate(self, observation: Observation) -> None:
+        """Take a scan in; the ground under the robot is free, because it stands there."""
+        camera_xy_m = observation.T_world_camera[:2, 3]
+        self._grow(np.stack([camera_xy_m - self.range_m, camera_xy_m + self.range_m]))
+        end_m, hit = self._beams(observation)
+        # Image columns are planes of constant azimuth, because the camera is level.
+        columns = pixel_directions(_middle_row(observation.intrinsics))[0] @ observation.T_world_camera[:3, :3].T
+        directions = columns[:, :2] / np.linalg.norm(columns[:, :2], axis=1, keepdims=True)
+        ends_xy_m = camera_xy_m + directions * end_m[:, None]
+        struck = self._mask(_between_hits(ends_xy_m, hit))
+        free = self._inside(np.concatenate([camera_xy_m[None], ends_xy_m])) & ~struck
+        free |= self._under(observation.pose)
+        self.log_odds[free] = np.maximum(np.nan_to_num(self.log_odds[free]) + PASS, LEAST)
+        self.log_odds[struck] = np.minimum(np.nan_to_num(self.log_odds[struck]) + HIT, MOST)
+
+    def add_obstacle(self, xy_m: Float[np.ndarray, "2"]) -> None:
+        """Remember a place that the robot could not enter [m]."""
+        self.log_odds[self._mask(xy_m[None])] = MOST
+
+    def topdown(self) -> TopDownMap:
+        """The grid as a map; clearance is the distance to the nearest obstacle, unknown ground counting as none [m]."""
+        state = np.where(self.log_odds > 0, np.int8(OCCUPIED), np.int8(FREE))
+        state[np.isnan(self.log_odds)] = UNKNOWN
+        clear = np.asarray(ndimage.distance_transform_edt(state != OCCUPIED)) - 0.5
+        return TopDownMap((clear * RESOLUTION_M).astype(np.float32), state, RESOLUTION_M, self.origin_xy_m.copy())
+
+    def _beams(self, observation: Observation) -> tuple[Float[np.ndarray, " w"], Bool[np.ndarray, " w"]]:
+        """Where each column's beam ends [m], and whether a surface ends it."""
+        depth_m = observation.depth_m
+        rays = pixel_directions(observation.intrinsics)
+        height_m = observation.T_world_camera[2, 3] + depth_m * (rays @ observation.T_world_camera[2, :3])
+        distance_m = depth_m * np.hypot(rays[..., 0], 1.0)
+        # Comparisons with NaN are false: a pixel without depth neither ends a beam nor lengthens it.
+        obstacle = (height_m > self.footprint.z_min_m) & (height_m < self.footprint.z_max_m)
+        nearest_m = np.where(obstacle, distance_m, np.inf).min(axis=0)
+        seen_m = np.where(height_m < self.footprint.z_max_m, distance_m, 0.0).max(axis=0)
+        end_m = np.minimum(np.minimum(nearest_m, seen_m), self.range_m)
+        return end_m, nearest_m <= end_m
+
+    def _mask(self, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "rows cols"]:
+        mask = np.zeros(self.log_odds.shape, bool)
+        cells = world_to_cell(xy_m, self.origin_xy_m, RESOLUTION_M)
+        cells = cells[((cells >= 0) & (cells < mask.shape)).all(axis=1)]
+        mask[cells[:, 0], cells[:, 1]] = True
+        return mask
+
+    def _inside(self, outline_xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "rows cols"]:
+        mask = np.zeros(self.log_odds.shape, bool)
+        col, row = ((outline_xy_m - self.origin_xy_m) / RESOLUTION_M - 0.5).T
+        mask[polygon(row, col, mask.shape)] = True
+        return mask
+
+    def _under(self, pose: Pose2) -> Bool[np.ndarray, "rows cols"]:
+        rows, cols = np.ogrid[: self.log_odds.shape[0], : self.log_odds.shape[1]]
+        x = self.origin_xy_m[0] + (cols + 0.5) * RESOLUTION_M - pose.x_m
+        y = self.origin_xy_m[1] + (rows + 0.5) * RESOLUTION_M - pose.y_m
+        return x**2 + y**2 <= self.footprint.radius_m**2
+
+    def _grow(self, corners_xy_m: Float[np.ndarray, "2 2"]) -> None:
+        """Make the grid hold a box, keeping what it knows."""
+        block_m = GROWTH_CELLS * RESOLUTION_M
+        low, high = np.floor(corners_xy_m[0] / block_m) * block_m, np.ceil(corners_xy_m[1] / block_m) * block_m
+        old = self.log_odds
+        if old.size:
+            low = np.minimum(low, self.origin_xy_m)
+            high = np.maximum(high, self.origin_xy_m + np.array(old.shape[::-1]) * RESOLUTION_M)
+        rows, cols = (round(length / RESOLUTION_M) for length in (high - low)[::-1])
+        if (rows, cols) == old.shape:
+            return
+        self.log_odds = np.full((rows, cols), np.nan, np.float32)
+        if old.size:
+            col, row = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)
+            self.log_odds[row : row + old.shape[0], col : col + old.shape[1]] = old
+        self.origin_xy_m = low
+
+
+def _between_hits(ends_xy_m: Float[np.ndarray, "w 2"], hit: Bool[np.ndarray, " w"]) -> Float[np.ndarray, "n 2"]:
+    """The struck ends of beams and, where two neighbours struck one surface, what lies between them [m]."""
+    step = np.diff(ends_xy_m, axis=0)
+    joined = hit[:-1] & hit[1:] & (np.linalg.norm(step, axis=1) < JOINED_M)
+    shares = np.arange(0.0, 1.0, RESOLUTION_M / JOINED_M / 2)
+    between = ends_xy_m[:-1][joined, None] + step[joined, None] * shares[:, None]
+    return np.concatenate([ends_xy_m[hit], between.reshape(-1, 2)])
+
+
+def _middle_row(intrinsics: Intrinsics) -> Intrinsics:
+    """The camera reduced to one row of pixels that looks straight ahead."""
+    return Intrinsics(intrinsics.width, 1, intrinsics.fx, intrinsics.fy, intrinsics.cx, 0.5)

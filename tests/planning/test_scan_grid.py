@@ -1,0 +1,86 @@
+import math
+
+import numpy as np
+
+from anm_mj.frames import cell_to_world, world_to_cell
+from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2
+from tests.box_room import CAMERA, ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
+
+FOOTPRINT = Footprint(0.18, 0.05, 1.35)
+
+
+def look(pose: Pose2) -> Observation:
+    T_world_camera = camera_pose(pose)
+    return Observation(
+        0, 0.0, np.zeros((256, 256, 3), np.uint8), room_depth(T_world_camera), CAMERA, T_world_camera, pose
+    )
+
+
+def state_at(grid: ScanGrid, *xy_m: float) -> int:
+    topdown = grid.topdown()
+    row, col = world_to_cell(np.array([xy_m]), topdown.origin_xy_m, topdown.resolution_m)[0]
+    return int(topdown.state[row, col])
+
+
+def test_a_turn_in_a_room_shows_its_whole_floor_free_and_its_walls_closed():
+    grid = ScanGrid(FOOTPRINT, 10.0)
+
+    for k in range(36):
+        grid.integrate(look(Pose2(0.0, 0.0, math.radians(10 * k))))
+
+    topdown = grid.topdown()
+    rows, cols = np.indices(topdown.state.shape)
+    xy = cell_to_world(np.stack([rows.ravel(), cols.ravel()], axis=1), topdown.origin_xy_m, RESOLUTION_M)
+    inside = ((xy > ROOM_LOW_M[:2] + RESOLUTION_M) & (xy < ROOM_HIGH_M[:2] - RESOLUTION_M)).all(axis=1)
+    outside = ((xy < ROOM_LOW_M[:2] - RESOLUTION_M) | (xy > ROOM_HIGH_M[:2] + RESOLUTION_M)).any(axis=1)
+    state = topdown.state.ravel()
+    assert (state[inside] == FREE).all()
+    assert (state[outside] == UNKNOWN).all()
+    assert state_at(grid, 2.0, 0.0) == OCCUPIED
+
+
+def test_nothing_behind_the_camera_is_told_about_but_the_ground_it_stands_on():
+    grid = ScanGrid(FOOTPRINT, 10.0)
+
+    grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
+
+    assert state_at(grid, 1.0, 0.0) == FREE
+    assert state_at(grid, -0.1, 0.0) == FREE
+    assert state_at(grid, -1.0, 0.0) == UNKNOWN
+
+
+def test_a_limited_range_leaves_the_far_wall_unknown():
+    grid = ScanGrid(FOOTPRINT, 1.5)
+
+    grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
+
+    assert state_at(grid, 1.4, 0.0) == FREE
+    assert state_at(grid, 1.7, 0.0) == UNKNOWN
+    assert state_at(grid, 2.0, 0.0) == UNKNOWN
+
+
+def test_growing_keeps_what_is_known_where_it_is():
+    grid = ScanGrid(FOOTPRINT, 3.0)
+    grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
+    before = grid.topdown()
+
+    far = look(Pose2(0.0, 0.0, math.pi))
+    far.T_world_camera[:2, 3] -= 20.0
+    grid.integrate(far)
+
+    after = grid.topdown()
+    row, col = np.rint((before.origin_xy_m - after.origin_xy_m)[::-1] / RESOLUTION_M).astype(int)
+    again = after.state[row : row + before.state.shape[0], col : col + before.state.shape[1]]
+    known = before.state != UNKNOWN
+    np.testing.assert_array_equal(again[known], before.state[known])
+    assert after.state.size > before.state.size
+
+
+def test_an_obstacle_that_was_felt_is_in_the_map():
+    grid = ScanGrid(FOOTPRINT, 10.0)
+    grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
+
+    grid.add_obstacle(np.array([1.0, 0.2]))
+
+    assert state_at(grid, 1.0, 0.2) == OCCUPIED
