@@ -13,14 +13,27 @@ def add_scene(commands: Any) -> None:
     """Add ``scene`` and its actions to the commands of the program."""
     scene = commands.add_parser("scene", help="import scenes and list them")
     actions = scene.add_subparsers(required=True, metavar="ACTION")
-    imported = actions.add_parser("import", help="turn a mesh file into a scene folder")
-    imported.add_argument("src", type=Path, metavar="SRC", help="a .glb, .gltf, .obj or .ply file")
+    imported = actions.add_parser("import", help="turn a mesh file, a Gazebo world or a scan into a scene folder")
+    imported.add_argument("src", type=Path, metavar="SRC", help="a file or a scene's folder (docs/scenes.md)")
     imported.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
+    imported.add_argument(
+        "--kind",
+        default="auto",
+        help="what SRC is: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, mesh or auto",
+    )
     imported.add_argument("--up", default="auto", help="axis that points up in SRC: x, y, z or auto")
     imported.add_argument("--scale", type=float, help="metres per unit of SRC (default: found from its size)")
     imported.add_argument("--name", help="name of the scene (default: the file's)")
-    imported.add_argument("--licence", help="licence of SRC, kept in the folder")
+    imported.add_argument("--licence", help="licence of SRC, kept in the folder (default: the data set's)")
     imported.add_argument("--source", help="where SRC comes from, kept in the folder (default: the file's name)")
+    imported.add_argument(
+        "--model-path",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="a folder of models that SRC refers to; may be given several times",
+    )
     imported.set_defaults(command=_scene_import)
     actions.add_parser("list", help="the scenes that can be named").set_defaults(command=_scene_list)
 
@@ -31,11 +44,13 @@ def _scene_import(parsed: argparse.Namespace) -> int:
     scene = import_scene(
         parsed.src,
         parsed.out,
+        kind=parsed.kind,
         up=parsed.up,
         scale=parsed.scale,
         name=parsed.name,
         licence=parsed.licence,
         source=parsed.source,
+        model_paths=parsed.model_path,
     )
     size = scene.bounds_m[1] - scene.bounds_m[0]
     start = scene.starts[0]

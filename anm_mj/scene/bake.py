@@ -67,6 +67,7 @@ def _bake_atlas(
         np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3),
         uv=uv.reshape(-1, 2),
         texture=atlas,
+        tiled=True,
     )
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Integer, UInt8
+from jaxtyping import Float, Float64, Integer, UInt8
 
 from anm_mj.errors import SceneError
 
@@ -30,6 +30,8 @@ class Part:
     """Texture coordinates, u to the right and v up (v = 0 is the bottom row of the image); outside 0..1 they repeat."""
     texture: UInt8[np.ndarray, "h w 3"] | None = None
     """Image with row 0 at its top."""
+    tiled: bool = False
+    """Whether the texture holds a tile per triangle (:mod:`anm_mj.scene.bake`), so that it must keep its size."""
 
     def __post_init__(self) -> None:
         """Check that the numbers fit together."""
@@ -63,6 +65,7 @@ def without_degenerate_faces(part: Part) -> Part | None:
         part.rgb,
         None if part.uv is None else part.uv[used],
         part.texture,
+        part.tiled,
     )
 
 
@@ -72,3 +75,36 @@ def merge_geometry(parts: list[Part]) -> tuple[Float[np.ndarray, "v 3"], Integer
     vertices = np.concatenate([part.vertices_m for part in parts])
     faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=True)])
     return vertices, faces
+
+
+def transformed(
+    part: Part, rotation: Float64[np.ndarray, "3 3"], shift: Float64[np.ndarray, "3"] | None = None
+) -> Part:
+    """The same part at ``rotation @ vertex + shift``; the matrix may scale too, and if it mirrors, faces are turned."""
+    vertices = part.vertices_m @ rotation.T
+    if shift is not None:
+        vertices = vertices + shift
+    faces = part.faces[:, ::-1] if np.linalg.det(rotation) < 0.0 else part.faces
+    return replace(part, vertices_m=vertices, faces=faces)
+
+
+def merge_alike(parts: list[Part]) -> list[Part]:
+    """Parts of equal colour and texture as one, in order of first appearance.
+
+    A world of hundreds of small objects is drawn and compiled several times as fast this way, and a renderer takes a
+    thousand textured materials at most.
+    """
+    groups: dict[tuple[object, ...], list[Part]] = {}
+    for part in parts:
+        groups.setdefault((part.rgb, None if part.texture is None else id(part.texture)), []).append(part)
+    return [_merged(group) for group in groups.values()]
+
+
+def _merged(group: list[Part]) -> Part:
+    """One part of parts that look alike."""
+    first = group[0]
+    if len(group) == 1:
+        return first
+    vertices, faces = merge_geometry(group)
+    uvs = [part.uv for part in group if part.uv is not None]
+    return replace(first, vertices_m=vertices, faces=faces, uv=None if first.texture is None else np.concatenate(uvs))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -55,16 +56,19 @@ def find_scale(extents: Float[np.ndarray, "3"]) -> float:
     return min(UNITS, key=lambda scale: abs(math.log(smallest * scale / _TYPICAL_HEIGHT_M)))
 
 
-def find_up(triangles_m: Float[np.ndarray, "f 3 3"], preferred: str) -> str:
-    """Up axis "y" or "z": the one along which the scene looks more like a storey with a floor.
+def find_up(
+    triangles_m: Float[np.ndarray, "f 3 3"], usual: Literal["x", "y", "z"], certainty: float = 1.25
+) -> Literal["x", "y", "z"]:
+    """Up axis: the one along which the scene looks more like a storey with a floor, of y, z and the usual one.
 
     Each axis scores the room to walk on its floor, times how near the extent along it is to the height of a storey. A
-    wall is the floor of a scene that lies on its side, but seldom scores as much; where the two are about equal, it is
-    ``preferred``.
+    wall is the floor of a scene that lies on its side, but seldom scores as much; another axis than ``usual`` must
+    score ``certainty`` times as much to be believed.
     """
-    other = "y" if preferred == "z" else "z"
-    score = {up: _storey_score(triangles_m @ rotation_to_z_up(up).T) for up in (preferred, other)}
-    return other if score[other] > 1.25 * score[preferred] else preferred
+    axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z") if usual == "x" else ("y", "z")
+    score = {up: _storey_score(triangles_m @ rotation_to_z_up(up).T) for up in axes}
+    best = max(axes, key=lambda up: score[up])
+    return best if score[best] > certainty * score[usual] else usual
 
 
 def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:

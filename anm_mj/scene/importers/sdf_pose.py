@@ -1,0 +1,188 @@
+"""Poses in an SDF file: where every model, link and frame stands in the world (SDFormat 1.4 to 1.11).
+
+A pose is given relative to a frame of the same scope: the model or world that it stands in, or what ``relative_to``
+names. Gazebo classic's <state> gives poses in the world, which go before all others.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from jaxtyping import Float64
+
+from anm_mj.errors import SceneError
+
+_FRAMED = ("model", "link", "joint", "frame")
+"""Elements that others may stand relative to."""
+
+Transform = Float64[np.ndarray, "4 4"]
+
+
+def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) -> tuple[float, ...]:
+    """The numbers in an element, or a default where there is none.
+
+    Raises:
+        SceneError: if it holds something else, or too few of them.
+    """
+    text = "" if element is None else (element.text or "").strip()
+    if element is None or not text:
+        return default
+    try:
+        values = tuple(float(word) for word in text.split())
+    except ValueError:
+        values = ()
+    if len(values) < count or not all(math.isfinite(value) for value in values):
+        raise SceneError(f"<{element.tag}>{text}</{element.tag}> should hold {count} numbers: mend the world file.")
+    return values[:count]
+
+
+def pose_of(element: ET.Element) -> Transform:
+    """The pose that an element states, as T_frame_element; where it states none, the identity."""
+    return pose_matrix(element.find("pose"))
+
+
+def pose_matrix(pose: ET.Element | None) -> Transform:
+    """A <pose>: x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w."""
+    matrix = np.eye(4)
+    if pose is not None and pose.get("rotation_format", "euler_rpy") == "quat_xyzw":
+        x, y, z, *xyzw = numbers(pose, 7, (0.0,) * 6 + (1.0,))
+        matrix[:3, :3] = quaternion_matrix((xyzw[3], xyzw[0], xyzw[1], xyzw[2]))
+    else:
+        x, y, z, *rpy = numbers(pose, 6, (0.0,) * 6)
+        if pose is not None and pose.get("degrees", "false").strip().lower() in ("true", "1"):
+            rpy = [math.radians(angle) for angle in rpy]
+        matrix[:3, :3] = rpy_matrix(rpy[0], rpy[1], rpy[2])
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def rpy_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float64[np.ndarray, "3 3"]:
+    """Rotation by roll, then pitch, then yaw about the fixed axes x, y, z."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin([roll_rad, pitch_rad, yaw_rad]), np.cos([roll_rad, pitch_rad, yaw_rad])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def quaternion_matrix(wxyz: tuple[float, float, float, float]) -> Float64[np.ndarray, "3 3"]:
+    """Rotation of a quaternion of any length but 0.
+
+    Raises:
+        SceneError: if it is 0 or not finite.
+    """
+    length = math.sqrt(sum(value * value for value in wxyz))
+    if not (math.isfinite(length) and length > 1e-9):
+        raise SceneError(f"The quaternion {wxyz} is no rotation: mend it in the source.")
+    w, x, y, z = (value / length for value in wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+class Scope:
+    """The frames of a model or of the world, by name, and where they stand in the world."""
+
+    def __init__(self, element: ET.Element, T_world_scope: Transform, states: dict[str, Transform], path: str) -> None:
+        """The scope of an element.
+
+        Args:
+            element: The <world> or <model>.
+            T_world_scope: Where it stands.
+            states: Poses in the world of models and links by path ("model::nested::link"), from <state>.
+            path: The element's own path; empty for the world.
+        """
+        self.element = element
+        self.T_world_scope = T_world_scope
+        self.path = path
+        self._states = states
+        self._framed = {child.get("name", ""): child for child in element if child.tag in _FRAMED}
+        self._poses: dict[str, Transform] = {}
+        self._open: list[str] = []
+
+    def place(self, child: ET.Element) -> Transform:
+        """T_world_child of an element of this scope, named or not.
+
+        Raises:
+            SceneError: if its pose is relative to a frame that is not there, or to itself by a detour.
+        """
+        name = child.get("name", "")
+        if child.tag in _FRAMED and self._framed.get(name) is child:
+            return self.frame(name)
+        return self._place(child)
+
+    def frame(self, name: str) -> Transform:
+        """T_world_frame of a named frame of this scope; ``model::link`` reaches into a model.
+
+        Raises:
+            SceneError: as :meth:`place`.
+        """
+        if name in ("__model__", "world", "__root__"):
+            return self.T_world_scope
+        if name in self._poses:
+            return self._poses[name]
+        first, _, rest = name.partition("::")
+        child = self._framed.get(first)
+        where = f"{self.element.tag} {self.element.get('name', '')!r}"
+        if child is None:
+            raise SceneError(f"A pose in {where} is relative to {name!r}, which is not there: mend the world file.")
+        if rest:
+            return self.inner(child).frame(rest)
+        if name in self._open:
+            raise SceneError(f"The poses in {where} go round in a circle at {name!r}: mend the world file.")
+        self._open.append(name)
+        self._poses[name] = self._place(child)
+        self._open.pop()
+        return self._poses[name]
+
+    def inner(self, model: ET.Element) -> Scope:
+        """The scope of a model in this one."""
+        T_world_model = self.place(model)
+        path = "::".join(part for part in (self.path, model.get("name", "")) if part)
+        inner = Scope(model, T_world_model, self._states, path)
+        placed = model.get("placement_frame")
+        if placed and path not in self._states:
+            # The pose is that of the placement frame, and the model's own follows from it.
+            T_model_placement = np.linalg.inv(T_world_model) @ inner.frame(placed)
+            return Scope(model, T_world_model @ np.linalg.inv(T_model_placement), self._states, path)
+        return inner
+
+    def _place(self, child: ET.Element) -> Transform:
+        """T_world_child from the state, or from the frame that its pose is relative to."""
+        path = "::".join(part for part in (self.path, child.get("name", "")) if part)
+        if child.tag in ("model", "link") and path in self._states:
+            return self._states[path]
+        pose = child.find("pose")
+        relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
+        if not relative_to:
+            relative_to = child.get("attached_to") if child.tag == "frame" else None
+        if not relative_to and child.tag == "joint":
+            relative_to = (child.findtext("child") or "").strip()
+        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_matrix(pose)
+
+
+def state_poses(world: ET.Element) -> dict[str, Transform]:
+    """Poses in the world of models and links, by path, from the first <state> of a Gazebo classic world."""
+    poses: dict[str, Transform] = {}
+
+    def add(parent: ET.Element, path: str) -> None:
+        for child in parent:
+            if child.tag in ("model", "link"):
+                inner = f"{path}::{child.get('name', '')}" if path else child.get("name", "")
+                if child.find("pose") is not None:
+                    poses[inner] = pose_of(child)
+                add(child, inner)
+
+    state = world.find("state")
+    if state is not None:
+        add(state, "")
+    return poses
