@@ -72,12 +72,19 @@ def find_up(
 
 
 def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
-    """Walkable area of the floor [m2], discounted by the ratio of the height to that of a usual storey."""
-    floor = find_floor(triangles_m)
-    if floor is None:
-        return 0.0
-    ratio = float(np.ptp(triangles_m[:, :, 2])) / _TYPICAL_HEIGHT_M
-    return floor.walkable_m2 * min(ratio, 1.0 / max(ratio, 1e-9))
+    """Walkable area of all storeys [m2], discounted by how unusual their height is and, by its root, their number.
+
+    A building on its side has levels too, where its walls are; but they are smaller than its floors, and the more of
+    them there are, the less it looks like one.
+    """
+    storeys: list[Level] = []
+    for level in sorted(_levels(triangles_m), key=lambda level: -level.walkable_m2):
+        if all(abs(level.z_m - taken.z_m) > _HEADROOM_M for taken in storeys):
+            storeys.append(level)
+    height_m = float(np.ptp(triangles_m[:, :, 2]))
+    number = max(1, round(height_m / _TYPICAL_HEIGHT_M))
+    ratio = max(height_m, 1e-9) / number / _TYPICAL_HEIGHT_M
+    return sum(level.walkable_m2 for level in storeys) * min(ratio, 1.0 / ratio) / math.sqrt(number)
 
 
 def find_floor(triangles_m: Float[np.ndarray, "f 3 3"]) -> Level | None:
@@ -86,9 +93,20 @@ def find_floor(triangles_m: Float[np.ndarray, "f 3 3"]) -> Level | None:
     A level is large when it has at least half as much room as the roomiest one: so a cellar slab or the underside of
     the floor does not count, and of two storeys the lower one is taken.
     """
+    levels = _levels(triangles_m)
+    if not levels:
+        return None
+    most = max(found.walkable_m2 for found in levels)
+    large = [found for found in levels if found.walkable_m2 >= 0.5 * most]
+    # A thin floor slab has two large levels, of which the upper is walked on.
+    return [found for found in large if found.z_m <= large[0].z_m + _FLOOR_ROUGHNESS_M][-1]
+
+
+def _levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
+    """The largest horizontal surfaces of triangles with z up, from the lowest to the highest; at most eight."""
     level = triangles_m[level_mask(triangles_m)]
     if not len(level):
-        return None
+        return []
     z, area = level[:, :, 2].mean(axis=1), areas(level)
     low = float(z.min())
     histogram = np.bincount(((z - low) / _BIN_M).astype(np.int64), weights=area)
@@ -101,11 +119,7 @@ def find_floor(triangles_m: Float[np.ndarray, "f 3 3"]) -> Level | None:
         near = np.abs(z - (low + (peak + 1) * _BIN_M)) <= 1.5 * _BIN_M
         candidates.append(_weighted_median(z[near], area[near]))
         remaining[max(0, peak - 2) : peak + 3] = 0.0
-    levels = [Level(height, _walkable_m2(triangles_m, level, height)) for height in sorted(set(candidates))]
-    most = max(found.walkable_m2 for found in levels)
-    large = [found for found in levels if found.walkable_m2 >= 0.5 * most]
-    # A thin floor slab has two large levels, of which the upper is walked on.
-    return [found for found in large if found.z_m <= large[0].z_m + _FLOOR_ROUGHNESS_M][-1]
+    return [Level(height, _walkable_m2(triangles_m, level, height)) for height in sorted(set(candidates))]
 
 
 def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]) -> float:
