@@ -7,14 +7,16 @@ import math
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
+from anm_mj.control.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.errors import AnmError
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
 
 DRIVES = ("kinematic", "physics")
+POSES = ("true", "odometry")
 DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
-OPTIONS = ("policy", "steps", "seed", "start", "drive", "device", "preset")
+OPTIONS = ("policy", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
 """Fields of ``RunConfig`` with an option of their own; the scene is the first argument."""
 SMALL_SCENE_ROOMS = 5
 """Scenes up to this many rooms get 1000 steps, larger ones 2000, from 20 rooms on 10,000 (the paper's budgets)."""
@@ -38,14 +40,20 @@ class RunConfig:
     """Seed of everything random: training, policy, evaluation samples."""
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg]; None = the scene's first."""
+    robot: str = DEFAULT_ROBOT
+    """One of our own robots by its name, or an MJCF file."""
     drive: str = "kinematic"
     """How actions are executed: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
+    pose: str = "true"
+    """Where observations are said to be made: at the ``true`` pose, or where wheel ``odometry`` has the robot."""
     device: str = "auto"
     """Where the neural map is trained: ``cpu``, ``cuda``, or ``auto`` = the GPU if there is one."""
     preset: str = "default"
     """Name of the mapping preset that ``mapping`` was made from."""
     image_px: int = 256
     """Width and height of the camera image [px]."""
+    model: RobotConfig = field(default_factory=RobotConfig)
+    """What the robot's parts are called, and how good its encoders are."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
 
@@ -56,6 +64,7 @@ class RunConfig:
             ConfigError: a choice is unknown or a number out of range.
         """
         _require_choice("--drive", self.drive, DRIVES)
+        _require_choice("--pose", self.pose, POSES)
         _require_choice("--device", self.device, DEVICES)
         _require_choice("--preset", self.preset, PRESETS)
         if self.steps is not None and self.steps < 1:

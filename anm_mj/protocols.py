@@ -16,17 +16,19 @@ from anm_mj.types import (
     ActionResult,
     Footprint,
     MapUpdate,
+    MotionResult,
     Observation,
     Plan,
     Pose2,
     SurfacePoints,
+    Twist,
     VoxelGrid,
 )
 
 
 @runtime_checkable
 class Robot(Protocol):
-    """A body with an RGB-D camera that obeys discrete actions, simulated or real."""
+    """A body with an RGB-D camera that obeys discrete actions and velocities, simulated or real."""
 
     @property
     def footprint(self) -> Footprint:
@@ -41,18 +43,39 @@ class Robot(Protocol):
         """Execute one action to its end and say what came of it."""
         ...
 
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        """Move at a velocity for a time [s] and say what came of it."""
+        ...
+
 
 @runtime_checkable
 class Drive(Protocol):
-    """Turns one discrete action into wheel motion of a simulated robot."""
+    """Turns what is asked of a simulated robot into wheel motion."""
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end and say what came of it."""
         ...
 
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        """Move at a velocity for a time [s]; without a next call the robot does not go on."""
+        ...
+
+    def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
+        """Turn on the spot until the camera's axis lies in one vertical plane with a point of the world."""
+        ...
+
+    def place(self, pose: Pose2) -> None:
+        """Stand the robot at a pose, at rest; obstacles are not asked."""
+        ...
+
     @property
     def pose(self) -> Pose2:
         """Where the base stands now."""
+        ...
+
+    @property
+    def odometry(self) -> Pose2:
+        """Where the base stands as far as the wheels' encoders tell."""
         ...
 
 

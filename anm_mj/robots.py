@@ -9,23 +9,36 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from anm_mj.config import DRIVES
+from anm_mj.config import DRIVES, POSES
+from anm_mj.control.robot_config import DEFAULT_ROBOT, RobotConfig, robot_path
 from anm_mj.errors import RobotError, SceneError
-from anm_mj.scene.navigable import require_clear
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear
 from anm_mj.sim.gl import require_unforked, select_backend
 from anm_mj.types import Footprint, Pose2
 
 if TYPE_CHECKING:
+    import mujoco
+
+    from anm_mj.control.robot_description import RobotDescription
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.robot import SimRobot
 
-ROBOT_XML = Path(__file__).resolve().parents[1] / "models" / "diff_drive" / "diff_drive.xml"
-FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
-"""Of the robot in ``models/diff_drive``: its shell has a radius of 0.17 m and begins 0.05 m above the floor."""
+FOOTPRINT = DEFAULT_FOOTPRINT
+"""Of the robot in ``models/diff_drive``."""
 _PREFIX = "robot/"
 
 
-def make_robot(scene: Scene, *, start: Pose2 | None = None, drive: str = "kinematic", image_px: int = 256) -> SimRobot:
+def make_robot(
+    scene: Scene,
+    *,
+    start: Pose2 | None = None,
+    drive: str = "kinematic",
+    image_px: int = 256,
+    robot: str | Path = DEFAULT_ROBOT,
+    config: RobotConfig | None = None,
+    pose: str = "true",
+    seed: int = 0,
+) -> SimRobot:
     """A simulated robot in a scene, standing at its start.
 
     Args:
@@ -33,46 +46,73 @@ def make_robot(scene: Scene, *, start: Pose2 | None = None, drive: str = "kinema
         start: where the robot stands first; the scene's first start pose when None.
         drive: one of ``DRIVES``.
         image_px: width and height of the camera's pictures [px].
+        robot: one of our own by its name, or an MJCF file.
+        config: names of the robot's parts, noise of its encoders.
+        pose: one of ``POSES``: what observations say about where the robot stands.
+        seed: of the encoders' noise.
 
     Returns:
         The robot; close it when done.
 
     Raises:
         SceneError: if the scene cannot be built, or the start pose is outside it or touches something.
-        RobotError: if there is no such drive.
+        RobotError: if there is no such drive or robot, or the robot lacks a part.
         RenderError: if no GL back-end works.
     """
     if drive not in DRIVES:
         raise RobotError(f'There is no drive "{drive}"; choose one of {", ".join(DRIVES)}.')
+    if pose not in POSES:
+        raise RobotError(f'There is no pose source "{pose}"; choose one of {", ".join(POSES)}.')
     if image_px < 1:
         raise RobotError(f"A camera of {image_px} x {image_px} px sees nothing; image_px must be positive, e.g. 256.")
+    path, config = robot_path(str(robot)), config or RobotConfig()
     select_backend()
     require_unforked()
     import mujoco
 
     from anm_mj.control.clearance import Clearance
     from anm_mj.control.kinematic_drive import KinematicDrive
+    from anm_mj.control.odometry import Odometer
     from anm_mj.control.physics_drive import PhysicsDrive
-    from anm_mj.control.robot_model import CAMERA, RobotModel
-    from anm_mj.scene.build import build_model
+    from anm_mj.control.robot_description import describe_robot
+    from anm_mj.control.robot_model import RobotModel
     from anm_mj.sim.camera import RgbdCamera
     from anm_mj.sim.robot import SimRobot
 
-    clearance = Clearance(*scene.triangles(), FOOTPRINT)
-    start = _start_pose(scene, start)
-    model = build_model(scene, ROBOT_XML, _PREFIX)
+    description = describe_robot(path, config)
+    start = _start_pose(scene, start, description.footprint)
+    model = _model(scene, description)
     data = mujoco.MjData(model)
-    robot_model = RobotModel(ROBOT_XML)
+    odometer = Odometer(RobotModel.of(description), noise=config.wheel_noise, seed=seed)
     if drive == "kinematic":
-        wheels = KinematicDrive(model, data, robot_model, clearance, prefix=_PREFIX)
+        clearance = Clearance(*scene.triangles(), description.footprint)
+        wheels = KinematicDrive(model, data, description, clearance, odometer=odometer, prefix=_PREFIX)
     else:
-        wheels = PhysicsDrive(model, data, ROBOT_XML, robot_model, prefix=_PREFIX)
+        wheels = PhysicsDrive(model, data, description, odometer=odometer, prefix=_PREFIX)
     wheels.place(start)
-    camera = RgbdCamera(model, _PREFIX + CAMERA, image_px, image_px, cull_face=scene.cull_face)
-    return SimRobot(model, data, camera, wheels, FOOTPRINT)
+    camera = RgbdCamera(model, _PREFIX + description.camera, image_px, image_px, cull_face=scene.cull_face)
+    T_base_camera = description.T_base_camera if pose == "odometry" else None
+    return SimRobot(model, data, camera, wheels, description.footprint, T_base_camera, robot_hash=description.hash)
 
 
-def _start_pose(scene: Scene, start: Pose2 | None) -> Pose2:
+def _model(scene: Scene, description: RobotDescription) -> mujoco.MjModel:
+    """The compiled model of the scene with the robot, from the cache if it is there."""
+    from anm_mj.scene.build import build_spec
+    from anm_mj.scene.model_cache import cached_model
+
+    def build() -> mujoco.MjModel:
+        spec = build_spec(scene, None)
+        try:
+            # MjSpec takes what is attached for its own, so the description keeps the original.
+            spec.attach(description.spec.copy(), prefix=_PREFIX, frame=spec.worldbody.add_frame())
+            return spec.compile()
+        except ValueError as err:
+            raise RobotError(f"Robot {description.name} cannot be put into scene {scene.name}: {err}.") from err
+
+    return cached_model(scene, None, f"{_PREFIX}{description.hash}", build)
+
+
+def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:
     """The start that was asked for, or the scene's first.
 
     Raises:
@@ -89,7 +129,7 @@ def _start_pose(scene: Scene, start: Pose2 | None) -> Pose2:
             f"The start pose {where} lies outside scene {scene.name}, which reaches from ({low[0]:g} m, {low[1]:g} m) "
             f"to ({high[0]:g} m, {high[1]:g} m); choose one within{_clear_starts(scene)}."
         )
-    require_clear(scene, start, FOOTPRINT)
+    require_clear(scene, start, footprint)
     return start
 
 

@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from anm_mj.config import RunConfig, default_steps
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.metrics import Metrics
+from anm_mj.evaluation.scene_truth import mount_of, scene_truth
 from anm_mj.explore import Progress, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
@@ -33,6 +33,7 @@ def run(
     viewer: Viewer | None = None,
     stop_requested: Callable[[], bool] = lambda: False,
     on_step: Callable[[Progress, RunRecorder, int], None] = lambda progress, recorder, num_steps: None,
+    on_survey: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[RunFolder, Metrics]:
     """Explore a scene and write everything about it.
 
@@ -42,6 +43,7 @@ def run(
         viewer: shows the run while it goes; None = nothing does.
         stop_requested: asked before every step; True ends the run with INTERRUPTED and everything written.
         on_step: told after every step, with the budget.
+        on_survey: told how much of the search for what can be seen is done; only at the first run in a scene.
 
     Raises:
         AnmError: the scene, start, policy, device, renderer or output folder cannot be used; nothing has been written
@@ -61,12 +63,23 @@ def run(
     from anm_mj.robots import make_robot
 
     mapper = NeuralMap(config.mapping, seed=config.seed, device=config.device)
-    with make_robot(scene, start=_start_pose(config), drive=config.drive, image_px=config.image_px) as robot:
+    with make_robot(
+        scene,
+        start=_start_pose(config),
+        drive=config.drive,
+        image_px=config.image_px,
+        robot=config.robot,
+        config=config.model,
+        pose=config.pose,
+        seed=config.seed,
+    ) as robot:
         policy = make_policy(policy_type, config.planning, robot.footprint, config.seed)
         folder = RunFolder.create(out, scene.name, config.policy)
         facts = RunFacts(
             config.scene,
             scene.hash,
+            config.robot,
+            robot.robot_hash,
             config.policy,
             config.seed,
             mapper.backend.device,
@@ -76,8 +89,9 @@ def run(
         )
         folder.write_manifest(manifest(facts, sys.argv))
         folder.write_config(replace(config, steps=steps))
-        # Always the same samples of a scene, whatever the run's seed, so that runs differ by what they saw alone.
-        truth = GroundTruth.sample(*scene.triangles())
+        first = robot.observe()
+        mount = mount_of(first.intrinsics, first.T_world_camera, first.pose)
+        truth = scene_truth(scene, robot.footprint, mount, first.pose, on_survey)
         with RunRecorder(folder, truth) as recorder:
             outcome = explore(
                 robot,

@@ -130,6 +130,36 @@ class WheelSpeeds:
 
 
 @dataclass(frozen=True)
+class Twist:
+    """A velocity of the base, in its own axes."""
+
+    forward_mps: float
+    turn_radps: float
+    """Counter-clockwise."""
+
+
+@dataclass(frozen=True)
+class MotionResult:
+    """What a motion other than a discrete action came to."""
+
+    collided: bool
+    """True when it was refused or stopped by an obstacle."""
+    wheel_speeds: WheelSpeeds
+    """Mean wheel speeds over the motion [rad/s]."""
+    moved_m: float
+    """Length of the way that the base moved [m]."""
+    turned_rad: float
+    """Sum of all turning, to either side [rad]."""
+    duration_s: float
+    """Time that it took [s]."""
+
+    @property
+    def equivalent_steps(self) -> float:
+        """What it would cost of a budget of discrete actions: its way and its turning in their units."""
+        return self.moved_m / FORWARD_STEP_M + self.turned_rad / TURN_STEP_RAD
+
+
+@dataclass(frozen=True)
 class ActionResult:
     """What executing one action came to."""
 

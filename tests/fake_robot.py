@@ -12,8 +12,10 @@ from anm_mj.types import (
     ActionResult,
     Footprint,
     Intrinsics,
+    MotionResult,
     Observation,
     Pose2,
+    Twist,
     WheelSpeeds,
 )
 
@@ -60,6 +62,11 @@ class FakeRobot:
             self.pose = moved
         distance = float(np.hypot(self.pose.x_m - before.x_m, self.pose.y_m - before.y_m))
         return ActionResult(action, collided, WheelSpeeds(0.0, 0.0), distance)
+
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        forward_m, turn_rad = twist.forward_mps * duration_s, twist.turn_radps * duration_s
+        self.pose = move_pose(self.pose, forward_m, turn_rad)
+        return MotionResult(False, WheelSpeeds(0.0, 0.0), abs(forward_m), abs(turn_rad), duration_s)
 
 
 class ListRecorder:

@@ -39,6 +39,17 @@ def add_explore(commands: Any) -> None:
         default="kinematic",
         help="kinematic (exact actions) or physics (wheels, contact) (default: kinematic)",
     )
+    explore.add_argument(
+        "--robot",
+        default="diff_drive",
+        metavar="FILE",
+        help="your robot's MJCF, with two wheel hinges and a camera (default: diff_drive, see docs/robot.md)",
+    )
+    explore.add_argument(
+        "--pose",
+        default="true",
+        help="where the robot believes to be: true, or odometry (its wheels alone) (default: true)",
+    )
     explore.add_argument("--device", default="auto", help="where the map is trained: auto, cpu or cuda (default: auto)")
     explore.add_argument("--view", action="store_true", help="show the run in the browser, on this machine only")
     explore.add_argument("--port", type=int, help="port of --view (default: the next free one from 7000)")
@@ -68,7 +79,9 @@ def _explore(parsed: argparse.Namespace) -> int:
         steps=parsed.steps,
         seed=parsed.seed,
         start=_start(parsed.start),
+        robot=parsed.robot,
         drive=parsed.drive,
+        pose=parsed.pose,
         device=parsed.device,
     )
     console = Console()
@@ -78,7 +91,12 @@ def _explore(parsed: argparse.Namespace) -> int:
     try:
         with Interrupt(console) as interrupt, ProgressLine(console) as line:
             folder, metrics = run(
-                config, out=parsed.out, viewer=viewer, stop_requested=interrupt.requested, on_step=line.update
+                config,
+                out=parsed.out,
+                viewer=viewer,
+                stop_requested=interrupt.requested,
+                on_step=line.update,
+                on_survey=line.surveying,
             )
     finally:
         if viewer is not None:

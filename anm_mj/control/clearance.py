@@ -6,12 +6,17 @@ tree of oriented bounding boxes; neither the robot nor the scene is approximated
 
 from __future__ import annotations
 
+import math
+
 import coal
 import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.frames import move_pose
 from anm_mj.types import Footprint, Pose2
+
+_SAGITTA_M = 0.0005
+"""Largest distance of an arc from the lines that stand for it [m]."""
 
 
 class Clearance:
@@ -59,20 +64,33 @@ class Clearance:
         coal.distance(self._mesh, self._mesh_placement, self._cylinder, placement, self._distance_request, result)
         return max(result.min_distance, 0.0)
 
-    def sweep_collides(self, pose: Pose2, forward_m: float) -> bool:
-        """Whether rolling straight ahead from a free pose meets a triangle on the way or at the end.
+    def sweep_collides(self, pose: Pose2, forward_m: float, turn_rad: float = 0.0) -> bool:
+        """Whether rolling from a free pose meets a triangle on the way or at the end.
 
-        What the footprint sweeps is a box as wide as the footprint between two half-cylinders, of which the one behind
-        is free already: one exact test of the box and one of the cylinder at the end.
+        What the footprint sweeps along a line is a box as wide as the footprint between two half-cylinders, of which
+        the one behind is free already: one exact test of the box and one of the cylinder at the end. An arc is cut into
+        lines that leave it by half a millimetre at most, and their boxes are wider by as much.
 
         Args:
             pose: where the move starts.
-            forward_m: length of the move [m], positive.
+            forward_m: length of the way [m]; negative backwards.
+            turn_rad: turn on the way, at a constant rate [rad]; a turn on the spot sweeps nothing new.
         """
-        if self.collides(move_pose(pose, forward_m, 0.0)):
-            return True
-        box = coal.Box(forward_m, 2.0 * self._footprint.radius_m, self._height_m)
-        return self._meets(box, move_pose(pose, forward_m / 2.0, 0.0))
+        # The height of an arc over its chord is its length times its angle by eight.
+        pieces = max(1, math.ceil(math.sqrt(abs(forward_m * turn_rad) / (8.0 * _SAGITTA_M))))
+        length_m, angle_rad = forward_m / pieces, turn_rad / pieces
+        wider_m = abs(length_m * angle_rad) / 8.0
+        for _ in range(pieces):
+            end = move_pose(pose, length_m, angle_rad)
+            if self.collides(end):
+                return True
+            chord = move_pose(pose, 0.0, angle_rad / 2.0)
+            chord_m = math.copysign(math.hypot(end.x_m - pose.x_m, end.y_m - pose.y_m), length_m)
+            box = coal.Box(abs(chord_m), 2.0 * (self._footprint.radius_m + wider_m), self._height_m)
+            if self._meets(box, move_pose(chord, chord_m / 2.0, 0.0)):
+                return True
+            pose = end
+        return False
 
     def _meets(self, shape: coal.ShapeBase, pose: Pose2) -> bool:
         """Whether a shape centred at half the footprint's height meets the mesh."""

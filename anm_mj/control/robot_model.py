@@ -7,12 +7,14 @@ name.
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from jaxtyping import Float
 
+from anm_mj.control.robot_description import RobotDescription
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, pose_matrix
 from anm_mj.types import Pose2, WheelSpeeds
@@ -22,6 +24,8 @@ WHEEL_JOINTS = ("wheel_left", "wheel_right")
 """Left, right."""
 CAMERA = "camera"
 """Name of the MJCF camera, and of the site that has its place and the axes x right, y down, z forward."""
+SAME_ROBOT = 1e-9
+"""Largest difference between pinocchio's and MuJoCo's figures of a robot [m, kg]."""
 
 
 class RobotModel:
@@ -31,7 +35,8 @@ class RobotModel:
         """Read the model.
 
         Args:
-            mjcf_path: a robot with a free joint "base", hinges "wheel_left" and "wheel_right", and a site "camera".
+            mjcf_path: a robot, or the skeleton of one, with a free joint "base", hinges "wheel_left" and "wheel_right",
+                and a site "camera".
 
         Raises:
             RobotError: if the file cannot be read, or is not such a robot.
@@ -50,6 +55,27 @@ class RobotModel:
         self._track_m = float(left.translation[1] - right.translation[1])
         pin.framesForwardKinematics(self._model, self._data, pin.neutral(self._model))
         self._T_base_camera = self._data.oMf[self._camera_frame].homogeneous.copy()
+
+    @classmethod
+    def of(cls, robot: RobotDescription) -> RobotModel:
+        """The model of a robot of any make, from its skeleton.
+
+        Raises:
+            RobotError: if pinocchio reads another robot than MuJoCo.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            # pinocchio reads MJCF from files only.
+            path = Path(folder) / f"{robot.name}.xml"
+            path.write_text(robot.skeleton, encoding="utf-8")
+            model = cls(path)
+        ours = np.array([model.mass_kg, model.wheel_radius_m, model.track_m, *model.T_base_camera.ravel()])
+        theirs = np.array([robot.mass_kg, robot.wheel_radius_m, robot.track_m, *robot.T_base_camera.ravel()])
+        if np.abs(ours - theirs).max() > SAME_ROBOT:
+            raise RobotError(
+                f"pinocchio reads the robot {robot.name} differently from MuJoCo: mass, wheel radius and track are "
+                f"{ours[:3]} instead of {theirs[:3]}; the installed versions of the two do not go together."
+            )
+        return model
 
     @property
     def pinocchio_model(self) -> pin.Model:

@@ -8,65 +8,93 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.control.robot_description import RobotDescription
 from anm_mj.control.robot_model import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.errors import RobotError
+from anm_mj.frames import wrap_angle
 from anm_mj.types import Pose2
 
 
 class SimulatedBase:
     """Reads and writes the base's joints in ``data.qpos``."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, prefix: str = ""):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        prefix: str = "",
+        robot: RobotDescription | None = None,
+    ):
         """Look the joints up by name.
 
         Args:
             model: the robot, alone or in a scene.
             data: of that model.
             prefix: what the robot's names got before them when it was attached to the scene.
+            robot: what its joints are called; None = as in a skeleton (:mod:`anm_mj.control.skeleton`), whose root
+                body is the base.
 
         Raises:
             RobotError: if one is missing, or the base's is not a free joint.
         """
+        base_joint, wheel_joints = (robot.base_joint, robot.wheel_joints) if robot else (BASE_JOINT, WHEEL_JOINTS)
         self._data = data
-        base = _joint_id(model, prefix + BASE_JOINT)
+        base = _joint_id(model, prefix + base_joint)
         if model.jnt_type[base] != mujoco.mjtJoint.mjJNT_FREE:
-            raise RobotError(f'The joint "{prefix}{BASE_JOINT}" of the simulated robot must be a <freejoint>.')
+            raise RobotError(f'The joint "{prefix}{base_joint}" of the simulated robot must be a <freejoint>.')
         self._base_qpos = int(model.jnt_qposadr[base])
         self._base_qvel = int(model.jnt_dofadr[base])
-        self._wheel_qpos = np.array([model.jnt_qposadr[_joint_id(model, prefix + name)] for name in WHEEL_JOINTS])
+        self._wheel_qpos = np.array([model.jnt_qposadr[_joint_id(model, prefix + name)] for name in wheel_joints])
+        self._signs = np.array(robot.wheel_signs if robot else (1.0, 1.0))
+        self._T_root_base = robot.T_root_base if robot else np.eye(4)
+        T_base_root = np.linalg.inv(self._T_root_base)
+        self._root_xyz_m = T_base_root[:3, 3]
+        self._root_quat = np.empty(4)
+        mujoco.mju_mat2Quat(self._root_quat, np.ascontiguousarray(T_base_root[:3, :3]).ravel())
+        self._offset, self._ahead, self._quat = np.empty(3), np.empty(3), np.empty(4)
 
     @property
     def pose(self) -> Pose2:
         """Where the base stands in the plane; a tilt is left out."""
         q = self._data.qpos[self._base_qpos : self._base_qpos + 7]
-        x, y, _, qw, qx, qy, qz = q.tolist()
-        return Pose2(x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2)))
+        mujoco.mju_rotVecQuat(self._offset, self._T_root_base[:3, 3], q[3:])
+        mujoco.mju_rotVecQuat(self._ahead, self._T_root_base[:3, 0], q[3:])
+        x, y = q[:2] + self._offset[:2]
+        return Pose2(float(x), float(y), wrap_angle(math.atan2(self._ahead[1], self._ahead[0])))
 
     def place(self, pose: Pose2) -> None:
         """Stand the base upright on the floor at a pose."""
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        x, y, z = self._root_xyz_m.tolist()
         half = pose.yaw_rad / 2.0
+        mujoco.mju_mulQuat(self._quat, np.array([math.cos(half), 0.0, 0.0, math.sin(half)]), self._root_quat)
         start = self._base_qpos
-        self._data.qpos[start : start + 7] = (pose.x_m, pose.y_m, 0.0, math.cos(half), 0.0, 0.0, math.sin(half))
+        self._data.qpos[start : start + 3] = (pose.x_m + c * x - s * y, pose.y_m + s * x + c * y, z)
+        self._data.qpos[start + 3 : start + 7] = self._quat
 
     @property
     def speed_mps(self) -> float:
         """Speed of the base over the floor."""
-        vx, vy = self._data.qvel[self._base_qvel : self._base_qvel + 2]
-        return math.hypot(vx, vy)
+        v = self._data.qvel[self._base_qvel : self._base_qvel + 6]
+        # MuJoCo gives a free joint's angular velocity in the body's own axes, its linear velocity in the world's.
+        moved = np.cross(v[3:], self._T_root_base[:3, 3])
+        mujoco.mju_rotVecQuat(self._offset, moved, self._data.qpos[self._base_qpos + 3 : self._base_qpos + 7])
+        return math.hypot(v[0] + self._offset[0], v[1] + self._offset[1])
 
     @property
     def turn_rate_radps(self) -> float:
         """Turn rate of the base, counter-clockwise."""
-        return float(self._data.qvel[self._base_qvel + 5])
+        omega = self._data.qvel[self._base_qvel + 3 : self._base_qvel + 6]
+        return float(omega @ self._T_root_base[:3, 2])
 
     @property
     def wheel_angles_rad(self) -> Float[np.ndarray, "2"]:
-        """How far the left and the right wheel have turned."""
-        return self._data.qpos[self._wheel_qpos]
+        """How far the left and the right wheel have turned, positive when rolling forward."""
+        return self._signs * self._data.qpos[self._wheel_qpos]
 
     def turn_wheels(self, left_rad: float, right_rad: float) -> None:
-        """Add to the wheels' angles."""
-        self._data.qpos[self._wheel_qpos] += (left_rad, right_rad)
+        """Add to the wheels' angles, positive when rolling forward."""
+        self._data.qpos[self._wheel_qpos] += self._signs * (left_rad, right_rad)
 
 
 def _joint_id(model: mujoco.MjModel, name: str) -> int:

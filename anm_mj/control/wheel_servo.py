@@ -1,24 +1,24 @@
 """From where the base should be next to wheel speeds: one step of differential inverse kinematics by mink.
 
 The base is asked to reach a pose within one period; that it rolls and does not slip is an equality that always holds,
-and the wheels' highest speed an inequality.
+the wheels' highest speed and the distance to obstacles are inequalities.
 """
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import mink
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.control.clearance_limit import ClearanceLimit, Obstacle, add_obstacles
+from anm_mj.control.robot_description import RobotDescription
 from anm_mj.control.robot_model import WHEEL_JOINTS, RobotModel
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.frames import pose_matrix
 from anm_mj.types import Pose2, WheelSpeeds
 
-_SOLVER = "daqp"
+SOLVER = "daqp"
 _TASK_COST = 30.0
 """Weight of the pose that is asked for. Motions of one period are small (mm), so at a weight of 1 the solver's own
 regularisation takes a quarter of a percent off the wheel speeds; at this weight it takes nothing."""
@@ -49,16 +49,33 @@ class NoSlip(mink.Task):
 class WheelServo:
     """Computes wheel speeds; holds mink's own model of the robot, apart from the simulated one."""
 
-    def __init__(self, mjcf_path: Path, robot: RobotModel, *, period_s: float, max_wheel_radps: float):
+    def __init__(
+        self,
+        description: RobotDescription,
+        robot: RobotModel,
+        *,
+        period_s: float,
+        max_wheel_radps: float,
+        obstacles: list[Obstacle] | None = None,
+        keep_m: float = 0.0,
+    ):
         """Set the problem up.
 
         Args:
-            mjcf_path: the robot alone, without a scene.
+            description: the robot.
             robot: its kinematics.
             period_s: time from one call to the next [s].
             max_wheel_radps: neither wheel is asked to turn faster [rad/s].
+            obstacles: what the robot's body keeps clear of; nothing when None.
+            keep_m: the distance that it keeps [m].
+
+        Raises:
+            RobotError: if mink drops an obstacle.
         """
-        model = mujoco.MjModel.from_xml_path(str(mjcf_path))
+        spec = mujoco.MjSpec.from_string(description.skeleton)
+        if obstacles:
+            add_obstacles(spec, description, obstacles)
+        model = spec.compile()
         self._period_s = period_s
         self._configuration = mink.Configuration(model)
         self._base = SimulatedBase(model, self._configuration.data)
@@ -71,7 +88,9 @@ class WheelServo:
             orientation_cost=[0.0, 0.0, _TASK_COST],
         )
         self._no_slip = NoSlip(robot, model)
-        self._limit = mink.VelocityLimit(model, dict.fromkeys(WHEEL_JOINTS, max_wheel_radps))
+        self._limits: list[mink.Limit] = [mink.VelocityLimit(model, dict.fromkeys(WHEEL_JOINTS, max_wheel_radps))]
+        if obstacles:
+            self._limits.append(ClearanceLimit(model, len(obstacles), keep_m=keep_m))
 
     def wheel_speeds(self, pose: Pose2, reference: Pose2) -> WheelSpeeds:
         """Wheel speeds that bring the base as near to the reference as possible within one period."""
@@ -82,8 +101,8 @@ class WheelServo:
             self._configuration,
             [self._reach],
             self._period_s,
-            _SOLVER,
-            limits=[self._limit],
+            SOLVER,
+            limits=self._limits,
             constraints=[self._no_slip],
         )
         left, right = velocity[self._wheel_dofs].tolist()

@@ -25,6 +25,10 @@ class RunFacts:
     """Name or path of the scene, as given."""
     scene_hash: str
     """Hash over the scene's files."""
+    robot: str
+    """Name or path of the robot, as given."""
+    robot_hash: str
+    """Hash over the robot as the simulator reads it."""
     policy: str
     seed: int
     device: str

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
+from jaxtyping import Float
 
+from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
 from anm_mj.sim.camera import RgbdCamera
-from anm_mj.types import Action, ActionResult, Footprint, Observation, Pose2
+from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, Twist
 
 
 class SimRobot:
@@ -22,13 +25,28 @@ class SimRobot:
         camera: RgbdCamera,
         drive: Drive,
         footprint: Footprint,
+        T_base_camera: Float[np.ndarray, "4 4"] | None = None,
+        robot_hash: str = "",
     ):
-        """Put the parts together; model and data are the ones that camera and drive work on."""
+        """Put the parts together.
+
+        Args:
+            model: the one that camera and drive work on.
+            data: of that model.
+            camera: looks.
+            drive: moves.
+            footprint: must stay clear of obstacles.
+            T_base_camera: where the robot's own model has its camera (axes x right, y down, z forward); given, what
+                observations say about poses is the wheel odometry, and the truth when None.
+            robot_hash: says which robot it is.
+        """
         self._model = model
         self._data = data
         self._camera = camera
         self._drive = drive
         self._footprint = footprint
+        self._T_base_camera = T_base_camera
+        self._robot_hash = robot_hash
         self._step = 0
 
     @property
@@ -40,6 +58,11 @@ class SimRobot:
     def pose(self) -> Pose2:
         """Where the base truly stands now."""
         return self._drive.pose
+
+    @property
+    def robot_hash(self) -> str:
+        """sha256 over the robot as the simulator reads it."""
+        return self._robot_hash
 
     @property
     def step(self) -> int:
@@ -57,7 +80,7 @@ class SimRobot:
         return self._data
 
     def observe(self) -> Observation:
-        """The view from where the robot stands now, with true poses.
+        """The view from where the robot stands now, with true poses or those of its wheel odometry.
 
         Raises:
             RenderError: after ``close``.
@@ -67,14 +90,18 @@ class SimRobot:
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         rgb, depth_m = self._camera.render(self._data)
+        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
+        if self._T_base_camera is not None:
+            pose = self._drive.odometry
+            T_world_camera = pose_matrix(pose) @ self._T_base_camera
         return Observation(
             step=self._step,
             time_s=float(self._data.time),
             rgb=rgb,
             depth_m=depth_m,
             intrinsics=self._camera.intrinsics,
-            T_world_camera=self._camera.T_world_camera(self._data),
-            pose=self._drive.pose,
+            T_world_camera=T_world_camera,
+            pose=pose,
         )
 
     def act(self, action: Action) -> ActionResult:
@@ -88,6 +115,29 @@ class SimRobot:
         mujoco.mj_resetData(self._model, self._data)
         self._drive.place(pose)
         self._step = 0
+
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        """Move at a velocity for a time [s]; no step of the budget is counted.
+
+        Raises:
+            RobotError: if the duration is not positive.
+        """
+        return self._drive.drive(twist, duration_s)
+
+    def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
+        """Turn on the spot until the camera looks at a point of the world, as far as turning can make it.
+
+        The point is in the frame of the observations' poses. No step of the budget is counted; the result says how
+        many it would have cost.
+        """
+        if self._T_base_camera is not None:
+            T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self._drive.odometry))
+            point_m = T_true_believed[:3, :3] @ point_m + T_true_believed[:3, 3]
+        return self._drive.look_at(point_m)
+
+    def place(self, pose: Pose2) -> None:
+        """Stand the robot at a pose, at rest; obstacles are not asked."""
+        self._drive.place(pose)
 
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""

@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from anm_mj.control.robot_description import RobotDescription, describe_robot
 from anm_mj.control.robot_model import RobotModel
 
 _ROBOT_XML = Path(__file__).resolve().parents[2] / "models" / "diff_drive" / "diff_drive.xml"
@@ -14,6 +15,11 @@ _ROBOT_XML = Path(__file__).resolve().parents[2] / "models" / "diff_drive" / "di
 @pytest.fixture(scope="session")
 def robot_xml() -> Path:
     return _ROBOT_XML
+
+
+@pytest.fixture(scope="session")
+def description() -> RobotDescription:
+    return describe_robot(_ROBOT_XML)
 
 
 @pytest.fixture(scope="session")

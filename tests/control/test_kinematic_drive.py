@@ -17,11 +17,11 @@ _EXACT = 1e-9
 
 
 @pytest.fixture
-def drive(compile_scene, robot_model) -> KinematicDrive:
+def drive(compile_scene, description) -> KinematicDrive:
     """A robot at the origin that looks at a wall at x = 1."""
     wall = trimesh.creation.box(bounds=[[1.0, -3.0, 0.0], [1.1, 3.0, 2.5]])
     clearance = Clearance(np.asarray(wall.vertices), np.asarray(wall.faces), _FOOTPRINT)
-    return KinematicDrive(*compile_scene(), robot_model, clearance)
+    return KinematicDrive(*compile_scene(), description, clearance)
 
 
 def test_a_forward_step_is_exact_and_rolls_the_wheels(drive):
@@ -35,10 +35,10 @@ def test_a_forward_step_is_exact_and_rolls_the_wheels(drive):
     assert result.wheel_speeds.left_radps == result.wheel_speeds.right_radps > 0.0
 
 
-def test_the_wheels_have_turned_as_far_as_they_have_rolled(compile_scene, robot_model):
+def test_the_wheels_have_turned_as_far_as_they_have_rolled(compile_scene, description):
     model, data = compile_scene()
     free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
-    drive = KinematicDrive(model, data, robot_model, free)
+    drive = KinematicDrive(model, data, description, free)
     for action in (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_LEFT, Action.MOVE_FORWARD):
         drive.act(action)
     left, right = data.joint("wheel_left").qpos[0], data.joint("wheel_right").qpos[0]
@@ -58,9 +58,9 @@ def test_thirty_six_turns_come_back_to_the_same_pose(drive, action):
 
 @given(actions=st.lists(st.sampled_from([Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT]), max_size=40))
 @settings(max_examples=25, deadline=None)
-def test_any_free_drive_is_the_sum_of_its_actions(compile_scene, robot_model, actions):
+def test_any_free_drive_is_the_sum_of_its_actions(compile_scene, description, actions):
     free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
-    drive = KinematicDrive(*compile_scene(), robot_model, free)
+    drive = KinematicDrive(*compile_scene(), description, free)
     x = y = 0.0
     turns = 0
     for action in actions:
@@ -85,17 +85,17 @@ def test_a_blocked_move_leaves_the_robot_where_it_is_and_a_turn_frees_it(drive):
     assert not drive.act(Action.MOVE_FORWARD).collided
 
 
-def test_stopping_does_nothing_and_actions_take_time(compile_scene, robot_model):
+def test_stopping_does_nothing_and_actions_take_time(compile_scene, description):
     model, data = compile_scene()
     free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
-    drive = KinematicDrive(model, data, robot_model, free)
+    drive = KinematicDrive(model, data, description, free)
     drive.act(Action.STOP)
     assert (data.time, drive.pose) == (0.0, Pose2(0.0, 0.0, 0.0))
     drive.act(Action.MOVE_FORWARD)
     assert data.time == pytest.approx(2.0 * math.sqrt(0.065 / 1.5))
 
 
-def test_a_scene_without_the_robot_is_refused(compile_scene, robot_model):
+def test_a_scene_without_the_robot_is_refused(compile_scene, description):
     free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
     with pytest.raises(RobotError, match='no joint "robot/base"'):
-        KinematicDrive(*compile_scene(), robot_model, free, prefix="robot/")
+        KinematicDrive(*compile_scene(), description, free, prefix="robot/")

@@ -2,6 +2,7 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -15,10 +16,10 @@ _WALL_AT_1M = '<geom type="box" pos="1.05 0 1" size="0.05 3 1"/>'
 
 
 @pytest.fixture
-def make_drive(compile_scene, robot_xml, robot_model):
+def make_drive(compile_scene, description):
     def make(obstacles: str = "", start: Pose2 | None = None):
         model, data = compile_scene(obstacles)
-        drive = PhysicsDrive(model, data, robot_xml, robot_model)
+        drive = PhysicsDrive(model, data, description)
         drive.place(start or Pose2(0.0, 0.0, 0.0))
         return drive, data
 
@@ -91,17 +92,47 @@ def test_a_wall_at_the_side_is_driven_along(make_drive):
     assert drive.pose.x_m == pytest.approx(5 * 0.065, abs=0.005)
 
 
-def test_a_robot_that_a_wall_has_turned_aside_does_not_drive_back_in_later_turns(make_drive):
-    # Heading 8 degrees into a wall at its side, the robot glides along it.
-    drive, _ = make_drive('<geom type="box" pos="0 0.2201 1" size="5 0.05 1"/>', Pose2(0.0, 0.0, math.radians(8.0)))
+@pytest.mark.parametrize("yaw_deg", [0.0, 8.0, 40.0])
+def test_the_servo_stops_before_an_obstacle_and_touches_nothing(make_drive, yaw_deg):
+    drive, data = make_drive(_WALL_AT_1M, Pose2(0.6, 0.0, math.radians(yaw_deg)))
+    touched = []
+    wall = int(np.flatnonzero(data.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)[0])
+    assert data.model.geom_bodyid[wall] == 0
     for _ in range(6):
-        assert not drive.act(Action.MOVE_FORWARD).collided
-    assert 0.3 < drive.pose.x_m < 0.4
-    assert drive.pose.y_m < 0.002
-    glided_to = drive.pose
-    for _ in range(9):
-        assert drive.act(Action.TURN_RIGHT).moved_m < 0.006
-    assert math.hypot(drive.pose.x_m - glided_to.x_m, drive.pose.y_m - glided_to.y_m) < 0.006
+        stopped = drive.act(Action.MOVE_FORWARD)
+        touched += [list(contact.geom) for contact in data.contact if wall in contact.geom]
+    assert stopped.collided
+    assert not touched
+    # The body's radius is 0.17 m, and the servo keeps 5 mm.
+    assert drive.pose.x_m == pytest.approx(1.0 - 0.17 - 0.005, abs=5e-4)
+    assert drive.pose.yaw_rad == pytest.approx(math.radians(yaw_deg), abs=1e-3)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8)])
+def test_a_push_neither_topples_the_robot_nor_drives_it_through_a_wall(make_drive, direction):
+    x, y = direction
+    yaw = math.atan2(y, x)
+    # A wall 0.3 m away from the robot's middle, square to the push.
+    at = f'pos="{0.35 * x} {0.35 * y} 1" euler="0 0 {math.degrees(yaw)}"'
+    drive, data = make_drive(f'<geom type="box" size="0.05 3 1" {at}/>')
+    base = data.body("base").id
+    for _ in range(500):
+        data.xfrc_applied[base, :3] = (60.0 * x, 60.0 * y, 0.0)
+        mujoco.mj_step(data.model, data)
+        pose = drive.pose
+        # It hits the wall at more than a metre per second; contacts give way by a centimetre for a moment.
+        assert pose.x_m * x + pose.y_m * y < 0.3 - 0.17 + 0.015
+        assert data.body("base").xmat[8] > 0.99
+    assert drive.pose.x_m * x + drive.pose.y_m * y < 0.3 - 0.17 + 0.002
+    data.xfrc_applied[base] = 0.0
+    drive.act(Action.TURN_LEFT)
+    drive.act(Action.TURN_LEFT)
+    # What no wheel can undo is taken for the commanded pose, and the turns stay turns on the spot.
+    assert math.hypot(drive.pose.x_m - drive.reference.x_m, drive.pose.y_m - drive.reference.y_m) < 0.006
+    pushed_to = drive.pose
+    for _ in range(4):
+        drive.act(Action.TURN_RIGHT)
+    assert math.hypot(drive.pose.x_m - pushed_to.x_m, drive.pose.y_m - pushed_to.y_m) < 0.006
 
 
 def test_a_thing_that_only_the_head_meets_stops_the_robot(make_drive):
@@ -136,6 +167,6 @@ def test_a_servo_period_that_is_no_multiple_of_the_substep_is_refused():
         PhysicsDriveConfig(settle_s=-1.0)
 
 
-def test_a_scene_without_the_robot_is_refused(compile_scene, robot_xml, robot_model):
+def test_a_scene_without_the_robot_is_refused(compile_scene, description):
     with pytest.raises(RobotError, match='no joint "other/base"'):
-        PhysicsDrive(*compile_scene(), robot_xml, robot_model, prefix="other/")
+        PhysicsDrive(*compile_scene(), description, prefix="other/")

@@ -16,8 +16,8 @@ _MAX_RADPS = 12.0
 
 
 @pytest.fixture(scope="module")
-def servo(robot_xml, robot_model) -> WheelServo:
-    return WheelServo(robot_xml, robot_model, period_s=_PERIOD_S, max_wheel_radps=_MAX_RADPS)
+def servo(description, robot_model) -> WheelServo:
+    return WheelServo(description, robot_model, period_s=_PERIOD_S, max_wheel_radps=_MAX_RADPS)
 
 
 @given(left=st.floats(-11.0, 11.0), right=st.floats(-11.0, 11.0), yaw=st.floats(-3.1, 3.1))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from anm_mj.control.robot_config import robot_path
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.frames import back_project
-from anm_mj.robots import DRIVES, FOOTPRINT, ROBOT_XML, make_robot
+from anm_mj.robots import DRIVES, FOOTPRINT, make_robot
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importer import import_scene
 from anm_mj.types import Action, Pose2
@@ -93,7 +94,7 @@ def test_an_unknown_drive_is_refused_with_those_that_exist(room):
 def test_the_footprint_encloses_the_robot():
     import mujoco
 
-    model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
+    model = mujoco.MjModel.from_xml_path(str(robot_path("diff_drive")))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     tops_m = []

@@ -1,5 +1,7 @@
 """The simulated robot with a drive of the test's own."""
 
+import math
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from anm_mj.errors import RenderError
 from anm_mj.sim.camera import RgbdCamera
 from anm_mj.sim.robot import SimRobot
-from anm_mj.types import Action, ActionResult, Footprint, Pose2, WheelSpeeds
+from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Pose2, Twist, WheelSpeeds
 
 _SCENE = """
 <mujoco>
@@ -47,6 +49,19 @@ class _Slide:
         self._data.qpos[0] += moved_m
         self._data.time += 0.5 * moved_m
         return ActionResult(action, collided=False, wheel_speeds=WheelSpeeds(0.0, 0.0), moved_m=moved_m)
+
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        moved_m = twist.forward_mps * duration_s
+        self._data.qpos[0] += moved_m
+        return MotionResult(False, WheelSpeeds(0.0, 0.0), moved_m, 0.0, duration_s)
+
+    def look_at(self, point_m) -> MotionResult:
+        self.looked_at_m = point_m
+        return MotionResult(False, WheelSpeeds(0.0, 0.0), 0.0, 0.0, 0.0)
+
+    @property
+    def odometry(self) -> Pose2:
+        return Pose2(self.pose.x_m - 0.25, 0.5, math.pi / 2)
 
 
 @pytest.fixture

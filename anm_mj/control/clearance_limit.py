@@ -1,0 +1,146 @@
+"""Obstacles in mink's model of the robot, and a limit that keeps the robot's body off them.
+
+mink takes pairs of geoms of which the one hangs on the world and the other on the world's child for parent and child,
+and drops them without a word: every obstacle beside every robot. Here the obstacles hang on a mocap body instead, and a
+pair that is missing all the same is an error.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mink
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+
+from anm_mj.control.geom_extent import support_m
+from anm_mj.control.robot_description import RobotDescription
+from anm_mj.errors import RobotError
+
+BODY = "body"
+"""Name of the cylinder that stands for the robot in mink's model."""
+_OBSTACLE = "obstacle_"
+_SHAPES = {"SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX"}
+_GAIN = 0.25
+"""Share of the free distance that may be used up in one period: the body slows down over the last centimetres, at no
+more than the wheels can brake on the floor."""
+_NEAR_M = 0.08
+"""Obstacles farther from the body than this are no matter of the next servo period [m]."""
+_GRAZING = math.sin(math.radians(0.25))
+"""Sine of the angle to an obstacle's face below which the robot drives along it, and is not stopped for the rounding of
+its heading."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """One solid geom of a scene."""
+
+    shape: mujoco.mjtGeom
+    size_m: Float[np.ndarray, "3"]
+    position_m: Float[np.ndarray, "3"]
+    quaternion: Float[np.ndarray, "4"]
+
+
+def static_obstacles(model: mujoco.MjModel) -> list[Obstacle]:
+    """The geoms that can be bumped into and never move: boxes, mostly; the floor is not among them."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    found = []
+    for geom in range(model.ngeom):
+        shape = mujoco.mjtGeom(model.geom_type[geom])
+        solid = model.geom_contype[geom] or model.geom_conaffinity[geom]
+        if solid and model.body_weldid[model.geom_bodyid[geom]] == 0 and shape.name.removeprefix("mjGEOM_") in _SHAPES:
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+            found.append(Obstacle(shape, model.geom_size[geom].copy(), data.geom_xpos[geom].copy(), quaternion))
+    return found
+
+
+def add_obstacles(spec: mujoco.MjSpec, robot: RobotDescription, obstacles: list[Obstacle]) -> None:
+    """Put the obstacles into a skeleton's spec, and the cylinder that must keep clear of them on its base."""
+    low, high = robot.footprint.z_min_m, robot.footprint.z_max_m
+    spec.body("base").add_geom(
+        name=BODY,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[robot.body_radius_m, (high - low) / 2.0, 0.0],
+        pos=[0.0, 0.0, (low + high) / 2.0],
+        mass=0.0,
+    )
+    static = spec.worldbody.add_body(name="obstacles", mocap=True)
+    for number, obstacle in enumerate(obstacles):
+        static.add_geom(
+            name=f"{_OBSTACLE}{number}",
+            type=obstacle.shape,
+            size=obstacle.size_m,
+            pos=obstacle.position_m,
+            quat=obstacle.quaternion,
+        )
+
+
+class ClearanceLimit(mink.CollisionAvoidanceLimit):
+    """Limits the speed at which the body may near obstacles, so that it stops at a distance from them."""
+
+    def __init__(self, model: mujoco.MjModel, num_obstacles: int, *, keep_m: float):
+        """Pair the body with every obstacle.
+
+        Args:
+            model: mink's, with :func:`add_obstacles`.
+            num_obstacles: so many are in it.
+            keep_m: the distance to stop at [m].
+
+        Raises:
+            RobotError: if mink has dropped a pair.
+        """
+        names = [f"{_OBSTACLE}{number}" for number in range(num_obstacles)]
+        super().__init__(
+            model,
+            [([BODY], names)],
+            gain=_GAIN,
+            minimum_distance_from_collisions=keep_m,
+            collision_detection_distance=_NEAR_M,
+            broadphase=False,
+        )
+        require_all_pairs(self.geom_id_pairs, model.geom(BODY).id, [model.geom(name).id for name in names])
+        self._all_pairs = np.array(sorted(self.geom_id_pairs))
+        self._body = model.geom(BODY).id
+        self._boxes = _boxes_seen_from_above(model, self._all_pairs[:, 1])
+        self._reach_m = float(model.geom_size[self._body, 0]) + _NEAR_M
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
+        """One row per obstacle near the body, on the displacement within ``dt`` [s]."""
+        x, y = configuration.data.geom_xpos[self._body, :2]
+        low, high = self._boxes[:, :2], self._boxes[:, 2:]
+        away = np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0)
+        near = self._all_pairs[np.einsum("ij,ij->i", away, away) < self._reach_m**2]
+        if not len(near):
+            return mink.Constraint()
+        # mink makes a row for each of these pairs; the far ones would only lengthen its problem by rows without effect.
+        self.geom_id_pairs, self.max_num_contacts = near.tolist(), len(near)
+        rows = super().compute_qp_inequalities(configuration, dt)
+        assert rows.G is not None and rows.h is not None
+        # The first two columns are the base's displacement in the world.
+        ahead = configuration.data.geom_xmat[self._body].reshape(3, 3)[:2, 0]
+        nearing = np.abs(rows.G[:, :2] @ ahead) > _GRAZING
+        # mink bounds the displacement by a speed, which would let the body run on for 1 / dt times as far.
+        return mink.Constraint(rows.G[nearing], rows.h[nearing] * dt)
+
+
+def require_all_pairs(pairs: list[tuple[int, int]], body: int, obstacles: list[int]) -> None:
+    """Raises RobotError unless the body is paired with each of the obstacles."""
+    missing = {(min(body, obstacle), max(body, obstacle)) for obstacle in obstacles} - set(pairs)
+    if missing:
+        raise RobotError(
+            f"mink leaves {len(missing)} of {len(obstacles)} obstacles out of its clearance limit; obstacles must hang "
+            "on a body that is neither the world nor the robot's, and collide with the robot."
+        )
+
+
+def _boxes_seen_from_above(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
+    """x_min, y_min, x_max, y_max of geoms that do not move [m]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    directions = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    reach = np.array([support_m(model, data, int(geom), directions) for geom in geoms])
+    return reach.reshape(-1, 4) * (-1.0, -1.0, 1.0, 1.0)

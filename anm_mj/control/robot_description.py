@@ -1,0 +1,270 @@
+"""A robot's MJCF, ours or the user's, made ready to be attached to a scene, and all that follows from its geometry.
+
+Two wheel hinges and a camera must be there; the rest is derived or added: a free joint where the robot has none, motors
+where the wheels have no velocity servos, the wheels' radius and track, the footprint, the camera's place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.control.geom_extent import height_range_m, reach_about_axis_m
+from anm_mj.control.robot_config import RobotConfig
+from anm_mj.control.robot_parts import find_parts, robot_alone
+from anm_mj.control.skeleton import WheelMount, skeleton_mjcf
+from anm_mj.errors import RobotError
+from anm_mj.frames import T_GL_CV
+from anm_mj.types import Footprint
+
+FOOTPRINT_MARGIN_M = 0.01
+"""The footprint is wider than the robot by this [m]."""
+LOWEST_M = 0.05
+"""Rugs and thresholds below this height are never obstacles [m]; scenes hold no collision boxes there either."""
+TOUCHES_FLOOR_M = 0.005
+"""What begins lower than this rolls or slides on the floor: a wheel or a caster [m]."""
+_AXLE_TOLERANCE_M = 1e-3
+_FORWARD_COS = math.cos(math.radians(30.0))
+_KV_PER_KG = 2.0 / (9.6 * 0.05**2)
+"""Gain of a motor per mass and squared wheel radius [1/s]: what holds ``models/diff_drive`` at its speed, scaled."""
+_FORCE_PER_KV = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDescription:
+    """A robot ready for a simulation, and the figures that kinematics and planning need."""
+
+    name: str
+    spec: mujoco.MjSpec
+    """The robot alone, to be copied and attached to a scene."""
+    base_joint: str
+    """Name of its free joint."""
+    wheel_joints: tuple[str, str]
+    """Left, right."""
+    wheel_signs: tuple[float, float]
+    """-1 where a joint's positive direction rolls the wheel backwards."""
+    motors: tuple[str, str]
+    """Names of the wheels' velocity servos [rad/s]; left, right."""
+    shell: tuple[str, ...]
+    """Names of the geoms that nothing should touch; wheels and casters touch the floor."""
+    camera: str
+    T_root_base: Float[np.ndarray, "4 4"]
+    """Base (on the floor, midway between the wheels, x forward) in the root body."""
+    T_base_camera: Float[np.ndarray, "4 4"]
+    """Camera axes x right, y down, z forward."""
+    wheel_radius_m: float
+    track_m: float
+    """Distance between the wheels' planes [m]."""
+    mass_kg: float
+    body_radius_m: float
+    """Largest distance of the robot's geoms from the vertical axis through its base [m]."""
+    footprint: Footprint
+    skeleton: str
+    """MJCF text of :mod:`anm_mj.control.skeleton`."""
+    hash: str
+    """sha256 over the robot as MuJoCo reads it, meshes included."""
+
+
+def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescription:
+    """Read a robot.
+
+    Args:
+        path: an MJCF file.
+        config: names of its parts where they are not the usual ones.
+
+    Raises:
+        RobotError: if the file cannot be read, lacks a part, or is no differential drive.
+    """
+    config = config or RobotConfig()
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, OSError) as err:
+        raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
+    parts = find_parts(spec, config, path)
+    robot_alone(spec, parts)
+    model = _compiled(spec, path)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+
+    root = model.body(parts.root).id
+    wheels = [model.joint(name) for name in parts.wheels]
+    _require_rigid_mounts(model, root, wheels, parts.camera, path)
+    radius = _wheel_radius_m(model, data, wheels, path)
+    anchors = np.array([data.xanchor[wheel.id] for wheel in wheels])
+    axes = np.array([data.xaxis[wheel.id] for wheel in wheels])
+    T_world_base, track, signs = _base_frame(anchors, axes, radius, path)
+    T_root_base = np.linalg.inv(_body_pose(data, root)) @ T_world_base
+    T_base_camera = np.linalg.inv(T_world_base) @ _camera_pose(data, model.camera(parts.camera).id)
+    if T_base_camera[0, 2] < _FORWARD_COS:
+        raise RobotError(
+            f"The camera {parts.camera} of {path} does not look forward, to where the wheels {parts.wheels[0]} (left) "
+            f"and {parts.wheels[1]} (right) roll; swap the wheels' names, or turn the camera."
+        )
+    motors = _motors(spec, model, parts.wheels, radius)
+    shell = _shell(model, data, root, [int(wheel.bodyid[0]) for wheel in wheels], T_world_base[2, 3])
+    footprint, body_radius = _footprint(model, data, root, shell, T_world_base)
+    mounts = [
+        WheelMount(name, int(wheel.bodyid[0]), np.array([0.0, side * track / 2.0, radius]), float(wheel.armature[0]))
+        for name, side, wheel in zip(("wheel_left", "wheel_right"), (1.0, -1.0), wheels, strict=True)
+    ]
+    model = _compiled(spec, path)
+    return RobotDescription(
+        name=path.stem,
+        spec=spec,
+        base_joint=parts.base_joint,
+        wheel_joints=parts.wheels,
+        wheel_signs=signs,
+        motors=motors,
+        shell=tuple(model.geom(geom).name for geom in shell),
+        camera=parts.camera,
+        T_root_base=T_root_base,
+        T_base_camera=T_base_camera,
+        wheel_radius_m=radius,
+        track_m=track,
+        mass_kg=float(model.body_subtreemass[root]),
+        body_radius_m=body_radius,
+        footprint=footprint,
+        skeleton=skeleton_mjcf(model, data, root, T_world_base, T_base_camera, (mounts[0], mounts[1])),
+        hash=hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest(),
+    )
+
+
+def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as err:
+        raise RobotError(
+            f"The robot {path} cannot be used alone ({err}); remove what refers to other things than the robot."
+        ) from err
+
+
+def _require_rigid_mounts(model: mujoco.MjModel, root: int, wheels: list, camera: str, path: Path) -> None:
+    """Raises RobotError unless wheels and camera sit on the base without a joint in between."""
+    for wheel in wheels:
+        if model.body_weldid[model.body_parentid[wheel.bodyid[0]]] != root:
+            raise RobotError(f"The wheel {wheel.name} of {path} hangs on another joint; mount it on the base rigidly.")
+    if model.body_weldid[model.camera(camera).bodyid[0]] != root:
+        raise RobotError(f"The camera {camera} of {path} is moved by a joint; mount it on the base rigidly.")
+
+
+def _wheel_radius_m(model: mujoco.MjModel, data: mujoco.MjData, wheels: list, path: Path) -> float:
+    """Height of the wheels' axes above their lowest points.
+
+    Raises:
+        RobotError: if a wheel has no geom, or the two differ.
+    """
+    radii = []
+    for wheel in wheels:
+        body = int(wheel.bodyid[0])
+        geoms = np.flatnonzero(model.geom_bodyid == body)
+        touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]] or list(geoms)
+        if not touching:
+            raise RobotError(f"The wheel {wheel.name} of {path} has no geom; give it one, best an ellipsoid.")
+        radii.append(data.xanchor[wheel.id][2] - min(height_range_m(model, data, int(g))[0] for g in touching))
+    if radii[0] <= 0.0 or abs(radii[0] - radii[1]) > _AXLE_TOLERANCE_M:
+        raise RobotError(
+            f"The wheels of {path} reach {radii[0]:.4f} m and {radii[1]:.4f} m below their axes; they must be alike."
+        )
+    return round(float(np.mean(radii)), 9)
+
+
+def _base_frame(
+    anchors: Float[np.ndarray, "2 3"], axes: Float[np.ndarray, "2 3"], radius_m: float, path: Path
+) -> tuple[Float[np.ndarray, "4 4"], float, tuple[float, float]]:
+    """The base in the world, the track [m], and the sign of each wheel's joint.
+
+    Raises:
+        RobotError: if the wheels do not share one level axle.
+    """
+    across = anchors[0] - anchors[1]
+    track = float(np.linalg.norm(across))
+    left = across / max(track, 1e-9)
+    along = axes @ left
+    if track < 0.02 or abs(across[2]) > _AXLE_TOLERANCE_M or np.abs(along).min() < 1.0 - 1e-4:
+        raise RobotError(
+            f"The wheels of {path} turn about {axes[0].round(3)} at {anchors[0].round(3)} and {axes[1].round(3)} at "
+            f"{anchors[1].round(3)}; they must share one level axle, the left wheel's to the left."
+        )
+    middle = anchors.mean(axis=0)
+    T_world_base = np.eye(4)
+    T_world_base[:3, 0] = np.cross(left, [0.0, 0.0, 1.0])
+    T_world_base[:3, 1] = left
+    T_world_base[:3, 3] = [middle[0], middle[1], middle[2] - radius_m]
+    return T_world_base, track, (float(np.sign(along[0])), float(np.sign(along[1])))
+
+
+def _body_pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
+    pose = np.eye(4)
+    pose[:3, :3] = data.xmat[body].reshape(3, 3)
+    pose[:3, 3] = data.xpos[body]
+    return pose
+
+
+def _camera_pose(data: mujoco.MjData, camera: int) -> Float[np.ndarray, "4 4"]:
+    pose = np.eye(4)
+    pose[:3, :3] = data.cam_xmat[camera].reshape(3, 3)
+    pose[:3, 3] = data.cam_xpos[camera]
+    return pose @ T_GL_CV
+
+
+def _motors(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[str, str], radius_m: float) -> tuple[str, str]:
+    """Names of velocity servos on the wheels; those that are missing are added, other actuators on them removed."""
+    kv = _KV_PER_KG * float(model.body_subtreemass[0]) * radius_m**2
+    names = []
+    for wheel in wheels:
+        on_wheel = [actuator for actuator in spec.actuators if actuator.target == wheel]
+        servo = next((a for a in on_wheel if _is_velocity_servo(model, model.actuator(a.name).id)), None)
+        for actuator in on_wheel:
+            if actuator is not servo:
+                spec.delete(actuator)
+        if servo is None:
+            servo = spec.add_actuator(name=f"{wheel}_motor", target=wheel, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            servo.gainprm[0], servo.biasprm[2], servo.biastype = kv, -kv, mujoco.mjtBias.mjBIAS_AFFINE
+            servo.forcelimited, servo.forcerange = True, [-_FORCE_PER_KV * kv, _FORCE_PER_KV * kv]
+        names.append(servo.name)
+    return names[0], names[1]
+
+
+def _is_velocity_servo(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator on a joint takes a velocity in the joint's own unit."""
+    gain, bias = float(model.actuator_gainprm[actuator, 0]), model.actuator_biasprm[actuator].tolist()
+    plain = model.actuator_gear[actuator, 0] == 1.0 and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
+    return bool(plain) and gain > 0.0 and bias[1] == 0.0 and bias[2] == -gain
+
+
+def _shell(
+    model: mujoco.MjModel, data: mujoco.MjData, root: int, wheel_bodies: list[int], floor_z_m: float
+) -> list[int]:
+    """Geoms that can touch something and stand clear of the floor."""
+    return [
+        geom
+        for geom in range(model.ngeom)
+        if model.body_rootid[model.geom_bodyid[geom]] == root
+        and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+        and model.geom_bodyid[geom] not in wheel_bodies
+        and height_range_m(model, data, geom)[0] - floor_z_m > TOUCHES_FLOOR_M
+    ]
+
+
+def _footprint(
+    model: mujoco.MjModel, data: mujoco.MjData, root: int, shell: list[int], T_world_base: Float[np.ndarray, "4 4"]
+) -> tuple[Footprint, float]:
+    """The cylinder about the base that holds the robot, and the robot's own radius [m]."""
+    on_robot = [g for g in range(model.ngeom) if model.body_rootid[model.geom_bodyid[g]] == root]
+    solid = [g for g in on_robot if model.geom_contype[g] or model.geom_conaffinity[g]]
+    floor_z = float(T_world_base[2, 3])
+    radius = max(reach_about_axis_m(model, data, g, T_world_base[:2, 3]) for g in solid)
+    lowest = min((height_range_m(model, data, g)[0] for g in shell), default=floor_z) - floor_z
+    highest = max(height_range_m(model, data, g)[1] for g in solid) - floor_z
+    footprint = Footprint(
+        radius_m=round(radius + FOOTPRINT_MARGIN_M, 6),
+        z_min_m=round(max(lowest, LOWEST_M), 6),
+        z_max_m=round(max(highest, LOWEST_M + 0.05), 6),
+    )
+    return footprint, round(radius, 6)

@@ -1,0 +1,112 @@
+"""Finds a robot's wheels and camera by name in its MJCF, and takes away all that is not the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from anm_mj.control.robot_config import RobotConfig
+from anm_mj.errors import RobotError
+
+LEFT_WHEELS = ("wheel_left", "left_wheel", "wheel_left_joint", "left_wheel_joint")
+"""Names that a left wheel's hinge may have without being told."""
+RIGHT_WHEELS = tuple(name.replace("left", "right") for name in LEFT_WHEELS)
+CAMERA = "camera"
+ROBOT_GROUP = 1
+"""Group of the robot's geoms: drawn by viewers, hidden from the robot's own camera."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Names of a robot's parts."""
+
+    root: str
+    """The body below the world that everything hangs on."""
+    base_joint: str
+    wheels: tuple[str, str]
+    """Left, right."""
+    camera: str
+
+
+def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> Parts:
+    """Look the parts up; bodies and the free joint get names where they have none, and a free joint is added.
+
+    Raises:
+        RobotError: if one is missing, or they are parts of different robots.
+    """
+    left = _wheel(spec, config.left_wheel, LEFT_WHEELS, "left", path)
+    right = _wheel(spec, config.right_wheel, RIGHT_WHEELS, "right", path)
+    camera = _camera(spec, config.camera, path)
+    roots = [_root(part.parent) for part in (left, right, camera)]
+    if not roots[0].name == roots[1].name == roots[2].name:
+        raise RobotError(
+            f"Wheels and camera of {path} hang on different bodies of the world ({', '.join(r.name for r in roots)}); "
+            "a robot is one body with everything on it."
+        )
+    free = next((joint for joint in roots[0].joints if joint.type == mujoco.mjtJoint.mjJNT_FREE), None)
+    if free is None:
+        # Slides and a hinge that move a base over the floor do what the free joint does.
+        for joint in roots[0].joints:
+            spec.delete(joint)
+        free = roots[0].add_freejoint()
+    if not free.name:
+        free.name = "base" if spec.joint("base") is None else "free_base"
+    return Parts(roots[0].name, free.name, (left.name, right.name), camera.name)
+
+
+def robot_alone(spec: mujoco.MjSpec, parts: Parts) -> None:
+    """Remove the world around the robot, its lights and its keyframes, and hide it from its own camera."""
+    world = spec.worldbody
+    for element in [*world.geoms, *world.sites, *world.lights, *world.cameras]:
+        spec.delete(element)
+    for body in [body for body in world.bodies if body.name != parts.root]:
+        spec.delete(body)
+    for element in [*spec.lights, *spec.keys]:
+        spec.delete(element)
+    taken = {geom.name for geom in spec.geoms}
+    for number, geom in enumerate(spec.geoms):
+        if not geom.name:
+            geom.name = next(name for k in range(len(taken) + 1) if (name := f"geom_{number + k}") not in taken)
+            taken.add(geom.name)
+        if geom.group in (0, 2):
+            geom.group = ROBOT_GROUP
+
+
+def _wheel(spec: mujoco.MjSpec, given: str, usual: tuple[str, ...], side: str, path: Path) -> mujoco._specs.MjsJoint:
+    joints = {joint.name: joint for joint in spec.joints}
+    found = next((joints[name] for name in ((given,) if given else usual) if name in joints), None)
+    hinges = ", ".join(n for n, j in joints.items() if n and j.type == mujoco.mjtJoint.mjJNT_HINGE) or "none"
+    if found is None:
+        what = f'hinge "{given}"' if given else f"{side} wheel (a hinge named {', '.join(usual[:2])} or alike)"
+        raise RobotError(
+            f"The robot {path} has no {what}; its hinges are {hinges}: name one by --set model.{side}_wheel=NAME."
+        )
+    if found.type != mujoco.mjtJoint.mjJNT_HINGE:
+        raise RobotError(f'The joint "{found.name}" of {path} is no hinge; a wheel turns about one. Hinges: {hinges}.')
+    return found
+
+
+def _camera(spec: mujoco.MjSpec, given: str, path: Path) -> mujoco._specs.MjsCamera:
+    cameras = {camera.name: camera for camera in spec.cameras if camera.name}
+    if given or CAMERA in cameras:
+        found = cameras.get(given or CAMERA)
+    else:
+        found = next(iter(cameras.values())) if len(cameras) == 1 else None
+    if found is None:
+        known = ", ".join(cameras) or "none"
+        what = f'camera "{given}"' if given else f'camera named "{CAMERA}"'
+        raise RobotError(
+            f"The robot {path} has no {what}; its cameras are {known}: name one by --set model.camera=NAME, or add one."
+        )
+    return found
+
+
+def _root(body: mujoco._specs.MjsBody) -> mujoco._specs.MjsBody:
+    """The ancestor of a body that hangs on the world."""
+    while body.parent is not None and body.parent.name != "world":
+        body = body.parent
+    if not body.name:
+        body.name = "robot_base"
+    return body

@@ -1,0 +1,100 @@
+"""A robot reduced to what kinematics and control need, as an MJCF that MuJoCo, mink and pinocchio read alike.
+
+One root body ``base`` with a free joint, its origin on the floor midway between the wheels (x forward, y left, z up),
+two hinges ``wheel_left`` and ``wheel_right`` about +y, sites ``base``, ``camera`` and ``look_ahead``, every mass in an
+explicit inertia, and no geoms: nothing that pinocchio's reader would leave out silently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+LOOK_AHEAD_M = 0.15
+"""Distance of the site ``look_ahead`` before the axle [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class WheelMount:
+    """One wheel of a compiled robot."""
+
+    name: str
+    """What it is called in the skeleton."""
+    body: int
+    """Its body in the compiled robot; whatever hangs on that turns with the wheel."""
+    centre_m: Float[np.ndarray, "3"]
+    """Where it touches its axle, in the base."""
+    armature: float
+    """Inertia of its motor [kg m²]."""
+
+
+def skeleton_mjcf(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    root: int,
+    T_world_base: Float[np.ndarray, "4 4"],
+    T_base_camera: Float[np.ndarray, "4 4"],
+    wheels: tuple[WheelMount, WheelMount],
+) -> str:
+    """The skeleton of a compiled robot that stands as its ``data`` says; other joints than the wheels are held still.
+
+    Args:
+        model: the robot.
+        data: with positions up to date.
+        root: index of its root body.
+        T_world_base: where the base is, as the robot stands now.
+        T_base_camera: camera axes x right, y down, z forward.
+        wheels: left, right.
+    """
+    T_base_world = np.linalg.inv(T_world_base)
+    on_robot = [body for body in range(model.nbody) if model.body_rootid[body] == root]
+    on_wheels = [[body for body in on_robot if _hangs_on(model, body, wheel.body)] for wheel in wheels]
+    on_base = [body for body in on_robot if not any(body in group for group in on_wheels)]
+    hinges = "".join(
+        f'<body name="{wheel.name}" pos="{_text(wheel.centre_m)}">'
+        f'<joint name="{wheel.name}" type="hinge" axis="0 1 0" armature="{wheel.armature!r}"/>'
+        f"{_inertial(model, data, bodies, T_base_world, wheel.centre_m)}</body>"
+        for wheel, bodies in zip(wheels, on_wheels, strict=True)
+    )
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T_base_camera[:3, :3]).ravel())
+    return (
+        '<mujoco model="skeleton"><compiler angle="radian"/><worldbody><body name="base"><freejoint name="base"/>'
+        f"{_inertial(model, data, on_base, T_base_world, np.zeros(3))}"
+        f'<site name="base"/><site name="camera" pos="{_text(T_base_camera[:3, 3])}" quat="{_text(quaternion)}"/>'
+        f'<site name="look_ahead" pos="{LOOK_AHEAD_M} 0 0"/>{hinges}</body></worldbody></mujoco>'
+    )
+
+
+def _hangs_on(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
+    while body not in (0, ancestor):
+        body = int(model.body_parentid[body])
+    return body == ancestor
+
+
+def _inertial(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    bodies: list[int],
+    T_base_world: Float[np.ndarray, "4 4"],
+    origin_m: Float[np.ndarray, "3"],
+) -> str:
+    """Mass, centre and inertia of some bodies together, in base axes about a place in the base."""
+    mass = model.body_mass[bodies]
+    centres = data.xipos[bodies] @ T_base_world[:3, :3].T + T_base_world[:3, 3]
+    centre = mass @ centres / mass.sum()
+    inertia = np.zeros((3, 3))
+    for body, m, offset in zip(bodies, mass, centres - centre, strict=True):
+        axes = T_base_world[:3, :3] @ data.ximat[body].reshape(3, 3)
+        inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T
+        inertia += m * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    six = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return f'<inertial mass="{float(mass.sum())!r}" pos="{_text(centre - origin_m)}" fullinertia="{_text(six)}"/>'
+
+
+def _text(values: Float[np.ndarray, " n"]) -> str:
+    """Numbers with all their digits."""
+    return " ".join(repr(float(value)) for value in values)
