@@ -38,6 +38,13 @@ class ProgressLine:
         if self._live is not None:
             self._live.stop()
 
+    def surveying(self, done: int, total: int) -> None:
+        """Show how much of the search for what can be seen at all is done."""
+        if self._live is not None:
+            self._live.update(Text(f"finding what of this scene can be seen (once per scene): {100 * done // total} %"))
+        elif done == 1:
+            self._console.print("Finding what of this scene can be seen (once per scene).")
+
     def update(self, progress: Progress, recorder: RunRecorder, num_steps: int) -> None:
         """Show how the run stands."""
         if progress.update.num_iterations:  # Not every step trains.
@@ -92,6 +99,7 @@ def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
     table = Table(box=None, show_header=False)
     for label, value, unit in (
         ("surface seen to 5 cm", metrics.completion_ratio, "%"),
+        ("of what can be seen", metrics.observable_ratio, "%"),
         ("mean distance to what was seen", metrics.completion_cm, "cm"),
         ("mesh accuracy", metrics.accuracy_cm, "cm"),
         ("surface within 5 cm of the mesh", metrics.mesh_completion_ratio, "%"),

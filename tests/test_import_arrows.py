@@ -25,7 +25,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "control": _BASE,
     "io": _BASE,
     "viz": _BASE | {"io"},
-    "evaluation": _BASE | {"io", "viz"},
+    # Reads runs, and scenes for what of them can be seen.
+    "evaluation": _BASE | {"scene", "io", "viz"},
     # Writes a run as it goes, with its numbers and pictures; what only reads a run folder never sees it.
     "io.recorder": _BASE | {"io", "viz", "evaluation"},
     # Composes the stages' configurations, which stand beside their stages.

@@ -1,0 +1,101 @@
+"""Rays of single pixels of depth frames, for frames that are never rendered."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Int32
+
+from anm_mj.evaluation.depth import MAX_DEPTH_M, kept_pixels
+from anm_mj.evaluation.raycast import RayCaster
+from anm_mj.frames import pose_matrix
+from anm_mj.types import TURN_STEP_RAD, Intrinsics, Pose2
+
+NUM_YAWS = round(math.tau / TURN_STEP_RAD)
+"""Directions that a robot which turns by whole steps can look in."""
+
+
+@dataclass(frozen=True)
+class Mount:
+    """The camera that looks, and how the robot carries it."""
+
+    intrinsics: Intrinsics
+    """Of the original, unreduced image."""
+    T_base_camera: Float[np.ndarray, "4 4"]
+    """Camera to base; camera axes x right, y down, z forward."""
+
+
+class PixelRays:
+    """Casts the rays of pixels as the protocol evaluates them: 128 x 128, up to 10 m, whole millimetres.
+
+    Args:
+        caster: The surface that is looked at.
+        mount: The camera; yaws are multiples of the robot's turn.
+    """
+
+    def __init__(self, caster: RayCaster, mount: Mount) -> None:
+        self._caster = caster
+        self._camera = mount.intrinsics
+        self._rows, self._cols = kept_pixels(mount.intrinsics.height), kept_pixels(mount.intrinsics.width)
+        at_origin = [pose_matrix(Pose2(0.0, 0.0, k * TURN_STEP_RAD)) @ mount.T_base_camera for k in range(NUM_YAWS)]
+        T_world_camera = np.stack(at_origin).astype(np.float32)
+        self._rotation = np.ascontiguousarray(T_world_camera[:, :3, :3])
+        self._offset_m = np.ascontiguousarray(T_world_camera[:, :3, 3])
+        self._ahead_rad = math.atan2(float(self._rotation[0, 1, 2]), float(self._rotation[0, 0, 2]))
+        half_width_rad = math.atan2(self._camera.width / 2.0, self._camera.fx)
+        most = int(half_width_rad / TURN_STEP_RAD)
+        self.yaws_aside = np.arange(-most, most + 1, dtype=np.int32)
+        """Turns away from something ahead that keep it in the picture."""
+
+    @property
+    def eye_z_m(self) -> float:
+        """Height of the camera above the floor [m]."""
+        return float(self._offset_m[0, 2])
+
+    def yaw_towards(self, delta_xy_m: Float32[np.ndarray, "n 2"]) -> Int32[np.ndarray, " n"]:
+        """Index of the yaw at which the camera looks most nearly along each direction in the plane."""
+        azimuth_rad = np.arctan2(delta_xy_m[:, 1], delta_xy_m[:, 0]) - np.float32(self._ahead_rad)
+        return np.rint(azimuth_rad / np.float32(TURN_STEP_RAD)).astype(np.int32) % np.int32(NUM_YAWS)
+
+    def hits(
+        self,
+        targets_m: Float32[np.ndarray, "n 3"],
+        places_m: Float32[np.ndarray, "n 2"],
+        yaw: Int[np.ndarray, " n"],
+    ) -> Float32[np.ndarray, "n 3"]:
+        """What the pixel nearest to each target sees, of a frame taken at a place and a yaw [m]; infinite for nothing.
+
+        Args:
+            targets_m: World; of those behind the camera nothing is seen.
+            places_m: World x, y of the base.
+            yaw: Index of its yaw.
+        """
+        origin = self._offset_m[yaw]
+        origin[:, :2] += places_m
+        in_camera = np.einsum("nji,nj->ni", self._rotation[yaw], targets_m - origin)
+        ahead = np.flatnonzero(in_camera[:, 2] > 0.0)
+        x, y, z = in_camera[ahead].T
+        camera = self._camera
+        direction = np.empty((len(ahead), 3), np.float32)
+        direction[:, 0] = (_kept(x / z * camera.fx + camera.cx, self._cols, camera.width) + 0.5 - camera.cx) / camera.fx
+        direction[:, 1] = (
+            _kept(y / z * camera.fy + camera.cy, self._rows, camera.height) + 0.5 - camera.cy
+        ) / camera.fy
+        direction[:, 2] = 1.0
+        # Directions have z = 1 in the camera, so that lengths are planar depths.
+        direction = np.einsum("nij,nj->ni", self._rotation[yaw[ahead]], direction)
+        depth_m = np.minimum(self._caster.lengths(origin[ahead], direction), np.float32(2.0 * MAX_DEPTH_M))
+        depth_m = np.rint(depth_m * 1000.0) / 1000.0
+        points = np.full((len(targets_m), 3), np.inf, np.float32)
+        points[ahead] = np.where(
+            (depth_m <= MAX_DEPTH_M)[:, None], origin[ahead] + depth_m[:, None] * direction, np.inf
+        )
+        return points
+
+
+def _kept(coordinate_px: Float32[np.ndarray, " n"], kept: Int[np.ndarray, " k"], size_px: int) -> Int[np.ndarray, " n"]:
+    """The kept column (or row) whose centre is nearest to a coordinate; the outermost for what lies outside."""
+    index = np.rint((coordinate_px - 0.5) * (len(kept) / size_px))
+    return kept[np.clip(index, 0, len(kept) - 1).astype(np.int64)]

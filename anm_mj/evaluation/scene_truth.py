@@ -1,0 +1,128 @@
+"""The true surface of a scene with its observable part, computed once per scene, robot and camera.
+
+What was computed lies in the user's cache folder under a name made from everything it depends on, and may be deleted at
+any time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import uuid
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from anm_mj.evaluation import observable
+from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth
+from anm_mj.evaluation.observable import Floor, observable_samples
+from anm_mj.evaluation.pixel_rays import Mount
+from anm_mj.evaluation.raycast import RayCaster, can_cast_rays
+from anm_mj.frames import pose_matrix
+from anm_mj.scene.folder import Scene
+from anm_mj.scene.navigable import scene_area
+from anm_mj.types import Footprint, Intrinsics, Pose2
+
+_logger = logging.getLogger(__name__)
+
+METHOD = 1
+"""Raised when the search changes, so that what older versions kept is not used."""
+
+
+def scene_truth(
+    scene: Scene,
+    footprint: Footprint,
+    mount: Mount,
+    start: Pose2,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    num_samples: int = NUM_SAMPLES,
+) -> GroundTruth:
+    """The samples that completion is counted on, and which of them can be seen.
+
+    The samples of a scene are always the same, whatever a run's seed, so that runs differ by what they saw alone. Where
+    no rays can be cast it is not known which can be seen, and that is logged.
+
+    Args:
+        scene: The world.
+        footprint: The cylinder that the robot needs.
+        mount: Its camera.
+        start: A place from which the robot gets to all others.
+        on_progress: Told how much of the search is done; not called where the answer is known already.
+        num_samples: How many.
+
+    Raises:
+        SceneError: The scene has no surface, or next to no floor.
+    """
+    truth = GroundTruth.sample(*scene.triangles(), num_samples)
+    if not can_cast_rays():
+        _logger.warning(
+            "What can be seen at all is not computed, because embreex is not installed; "
+            "it comes with pip install 'anm-mj[embree]'."
+        )
+        return truth
+    floor = reachable_floor(scene, footprint, start)
+    path = cache_folder() / f"{_key(scene, truth.samples, floor, mount)}.npy"
+    kept = _load(path, len(truth.samples))
+    if kept is None:
+        kept = observable_samples(truth.samples, RayCaster(*scene.triangles()), floor, mount, on_progress)
+        _store(path, kept)
+    return replace(truth, observable=kept)
+
+
+def reachable_floor(scene: Scene, footprint: Footprint, start: Pose2) -> Floor:
+    """Where a robot can get to from a start.
+
+    Raises:
+        SceneError: There is next to no floor.
+    """
+    area = scene_area(scene, footprint)
+    places = [area.places(k) for k in range(1, int(area.component.max()) + 1)]
+    # A start right at an obstacle may lie in a cell that counts as blocked; it belongs to the component nearest to it.
+    nearest_m = [float(np.linalg.norm(xy - start.xy_m, axis=1).min()) for xy in places]
+    reachable = area.component == 1 + int(np.argmin(nearest_m))
+    return Floor(reachable, area.grid.origin_xy_m, area.grid.resolution_m)
+
+
+def mount_of(intrinsics: Intrinsics, T_world_camera: np.ndarray, pose: Pose2) -> Mount:
+    """How a robot carries its camera, from one observation: ``T_world_camera`` (4, 4) seen from its base's pose."""
+    return Mount(intrinsics, np.linalg.inv(pose_matrix(pose)) @ T_world_camera)
+
+
+def cache_folder() -> Path:
+    """Where observable surfaces are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / "observable"
+
+
+def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], floor: Floor, mount: Mount) -> str:
+    """A name for everything that the answer depends on."""
+    digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{observable.NUM_ROUNDS}\0{mount.intrinsics}\0".encode())
+    digest.update(samples.tobytes())
+    digest.update(np.packbits(floor.reachable).tobytes())
+    # The same camera read off two poses differs in the last digits.
+    digest.update((np.round(mount.T_base_camera, 6) + 0.0).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _load(path: Path, num_samples: int) -> Bool[np.ndarray, " n"] | None:
+    """What was kept, or None if it is not there or not whole."""
+    try:
+        kept = np.load(path)
+    except (OSError, ValueError, EOFError):
+        return None
+    return np.unpackbits(kept)[:num_samples].astype(bool) if kept.nbytes == (num_samples + 7) // 8 else None
+
+
+def _store(path: Path, kept: Bool[np.ndarray, " n"]) -> None:
+    unfinished = path.with_name(f"{path.stem}-{uuid.uuid4().hex}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished.open("wb") as file:
+            np.save(file, np.packbits(kept))
+        unfinished.replace(path)
+    except OSError as err:
+        _logger.debug("the observable surface was not kept: %s", err)
+        unfinished.unlink(missing_ok=True)
