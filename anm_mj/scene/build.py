@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anm_mj.errors import RobotError, SceneError
+from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.model_cache import cached_model
 
@@ -27,6 +28,8 @@ def build_spec(scene: Scene, robot_xml: Path | None, prefix: str = "robot/") -> 
 
     try:
         spec = mujoco.MjSpec.from_file(str(scene.xml))
+        if scene.num_triangles >= MIN_TRIANGLES:
+            cut_into_chunks(spec)
     except (ValueError, OSError) as err:
         raise SceneError(f"{scene.xml} cannot be read ({err}): import the scene again.") from err
     if robot_xml is not None:

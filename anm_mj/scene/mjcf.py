@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float32, Integer
+from jaxtyping import Float, Float32, Int32, Integer
 
 VISUAL_GROUP = 2
 """Geom group of what the camera sees."""
@@ -103,6 +103,26 @@ def write_msh(
         if uv is not None:
             file.write(_v_down(uv).tobytes())
         file.write(np.ascontiguousarray(faces, dtype="<i4").tobytes())
+
+
+def read_msh(
+    path: Path,
+) -> tuple[Float32[np.ndarray, "v 3"], Float32[np.ndarray, "w 2"], Int32[np.ndarray, "f 3"]]:
+    """Vertices, texture coordinates (v down; none, or one for each vertex) and faces of a file of ``write_msh``.
+
+    Raises:
+        OSError: if the file cannot be read.
+        ValueError: if it is no such file.
+    """
+    data = path.read_bytes()
+    num_vertices, num_normals, num_uv, num_faces = np.frombuffer(data, dtype="<i4", count=4).tolist()
+    counts = np.cumsum([4, 3 * num_vertices, 3 * num_normals, 2 * num_uv, 3 * num_faces])
+    if len(data) != 4 * counts[-1]:
+        raise ValueError(f"{path} is {len(data)} bytes long instead of {4 * counts[-1]}")
+    values = np.frombuffer(data, dtype="<f4")
+    vertices, uv = values[counts[0] : counts[1]], values[counts[2] : counts[3]]
+    faces = np.frombuffer(data, dtype="<i4", offset=4 * int(counts[3]))
+    return vertices.reshape(-1, 3), uv.reshape(-1, 2), faces.reshape(-1, 3)
 
 
 def _v_down(uv: Float[np.ndarray, "v 2"]) -> Float32[np.ndarray, "v 2"]:

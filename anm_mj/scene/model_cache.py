@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 
+CONVERTER_VERSION = 2
+"""Counts the ways in which scene folders were made into models: to be raised with every change of ``scene.build`` and
+``scene.chunks`` that changes what they make."""
 MIN_TRIANGLES = 100_000
 """Smaller scenes compile in about a second or less and are not kept (the file would be some hundred megabytes)."""
 MAX_MODELS = 4
@@ -66,7 +69,7 @@ def _key(scene: Scene, robot_xml: Path | None, prefix: str) -> str:
     """A name for everything that the model is made from."""
     import mujoco
 
-    digest = hashlib.sha256(f"{mujoco.__version__}\0{scene.hash}\0{prefix}\0".encode())
+    digest = hashlib.sha256(f"{mujoco.__version__}\0{CONVERTER_VERSION}\0{scene.hash}\0{prefix}\0".encode())
     digest.update(scene.xml.read_bytes())
     if robot_xml is not None:
         # The robot alone compiles in milliseconds, and its binary holds all files that its MJCF refers to.

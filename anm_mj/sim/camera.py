@@ -14,10 +14,11 @@ from contextlib import contextmanager
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from anm_mj.errors import RenderError
 from anm_mj.frames import T_GL_CV
+from anm_mj.sim.culling import Culling, worth_culling
 from anm_mj.sim.gl import forget_backend
 from anm_mj.types import Intrinsics
 
@@ -43,6 +44,7 @@ class RgbdCamera:
         *,
         cull_face: bool = True,
         visible_groups: tuple[int, ...] = VISIBLE_GROUPS,
+        cull_hidden: bool | None = None,
     ):
         """Upload the model's meshes and textures to GL.
 
@@ -54,6 +56,8 @@ class RgbdCamera:
             cull_face: leave out triangles seen from behind: a third faster, but walls modelled with one side only, or
                 inside out, become transparent.
             visible_groups: geom groups that are drawn.
+            cull_hidden: leave out meshes that are out of view or hidden; the pictures are the same, bit by bit. None:
+                where there are enough of them for that to be faster.
 
         Raises:
             RenderError: if there is no such camera, or GL cannot make a picture.
@@ -70,11 +74,16 @@ class RgbdCamera:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = int(cull_face)
         self._option = mujoco.MjvOption()
         self._option.geomgroup[:] = [group in visible_groups for group in range(mujoco.mjNGROUP)]
+        self._hidden_group = next(group for group in range(mujoco.mjNGROUP) if group not in visible_groups)
         self._option.sitegroup[:] = 0
         self._viewpoint = mujoco.MjvCamera()
         self._viewpoint.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._viewpoint.fixedcamid = self._camera_id
 
+        self._culling = None
+        if worth_culling(model) if cull_hidden is None else cull_hidden:
+            znear_m = model.vis.map.znear * model.stat.extent
+            self._culling = Culling(model, self._intrinsics, visible_groups, znear_m=znear_m)
         self._rgb = np.empty((height, width, 3), np.uint8)
         self._depth = np.empty((height, width), np.float32)
 
@@ -98,8 +107,25 @@ class RgbdCamera:
         if self._gl_context is None:
             raise RenderError("This camera has been closed; make a new RgbdCamera to render again.")
         self._gl_context.make_current()
+        if self._culling is None:
+            return self._draw(data, np.zeros(0, np.int64))
+        self._culling.begin(self.T_world_camera(data))
+        while True:
+            rgb, depth_m = self._draw(data, self._culling.not_drawn())
+            if self._culling.accept(depth_m):
+                return rgb, depth_m
+
+    def _draw(
+        self, data: mujoco.MjData, left_out: Int[np.ndarray, " n"]
+    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+        """Colour and depth of all visible geoms but some."""
         categories = mujoco.mjtCatBit.mjCAT_STATIC | mujoco.mjtCatBit.mjCAT_DYNAMIC
-        mujoco.mjv_updateScene(self._model, data, self._option, None, self._viewpoint, categories, self._scene)
+        groups = self._model.geom_group[left_out].copy()
+        try:
+            self._model.geom_group[left_out] = self._hidden_group
+            mujoco.mjv_updateScene(self._model, data, self._option, None, self._viewpoint, categories, self._scene)
+        finally:
+            self._model.geom_group[left_out] = groups
         mujoco.mjr_render(self._rect, self._scene, self._mjr_context)
         mujoco.mjr_readPixels(self._rgb, self._depth, self._rect, self._mjr_context)
         # GL's first row is the lowest.
