@@ -37,6 +37,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "explore": _BASE | _STAGES | {"robots"},
     # Puts everything together for one run.
     "run": _BASE | _STAGES | {"config", "robots", "explore", "io", "io.recorder", "viz", "evaluation"},
+    # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.
+    "environments": _BASE | {"config", "robots", "scene", "sim", "control", "mapping", "evaluation"},
     "progress": _BASE | {"explore", "io.recorder", "evaluation"},
     "doctor": _BASE | {"sim", "io", "viz"},
     "cli": _BASE | _STAGES | {"config", "run", "progress", "doctor", "io", "viz", "evaluation"},
@@ -45,7 +47,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
 
 _ONLY_IN = {
     "mujoco": {"scene", "sim", "control", "robots"},
-    "dm_control": {"sim"},
+    "dm_control": {"environments"},
+    "gymnasium": {"environments"},
     "mink": {"control"},
     "pinocchio": {"control"},
     "torch": {"mapping"},
@@ -53,7 +56,7 @@ _ONLY_IN = {
 }
 """Heavy packages and the only places that may import them. Elsewhere not even inside a function."""
 
-_LIGHT = ("planning", "evaluation", "io", "viz", "sim/gl.py", "errors.py", "frames.py", "protocols.py")
+_LIGHT = ("planning", "evaluation", "io", "viz", "environments", "sim/gl.py", "errors.py", "frames.py", "protocols.py")
 """Parts that must load without a simulator and without torch."""
 
 

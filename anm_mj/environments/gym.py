@@ -1,0 +1,124 @@
+"""The Gymnasium face of the exploration environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from jaxtyping import UInt8
+
+from anm_mj.environments.config import require_start
+from anm_mj.environments.load import load_environment
+from anm_mj.errors import TaskError
+
+_RESET_OPTIONS = ("start",)
+
+
+class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
+    """Exploration behind the ``gymnasium.Env`` interface: the same observations, actions and rewards.
+
+    An episode is terminated by STOP and truncated by its number of steps. ``info`` holds the ``coverage`` so far (in
+    [0, 1]), whether the last action ``collided``, and the true ``pose`` in the world (x [m], y [m], yaw [rad]).
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium declares it so.
+
+    def __init__(self, scene: str | Path, render_mode: str | None = None, **options: Any) -> None:
+        """Load the environment; simulator and renderer are made at the first ``reset``.
+
+        Args:
+            scene: name from the catalogue, or path of a scene folder.
+            render_mode: "rgb_array" makes ``render`` give the robot's view.
+            **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
+
+        Raises:
+            SceneError: if there is no such scene, or the robot does not fit at the start that was asked for.
+            TaskError: if there is no such option or render mode, or a value is out of range.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise TaskError(f'There is no render mode "{render_mode}"; choose "rgb_array" or None.')
+        self.render_mode = render_mode
+        self._environment = load_environment(scene, "explore", **options)
+        self.observation_space = spaces.Dict(
+            {
+                name: spaces.Box(
+                    np.broadcast_to(spec.minimum, spec.shape),
+                    np.broadcast_to(spec.maximum, spec.shape),
+                    dtype=spec.dtype,
+                )
+                for name, spec in self._environment.observation_spec().items()
+            }
+        )
+        self.action_space = spaces.Discrete(self._environment.action_spec().num_values)
+        self._begun = self._running = False
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: of the starts, from this episode on; None = they go on as they were.
+            options: ``{"start": (x [m], y [m], yaw [deg])}`` begins this episode there.
+
+        Raises:
+            TaskError: if there is no such option, or the start is no pose.
+            SceneError: if the scene cannot be built, or the robot does not fit there.
+            RenderError: if no GL back-end works.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        unknown = sorted(set(options) - set(_RESET_OPTIONS))
+        if unknown:
+            raise TaskError(f'reset has no option "{unknown[0]}"; it has {", ".join(_RESET_OPTIONS)}.')
+        task = self._environment.task
+        if "start" in options:
+            require_start(options["start"])
+            task.start_next_at(task.clear_start(options["start"]))
+        task.random = self.np_random
+        timestep = self._environment.reset()
+        self._begun = self._running = True
+        return dict(timestep.observation), self._info()
+
+    def step(self, action: np.int64 | int) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Execute an action.
+
+        Raises:
+            TaskError: if it is none.
+            gymnasium.error.ResetNeeded: before the first ``reset`` and after the end of an episode.
+        """
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("No episode is running; call reset() first.")
+        timestep = self._environment.step(action)
+        self._running = not timestep.last()
+        terminated = timestep.last() and timestep.discount == 0.0
+        truncated = timestep.last() and not terminated
+        return dict(timestep.observation), timestep.reward, terminated, truncated, self._info()
+
+    def render(self) -> UInt8[np.ndarray, "h w 3"] | None:
+        """What the robot sees now, or None without a render mode.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first ``reset``.
+        """
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("There is nothing to see before the first episode; call reset() first.")
+        return self._environment.task.view.rgb.copy() if self.render_mode else None
+
+    def close(self) -> None:
+        """Free the GL context; may be called again."""
+        self._running = False
+        self._environment.close()
+
+    def _info(self) -> dict[str, Any]:
+        task, result = self._environment.task, self._environment.physics.result
+        pose = task.view.pose
+        return {
+            "coverage": task.coverage,
+            "collided": result is not None and result.collided,
+            "pose": np.array([pose.x_m, pose.y_m, pose.yaw_rad]),
+        }

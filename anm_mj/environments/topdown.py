@@ -1,0 +1,74 @@
+"""What has been seen so far, from above and as the robot sees it: the optional map in an observation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Int8
+
+from anm_mj.frames import cell_to_world, pose_matrix, transform_points, world_to_cell
+from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2, VoxelGrid
+
+CELLS = 192
+"""Rows and columns of the map; its side is 9.6 m."""
+FREE_SHARE = 0.5
+"""Share of a column's voxels that must have been seen free for the column to be free."""
+
+
+class LocalMap:
+    """Fuses depth into an occupancy grid and cuts the robot's surroundings out of it."""
+
+    def __init__(self, footprint: Footprint) -> None:
+        """Nothing is known yet; ``footprint``: the body over whose heights a column is judged."""
+        self._footprint = footprint
+        self._grid = OccupancyGrid(OccupancyConfig())
+        # Centres of the map's cells in the base's axes: x forward is up, y left is left.
+        offsets = (CELLS / 2 - 0.5 - np.arange(CELLS)) * self._grid.config.voxel_m
+        forward, left = np.meshgrid(offsets, offsets, indexing="ij")
+        self._cells_base = np.stack([forward.ravel(), left.ravel(), np.zeros(CELLS**2)], axis=1)
+
+    def add(self, observation: Observation) -> None:
+        """Take in a view."""
+        self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+
+    def around(self, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
+        """The map about a pose: row 0 lies ahead, column 0 to the left, cells are 5 cm.
+
+        Returns:
+            OCCUPIED where anything was hit at the body's heights, FREE where at least half of them were seen through,
+            else UNKNOWN.
+        """
+        grid = self._grid.grid
+        T_world_base = pose_matrix(pose)
+        xy = transform_points(T_world_base, self._cells_base)[:, :2]
+        cells = world_to_cell(xy, grid.origin_m[:2], grid.resolution_m)
+        low = np.clip(cells.min(axis=0), 0, None)
+        columns = _columns(grid, self._footprint, low, cells.max(axis=0) + 1)
+        row, col = (cells - low).T
+        inside = (row >= 0) & (row < columns.shape[0]) & (col >= 0) & (col < columns.shape[1])
+        out = np.full(len(cells), UNKNOWN, np.int8)
+        out[inside] = columns[row[inside], col[inside]]
+        out = out.reshape(CELLS, CELLS)
+
+        # Cells that lie askew to voxels pass some by, which would open holes in thin walls.
+        occupied_xy = cell_to_world(np.argwhere(columns == OCCUPIED) + low, grid.origin_m[:2], grid.resolution_m)
+        base_xy = (occupied_xy - pose.xy_m) @ T_world_base[:2, :2]
+        row, col = np.floor(CELLS / 2 - base_xy / grid.resolution_m).astype(np.int64).T
+        inside = (row >= 0) & (row < CELLS) & (col >= 0) & (col < CELLS)
+        out[row[inside], col[inside]] = OCCUPIED
+        return out
+
+
+def _columns(grid: VoxelGrid, footprint: Footprint, low: np.ndarray, high: np.ndarray) -> Int8[np.ndarray, "rows cols"]:
+    """States of the columns from ``[row, col]`` ``low`` up to ``high`` over the body's heights."""
+    bottom, top = (
+        math.ceil((z_m - grid.origin_m[2]) / grid.resolution_m - 1e-6) for z_m in (footprint.z_min_m, footprint.z_max_m)
+    )
+    body = grid.state[max(bottom, 0) : max(top, 0), low[0] : max(high[0], 0), low[1] : max(high[1], 0)]
+    num_free = (body == FREE).sum(axis=0, dtype=np.int16)
+    state = np.where(num_free >= FREE_SHARE * (top - bottom), np.int8(FREE), np.int8(UNKNOWN))
+    state[body.max(axis=0, initial=UNKNOWN) == OCCUPIED] = OCCUPIED
+    return state

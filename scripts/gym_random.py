@@ -1,0 +1,52 @@
+"""Several robots at once take random steps: how to use the Gymnasium environment, and how quick it is.
+
+    python scripts/gym_random.py home --num-envs 2 --num-steps 200
+
+Each environment has a process of its own. Prints what a random walk covers: the least that a policy has to beat.
+"""
+
+import time
+
+import gymnasium
+import numpy as np
+import tyro
+
+import anm_mj.environments  # noqa: F401  Registers AnmMj/Explore-v0.
+
+
+def main(scene: tyro.conf.Positional[str], num_envs: int = 2, num_steps: int = 200, seed: int = 0) -> None:
+    """Walk at random.
+
+    Args:
+        scene: name from the catalogue, or path of a scene folder.
+        num_envs: environments that run at once.
+        num_steps: length of an episode; one is run.
+        seed: of starts and actions.
+    """
+    # "spawn": a process that has made pictures must not be forked.
+    envs = gymnasium.make_vec(
+        "AnmMj/Explore-v0",
+        num_envs=num_envs,
+        vectorization_mode="async",
+        vector_kwargs={"context": "spawn"},
+        scene=scene,
+        num_steps=num_steps,
+    )
+    _, info = envs.reset(seed=seed)
+    start_percent = 100.0 * info["coverage"]
+    random = np.random.default_rng(seed)
+    begin = time.perf_counter()
+    for _ in range(num_steps):
+        # Forward twice as often as left or right; 0 would stop.
+        *_, info = envs.step(random.choice([1, 1, 2, 3], num_envs))
+    rate = num_envs * num_steps / (time.perf_counter() - begin)
+    envs.close()
+    for i, (before, after) in enumerate(zip(start_percent, 100.0 * info["coverage"], strict=True)):
+        print(
+            f"environment {i}: {before:.1f} % of the surface seen from the start, {after:.1f} % after {num_steps} steps"
+        )
+    print(f"{rate:.0f} steps/s")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,137 @@
+"""Exploration behind the Gymnasium interface, alone and many at once."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import anm_mj
+import anm_mj.environments
+from anm_mj.environments.gym import ExploreEnv
+from anm_mj.errors import RenderError, TaskError
+from anm_mj.scene.folder import load_scene
+from anm_mj.sim import gl
+from anm_mj.types import Action
+
+_ID = "AnmMj/Explore-v0"
+_OPTIONS = {"scene": "home", "image_px": 32, "num_steps": 6}
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def env():
+    env = gymnasium.make(_ID, render_mode="rgb_array", **_OPTIONS)
+    yield env
+    env.close()
+
+
+def test_gymnasiums_own_checker_finds_nothing():
+    env = gymnasium.make(_ID, topdown=True, **_OPTIONS).unwrapped
+    check_env(env)
+    env.close()
+
+
+def test_the_same_episode_comes_through_both_interfaces(env):
+    x, y = load_scene("home").starts[0].xy_m.tolist()
+    start = (x, y, 30.0)
+    observation, info = env.reset(options={"start": start})
+    other = anm_mj.load_environment("home", start=start, image_px=32, num_steps=6)
+    step = other.reset()
+    np.testing.assert_allclose(info["pose"], [x, y, np.radians(30.0)], atol=1e-9)
+    for action in (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_LEFT, Action.MOVE_FORWARD):
+        for name, value in step.observation.items():
+            np.testing.assert_array_equal(observation[name], value)
+        observation, reward, terminated, truncated, info = env.step(int(action))
+        step = other.step(action)
+        assert (reward, terminated, truncated) == (step.reward, False, False)
+        assert info["coverage"] == other.task.coverage
+    other.close()
+
+
+def test_an_episode_is_truncated_by_its_length_and_terminated_by_stop(env):
+    env.reset(seed=0)
+    ends = [env.step(Action.TURN_LEFT)[2:4] for _ in range(6)]
+    assert ends == [(False, False)] * 5 + [(False, True)]
+    env.reset()
+    assert env.step(Action.STOP)[2:4] == (True, False)
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\) first"):
+        env.step(Action.TURN_LEFT)
+
+
+def test_the_picture_is_what_the_robot_sees(env):
+    observation, _ = env.reset(seed=1)
+    np.testing.assert_array_equal(env.render(), observation["rgb"])
+
+
+def test_driving_on_ends_in_a_collision_that_info_tells_of():
+    env = gymnasium.make(_ID, **{**_OPTIONS, "num_steps": 400})
+    _, info = env.reset(seed=2)
+    assert not info["collided"]
+    for _ in range(400):
+        *_, info = env.step(Action.MOVE_FORWARD)
+        if info["collided"]:
+            break
+    env.close()
+    assert info["collided"]
+
+
+def test_an_environment_that_only_tells_its_spaces_makes_no_simulator():
+    program = f"""
+import sys, gymnasium, anm_mj.environments
+env = gymnasium.make({_ID!r}, scene="home")
+print(env.observation_space["rgb"].shape, env.action_space.n, *({{"mujoco", "torch"}} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=_ROOT)
+    assert done.stdout.strip() == "(128, 128, 3) 4"
+
+
+@pytest.mark.parametrize(("mode", "vector_kwargs"), [("sync", {}), ("async", {"context": "spawn"})])
+def test_several_run_at_once_and_each_as_if_alone(mode, vector_kwargs):
+    actions = np.array([[1, 2], [2, 2], [1, 3]])
+    vector = gymnasium.make_vec(_ID, num_envs=2, vectorization_mode=mode, vector_kwargs=vector_kwargs, **_OPTIONS)
+    together = [vector.reset(seed=[7, 8])[0], *(vector.step(pair)[0] for pair in actions)]
+    vector.close()
+    single = gymnasium.make(_ID, **_OPTIONS)
+    for which, seed in enumerate((7, 8)):
+        alone = [single.reset(seed=seed)[0], *(single.step(pair[which])[0] for pair in actions)]
+        for observation, batch in zip(alone, together, strict=True):
+            for name in ("depth", "pose"):
+                np.testing.assert_allclose(batch[name][which], observation[name], atol=1e-4)
+            rgb = observation["rgb"].astype(int)
+            assert np.abs(batch["rgb"][which] - rgb).max() <= 2
+    single.close()
+
+
+def test_a_process_forked_from_one_that_has_drawn_is_told_how_to_be_started(monkeypatch):
+    env = gymnasium.make(_ID, **_OPTIONS)
+    monkeypatch.setattr(gl, "_gl_process", os.getpid() + 1)
+    with pytest.raises(RenderError, match='method "spawn"'):
+        env.reset()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda env: env.reset(options={"begin": 1}), 'reset has no option "begin"; it has start'),
+        (lambda env: env.reset(options={"start": "here"}), "is no pose; give three numbers"),
+    ],
+)
+def test_a_wrong_reset_is_refused_in_a_sentence(env, call, message):
+    with pytest.raises(TaskError, match=message):
+        call(env.unwrapped)
+
+
+def test_an_unknown_render_mode_is_refused():
+    with pytest.raises(TaskError, match='no render mode "human"'):
+        ExploreEnv("home", render_mode="human")
+
+
+def test_the_example_runs():
+    program = [sys.executable, "scripts/gym_random.py", "home", "--num-envs", "1", "--num-steps", "5"]
+    done = subprocess.run(program, capture_output=True, text=True, check=True, cwd=_ROOT)
+    assert "steps/s" in done.stdout

@@ -1,0 +1,170 @@
+"""Exploration behind the dm_env interface."""
+
+import math
+
+import numpy as np
+import pytest
+from absl.testing import absltest
+from dm_env import StepType
+from dm_env.test_utils import EnvironmentTestMixin
+
+import anm_mj
+from anm_mj.config import DRIVES
+from anm_mj.environments.load import ExploreEnvironment
+from anm_mj.environments.task import sensed_depth
+from anm_mj.errors import SceneError, TaskError
+from anm_mj.evaluation.coverage import Coverage
+from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.scene.folder import load_scene
+from anm_mj.types import Action
+
+_ACTIONS = [Action.TURN_LEFT] * 3 + [Action.MOVE_FORWARD] * 4 + [Action.TURN_RIGHT]
+
+
+def _load(**options) -> ExploreEnvironment:
+    return anm_mj.load_environment("home", **{"image_px": 32, **options})
+
+
+@pytest.fixture(scope="module")
+def environment():
+    environment = _load(num_steps=len(_ACTIONS), topdown=True)
+    yield environment
+    environment.close()
+
+
+class TestContract(EnvironmentTestMixin, absltest.TestCase):
+    """dm_env's own tests of its contract."""
+
+    def make_object_under_test(self):
+        return _load(num_steps=5, topdown=True)
+
+    def make_action_sequence(self):
+        # Cut off after five steps, then, one step after the reset, stopped.
+        yield from np.array([1, 2, 3, 1, 1, 0, 1, 0, 0, 1], np.int32)
+
+
+def test_an_episode_is_cut_off_with_discount_1(environment):
+    environment.reset()
+    steps = [environment.step(action) for action in _ACTIONS]
+    assert [step.step_type for step in steps] == [StepType.MID] * 7 + [StepType.LAST]
+    assert steps[-1].discount == 1.0
+
+
+def test_stop_ends_the_episode_with_discount_0(environment):
+    environment.reset()
+    environment.step(Action.TURN_LEFT)
+    last = environment.step(np.array(Action.STOP))
+    assert (last.step_type, last.discount, last.reward) == (StepType.LAST, 0.0, 0.0)
+    assert environment.step(Action.TURN_LEFT).first()
+
+
+def test_the_rewards_add_up_to_what_the_evaluation_counts(environment):
+    scene = load_scene("home")
+    truth = GroundTruth.sample(*scene.triangles())
+    evaluation = Coverage(truth.samples)
+    environment.reset()
+    total = environment.task.coverage
+    assert total > 0.0
+    for action in [None, *_ACTIONS]:
+        if action is not None:
+            total += environment.step(action).reward
+        view = environment.task.view
+        evaluation.add(reduce_depth(view.depth_m), view.intrinsics, view.T_world_camera)
+    assert environment.task.coverage == pytest.approx(total, abs=1e-12)
+    assert environment.task.coverage == pytest.approx(evaluation.completion().ratio_percent / 100.0, abs=1e-12)
+
+
+def test_the_pose_is_relative_to_the_start(environment):
+    first = environment.reset().observation
+    np.testing.assert_allclose(first["pose"], [0.0, 0.0, 0.0], atol=1e-9)
+    for action in (Action.TURN_LEFT, Action.TURN_LEFT, Action.TURN_LEFT, Action.TURN_RIGHT):
+        observation = environment.step(action).observation
+    np.testing.assert_allclose(observation["pose"], [0.0, 0.0, math.radians(20.0)], atol=1e-6)
+
+
+def test_a_step_forward_moves_along_the_first_heading():
+    environment = _load(start=(load_scene("home").starts[0].x_m, load_scene("home").starts[0].y_m, 123.0))
+    environment.reset()
+    pose = environment.step(Action.MOVE_FORWARD).observation["pose"]
+    environment.close()
+    np.testing.assert_allclose(pose, [0.065, 0.0, 0.0], atol=1e-6)
+
+
+def test_time_is_that_of_the_episode(environment):
+    environment.reset()
+    assert environment.physics.time() == 0.0
+    environment.step(Action.MOVE_FORWARD)
+    assert environment.physics.time() == pytest.approx(environment.control_timestep())
+
+
+def test_nothing_within_range_is_depth_0():
+    depth_m = np.array([[np.nan, 0.5, 10.0, 10.5, np.inf]], np.float32)
+    sensed = sensed_depth(depth_m)
+    assert sensed.dtype == np.float32
+    np.testing.assert_array_equal(sensed, np.array([[0.0, 0.5, 10.0, 0.0, 0.0]], np.float32))
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_same_start_and_actions_give_the_same_episode(drive):
+    x, y = load_scene("home").starts[0].xy_m.tolist()
+    environment = _load(start=(x, y, 0.0), drive=drive)
+    episodes = []
+    for _ in range(2):
+        steps = [environment.reset(), *(environment.step(action) for action in _ACTIONS)]
+        episodes.append([(step.reward, *(value.tobytes() for value in step.observation.values())) for step in steps])
+    environment.close()
+    assert episodes[0] == episodes[1]
+
+
+def test_the_seed_decides_the_starts():
+    starts = []
+    for seed in (3, 3, 4):
+        environment = _load(seed=seed, image_px=16)
+        poses = []
+        for _ in range(2):
+            environment.reset()
+            poses.append(environment.task.view.pose)
+        environment.close()
+        starts.append(poses)
+    assert starts[0] == starts[1] != starts[2]
+    assert starts[0][0] != starts[0][1]
+
+
+def test_a_closed_environment_can_be_used_again():
+    environment = _load()
+    environment.close()
+    for _ in range(2):
+        assert environment.reset().first()
+        environment.close()
+        environment.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"task": "fly"}, 'no task "fly"; choose one of explore'),
+        ({"seed": -1}, "The seed is -1"),
+        ({"steps": 5}, 'no option "steps"; it has num_steps, start'),
+        ({"num_steps": 0}, "num_steps is 0; an episode has 1 to"),
+        ({"drive": "magic"}, 'no drive "magic"; choose one of kinematic, physics'),
+        ({"image_px": 8}, "image_px is 8"),
+        ({"start": (0.0, 1.0)}, r"start \(0.0, 1.0\) is no pose"),
+        ({"start": (0.0, math.nan, 0.0)}, "is no pose"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(options, message):
+    with pytest.raises(TaskError, match=message):
+        anm_mj.load_environment("home", **options)
+
+
+def test_a_start_that_is_not_clear_is_refused_at_once():
+    with pytest.raises(SceneError, match="nearest clear place is"):
+        _load(start=(100.0, 100.0, 0.0))
+
+
+@pytest.mark.parametrize("action", [4, -1, "left", None])
+def test_what_is_no_action_is_refused_with_those_that_are(environment, action):
+    environment.reset()
+    with pytest.raises(TaskError, match="is no action; give one of 0 STOP, 1 MOVE_FORWARD"):
+        environment.step(action)
