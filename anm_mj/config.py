@@ -87,6 +87,10 @@ def make_config(preset: str, settings: list[str], **options: Any) -> RunConfig:
         ConfigError: the preset, a setting's name or a value is not one there is.
     """
     _require_choice("--preset", preset, PRESETS)
+    if options.get("policy") == "anm":
+        if preset not in ("default", "anm"):
+            raise ConfigError(f"--preset is '{preset}', but policy anm has a map of its own kind; leave --preset out.")
+        preset = "anm"
     mapping = MAPPING_PRESETS[preset]()
     if options.get("policy") == "anm-s":  # The paper's policy is led by the paper's uncertainty, whatever the preset.
         mapping = replace(mapping, uncertainty=MAPPING_PRESETS["paper"]().uncertainty)

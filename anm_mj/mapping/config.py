@@ -257,15 +257,21 @@ class MappingConfig:
     schedule: ScheduleConfig = ScheduleConfig()
     occupancy: OccupancyConfig = OccupancyConfig()
     uncertainty: UncertaintyConfig = UncertaintyConfig()
-    engine: Literal["auto", "native", "triton", "torch"] = "auto"
+    engine: Literal["auto", "native", "triton", "torch", "mlp"] = "auto"
     """What computes: "native" (C++ on the CPU), "triton" (CUDA), "torch" (any device), or "auto": triton where there is
-    a CUDA device and it works, native on a CPU if it was built, else torch. All give the same map up to rounding."""
+    a CUDA device and it works, native on a CPU if it was built, else torch. These give the same map up to rounding.
+    "mlp" is another map: one network without a grid (Yan et al., ICCV 2023), in torch."""
     surface_lattice_m: float = 0.1
     """Spacing of the lattice on which zero-crossings are looked for [m]."""
 
     def __post_init__(self) -> None:
-        engines = ("auto", "native", "triton", "torch")
+        engines = ("auto", "native", "triton", "torch", "mlp")
         _require(self.engine in engines, "engine", self.engine, f"it must be one of {engines}")
+        methods = (
+            ("perturbation", "closed_form") if self.engine == "mlp" else ("evidence", "perturbation", "closed_form")
+        )
+        known = self.uncertainty.method in methods
+        _require(known, "uncertainty.method", self.uncertainty.method, f"engine {self.engine} knows {methods}")
         _require(self.surface_lattice_m > 0.0, "surface_lattice_m", self.surface_lattice_m, "it must be positive")
 
 
@@ -283,6 +289,22 @@ def paper_mapping() -> MappingConfig:
         optimizer=OptimizerConfig(table_learning_rate=1e-3),
         schedule=ScheduleConfig(iterations=10, train_every=5, num_rays=2048, min_current_rays=100, pixel_share=0.05),
         uncertainty=UncertaintyConfig(method="perturbation"),
+    )
+
+
+def anm_mapping() -> MappingConfig:
+    """One network for the whole map, all of whose weights are perturbed (Yan et al., ICCV 2023), for policy anm.
+
+    Fewer rays and iterations than published (200 per frame of a window, 10 to 60 times a frame), which two cores cannot
+    train; the noise has length one over all weights, as in the authors' code.
+    """
+    return MappingConfig(
+        field=FieldConfig(log2_table_size=8, largest_log2_table_size=8),
+        optimizer=OptimizerConfig(decoder_learning_rate=1.3e-3),
+        schedule=ScheduleConfig(first_iterations=200, iterations=2, num_rays=200, min_current_rays=100),
+        uncertainty=UncertaintyConfig(method="perturbation", noise_std=1.7e-3, color_weight=0.0),
+        engine="mlp",
+        surface_lattice_m=0.2,
     )
 
 
@@ -320,5 +342,6 @@ MAPPING_PRESETS: dict[str, Callable[[], MappingConfig]] = {
     "default": default_mapping,
     "paper": paper_mapping,
     "quick": quick_mapping,
+    "anm": anm_mapping,
 }
 """Names of the presets, as given on the command line."""

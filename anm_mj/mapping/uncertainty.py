@@ -20,7 +20,6 @@ from jaxtyping import Float, Float32
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.config import UncertaintyConfig
 from anm_mj.mapping.evidence import evidence_variance
-from anm_mj.mapping.field import DECODER_NAMES
 from anm_mj.mapping.occupancy import OccupancyGrid
 
 _CHUNK = 16384
@@ -80,7 +79,7 @@ def perturbed_variance(
 def noisy_decoders(
     state: dict[str, Float32[np.ndarray, "..."]], config: UncertaintyConfig, seed: int
 ) -> Float32[np.ndarray, "passes weights"]:
-    """Decoder weights of all passes: the present ones plus Gaussian noise, the same for the same seed."""
-    weights = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
+    """Weights of all passes, the hash table left out: the present ones plus Gaussian noise, always that of the seed."""
+    weights = np.concatenate([values.ravel() for name, values in state.items() if name != "table"])
     noise = np.random.default_rng(seed).standard_normal((config.num_passes, weights.size), dtype=np.float32)
     return weights + np.float32(config.noise_std) * noise

@@ -46,11 +46,18 @@ class GridRoutes:
         """The reachable place nearest to another one, as the crow flies [m]."""
         return self._xy_m[np.argmin(np.linalg.norm(self._xy_m - xy_m, axis=1))]
 
+    def cost_at(self, xy_m: Float[np.ndarray, "2"]) -> float:
+        """Length of the way to a place, dearer near obstacles; +inf where there is none [m]."""
+        row, col = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
+        rows, cols = self.cost_cells.shape
+        inside = 0 <= row < rows and 0 <= col < cols
+        return float(self.cost_cells[row, col]) * self.topdown.resolution_m if inside else float("inf")
+
     def path_to(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "k 2"]:
         """Polyline from the robot to a reachable place [m].
 
         Args:
-            xy_m: a place that :meth:`nearest` gave.
+            xy_m: a place that :meth:`nearest` gave, or of finite cost.
         """
         end = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
         cells = np.array(self._search.traceback(tuple(end)))

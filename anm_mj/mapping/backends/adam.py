@@ -39,6 +39,8 @@ class Adam:
         """Move every parameter that has a gradient."""
         for group, learning_rate, weight_decay in self._groups:
             gradients = {i: p.grad for i, p in enumerate(group.parameters) if p.grad is not None}
+            if not gradients:
+                continue  # The kernel wants at least one tensor.
             moved = list(gradients)
             num_steps = [group.num_steps[i] for i in moved]
             for count in num_steps:

@@ -13,12 +13,13 @@ import torch
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.backends.mlp_backend import MlpBackend
 from anm_mj.mapping.backends.torch_backend import TorchBackend, resolve_device
 from anm_mj.mapping.config import MappingConfig
 
 _LOG = logging.getLogger(__name__)
 
-Engine = Literal["native", "triton", "torch"]
+Engine = Literal["native", "triton", "torch", "mlp"]
 
 
 class EngineChoice(NamedTuple):
@@ -76,14 +77,18 @@ def choose_engine(engine: str = "auto", device: str = "auto") -> EngineChoice:
 
     Args:
         engine: "auto" (on CUDA Triton where it works, else torch; on a CPU native where it works, else torch),
-            "native", "triton" or "torch".
+            "native", "triton", "torch", or "mlp" (another map, see :mod:`anm_mj.mapping.backends.mlp_backend`).
         device: "auto", "cpu" or "cuda".
 
     Raises:
         MapError: If engine or device are unknown, or what is asked for by name is not there.
     """
-    if engine not in ("auto", "native", "triton", "torch"):
-        raise MapError(f"The mapping engine is {engine!r}, but it must be 'auto', 'native', 'triton' or 'torch'.")
+    if engine not in ("auto", "native", "triton", "torch", "mlp"):
+        raise MapError(
+            f"The mapping engine is {engine!r}, but it must be 'auto', 'native', 'triton', 'torch' or 'mlp'."
+        )
+    if engine == "mlp":
+        return EngineChoice("mlp", "asked for")
     if engine == "native":
         # A GPU that nobody asked for is no reason to refuse.
         if device == "cuda":
@@ -123,6 +128,8 @@ def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> M
         _LOG.warning("The map is trained by torch, many times slower, because %s.", choice.reason)
     if choice.name == "torch":
         return TorchBackend(config, seed=seed, device=device)
+    if choice.name == "mlp":
+        return MlpBackend(config, seed=seed, device=device)
     if choice.name == "triton":
         # Triton is not made for every platform.
         from anm_mj.mapping.backends.triton_backend import TritonBackend

@@ -8,6 +8,7 @@ from functools import partial
 
 from anm_mj.errors import PlanError
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.anm import Anm
 from anm_mj.planning.policies.anm_s import AnmS
 from anm_mj.planning.policies.frontier import FULL_RANGE_M, Frontier
 from anm_mj.planning.policies.gvg import Gvg
@@ -18,6 +19,7 @@ from anm_mj.types import Footprint
 POLICIES: dict[str, Callable[[PlanningConfig, Footprint, int], Policy]] = {
     "gvg": Gvg,
     "anm-s": AnmS,
+    "anm": Anm,
     "frontier": Frontier,
     "frontier-full": partial(Frontier, range_m=FULL_RANGE_M),
     "random": RandomWalk,
