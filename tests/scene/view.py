@@ -6,8 +6,13 @@ from anm_mj.scene.build import build_spec
 from anm_mj.scene.folder import Scene
 
 
-def look(scene: Scene, eye: tuple[float, float, float], right: tuple[float, float, float]) -> np.ndarray:
-    """A picture of 65 x 65 pixels and 90 degrees from ``eye``, level, with world direction ``right`` to the right."""
+def look(
+    scene: Scene, eye: tuple[float, float, float], right: tuple[float, float, float], *, depth: bool = False
+) -> np.ndarray:
+    """A picture of 65 x 65 pixels and 90 degrees from ``eye``, level, with world direction ``right`` to the right.
+
+    Colours, or planar depth [m] if asked.
+    """
     import mujoco
 
     up = np.array([0.0, 0.0, 1.0])
@@ -21,6 +26,8 @@ def look(scene: Scene, eye: tuple[float, float, float], right: tuple[float, floa
     option = mujoco.MjvOption()
     option.geomgroup[:] = [group == 2 for group in range(mujoco.mjNGROUP)]
     with mujoco.Renderer(model, 65, 65) as renderer:
+        if depth:
+            renderer.enable_depth_rendering()
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_CULL_FACE):
             renderer.scene.flags[flag] = 0
         renderer.update_scene(data, "eye", option)

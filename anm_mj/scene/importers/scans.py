@@ -19,7 +19,7 @@ from anm_mj.scene.importers.notes import Notes
 _MATTERPORT_ID = re.compile(r"[A-Za-z0-9]{11}")
 _HM3D_FOLDER = re.compile(r"\d{5}-[A-Za-z0-9]{11}")
 
-_CERTAINTY = 4.0
+_CERTAINTY = 2.0
 """The layout is better evidence for the up axis than the geometry, unless that is overwhelming."""
 
 
@@ -98,7 +98,8 @@ def _find_matterport(src: Path) -> Path | None:
     if suffix == ".obj":
         return src if src.parent.parent.name == "matterport_mesh" else None
     known = src.parent.name in ("poisson_meshes", "house_segmentations", "region_segmentations")
-    return src if suffix == ".ply" and (known or src.stem.endswith("_semantic")) else None
+    semantic = src.stem.endswith("_semantic") and _MATTERPORT_ID.fullmatch(src.stem.removesuffix("_semantic"))
+    return src if suffix == ".ply" and (known or semantic) else None
 
 
 def _find_hm3d(src: Path) -> Path | None:

@@ -157,15 +157,15 @@ def read_script(text: str) -> dict[str, _Script]:
     """The materials of an OGRE material script, by name: the first diffuse colour and texture of each."""
     text = re.sub(r"/\*.*?\*/|//[^\n]*", "", text, flags=re.DOTALL)
     materials: dict[str, _Script] = {}
-    for head in re.finditer(r"^\s*material\s+(\"[^\"]+\"|\S+)(?:\s*:\s*(\S+))?\s*\{", text, re.MULTILINE):
+    for head in re.finditer(r"\bmaterial\s+(\"[^\"]+\"|\S+)(?:\s*:\s*(\S+))?\s*\{", text):
         depth, end = 1, head.end()
         while depth and end < len(text):
             depth += {"{": 1, "}": -1}.get(text[end], 0)
             end += 1
         body, base = text[head.end() : end], materials.get((head[2] or "").strip('"'))
-        diffuse = re.search(r"^\s*diffuse\s+([\d.eE+-]+)\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body, re.MULTILINE)
-        texture = re.search(r"^\s*texture\s+(\S+)", body, re.MULTILINE)
-        scale = re.search(r"^\s*scale\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body, re.MULTILINE)
+        diffuse = re.search(r"\bdiffuse\s+([\d.eE+-]+)\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body)
+        texture = re.search(r"\btexture\s+(\S+)", body)
+        scale = re.search(r"\bscale\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body)
         found = base or _Script(None, None, (1.0, 1.0))
         if diffuse is not None:
             found = replace(found, diffuse=(float(diffuse[1]), float(diffuse[2]), float(diffuse[3])))
