@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.evaluation.ground_truth import GroundTruth
@@ -48,8 +49,9 @@ def write_results(
     """
     curve.last()
     uncapped_cm = uncapped_mean_cm(truth.samples, curve.distance_m, _clouds(read_run(folder.path)))
-    mesh = mesh_quality(*read_mesh(folder.mesh), truth) if folder.mesh.is_file() else None
-    metrics = summarise(travel, curve.rows, curve.path_m, uncapped_cm, mesh, ending)
+    covered = curve.distance_m < COVERED_M
+    mesh = mesh_quality(*read_mesh(folder.mesh), truth, covered) if folder.mesh.is_file() else None
+    metrics = summarise(travel, curve.rows, curve.path_m, uncapped_cm, truth, mesh, ending)
     try:
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         folder.curve.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
@@ -69,7 +71,7 @@ def write_results(
 def _replay(run: Run, truth: GroundTruth) -> tuple[CompletionCurve, Travel]:
     travel = Travel()
     for step in run.steps:
-        travel = travel.after(step.action, step.collided)
+        travel = travel.after(step.action, step.collided, step.moved_m, step.stage_ms)
     curve = CompletionCurve(truth)
     for frame in run.frames:
         curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_world_camera, frame.pose)

@@ -6,7 +6,10 @@ fall below half the spacing of the samples (3 cm for 200,000 of them on a flat o
 here the distance is to triangles: of all points spread over a surface, one on every triangle and no two farther apart
 than about 5 cm, the eight nearest are looked up and the exact distances to the triangles they lie on are compared. That
 may miss the nearest triangle of a fine mesh for its neighbour; the mean is then too large by about 0.01 mm.
-Nothing is culled: what no camera could see counts too.
+
+Everything is counted twice: the whole, what no camera could see included; and culled to what the run observed, which
+tells how well a surface was mapped from how much of it was found. Culled, the true surface is its samples that the run
+covered, and the reconstruction is those of its samples whose nearest true sample was covered.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.coverage import COVERED_M, DistanceBound
@@ -39,22 +42,40 @@ class MeshQuality:
     completion_cm: float
     """Mean distance of the true surface to the reconstruction [cm]."""
     completion_ratio_percent: float
-    """Share of the true surface within 5 cm of the reconstruction [%]."""
+    """Share of the true surface within 5 cm of the reconstruction [%] (recall)."""
+    precision_percent: float
+    """Share of the reconstruction within 5 cm of the true surface [%]."""
+
+    @property
+    def f_score_percent(self) -> float:
+        """Harmonic mean of precision and recall [%] (Knapitsch et al., Tanks and Temples, 2017)."""
+        total = self.precision_percent + self.completion_ratio_percent
+        return 2.0 * self.precision_percent * self.completion_ratio_percent / total if total > 0.0 else 0.0
+
+    @property
+    def chamfer_cm(self) -> float:
+        """Mean of accuracy and completion [cm]."""
+        return (self.accuracy_cm + self.completion_cm) / 2.0
 
 
 def mesh_quality(
     vertices: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
     truth: GroundTruth,
+    covered: Bool[np.ndarray, " n"],
     num_samples: int = NUM_SAMPLES,
-) -> MeshQuality:
+) -> tuple[MeshQuality, MeshQuality | None]:
     """Compare a mesh with the true surface.
 
     Args:
         vertices: World [m].
         faces: Vertex indices.
         truth: The true surface.
+        covered: Which of its samples the run observed.
         num_samples: Samples on the reconstruction; on the true surface there are as many as it brings.
+
+    Returns:
+        The quality of the whole, and culled to what was observed; None where that is nothing.
 
     Raises:
         SceneError: The mesh has no area.
@@ -62,10 +83,18 @@ def mesh_quality(
     samples, _ = sample_triangles(vertices, faces, num_samples, SAMPLE_SEED)
     to_truth_m = surface_distance(samples, truth.vertices.astype(np.float64), truth.faces)
     to_mesh_m = surface_distance(truth.samples.astype(np.float64), vertices.astype(np.float64), faces)
+    _, nearest = KDTree(truth.samples).query(samples)
+    kept = covered[nearest]
+    culled = _quality(to_truth_m[kept], to_mesh_m[covered]) if kept.any() else None
+    return _quality(to_truth_m, to_mesh_m), culled
+
+
+def _quality(to_truth_m: Float[np.ndarray, " n"], to_mesh_m: Float[np.ndarray, " m"]) -> MeshQuality:
     return MeshQuality(
         accuracy_cm=100.0 * float(np.mean(to_truth_m)),
         completion_cm=100.0 * float(np.mean(to_mesh_m)),
         completion_ratio_percent=100.0 * float(np.mean(to_mesh_m < COVERED_M)),
+        precision_percent=100.0 * float(np.mean(to_truth_m < COVERED_M)),
     )
 
 

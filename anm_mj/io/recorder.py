@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import resource
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
@@ -90,6 +91,7 @@ class RunRecorder:
         self._curve_file.line(CURVE_HEADER)
         self._curve = CompletionCurve(truth)
         self._travel = Travel()
+        self._evaluation_s = 0.0
         self._poses: list[Pose2] = []
         self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
 
@@ -105,6 +107,11 @@ class RunRecorder:
 
     def observation(self, observation: Observation) -> None:
         """An observation has been made; the first one stands before any action."""
+        begin = time.perf_counter()
+        self._take(observation)
+        self._evaluation_s += time.perf_counter() - begin
+
+    def _take(self, observation: Observation) -> None:
         if not self._poses:
             _write_camera(self._folder.camera, observation)
         depth_mm = reduce_depth(observation.depth_m)
@@ -133,7 +140,7 @@ class RunRecorder:
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """An action has been executed; ``pose`` is where the robot stands after it."""
-        self._travel = self._travel.after(result.action, result.collided)
+        self._travel = self._travel.after(result.action, result.collided, result.moved_m, stage_ms)
         self._steps.json(
             {
                 "step": step,
@@ -189,6 +196,7 @@ class RunRecorder:
             stop_reason=stop_reason.value,
             wall_s=wall_s,
             hz=self._travel.steps / loop_s if loop_s > 0.0 else None,
+            evaluation_s=self._evaluation_s,
             peak_rss_mib=peak_rss_mib(),
         )
         self.close()

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from anm_mj.errors import SceneError
-from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.evaluation.ground_truth import GroundTruth, sample_triangles
 from anm_mj.evaluation.mesh import mesh_quality, surface_distance, triangle_distance_squared
 
 
@@ -21,7 +21,10 @@ def truth_of(mesh: trimesh.Trimesh) -> GroundTruth:
 
 
 def quality(mesh: trimesh.Trimesh, truth: GroundTruth):
-    return mesh_quality(np.asarray(mesh.vertices), np.asarray(mesh.faces), truth, 5_000)
+    everything = np.ones(len(truth.samples), bool)
+    whole, culled = mesh_quality(np.asarray(mesh.vertices), np.asarray(mesh.faces), truth, everything, 5_000)
+    assert culled == whole
+    return whole
 
 
 def test_a_perfect_mesh_has_no_error_however_it_is_cut():
@@ -75,4 +78,57 @@ def test_surface_distance_agrees_with_a_search_of_all_triangles():
 
 def test_a_mesh_without_area_is_refused():
     with pytest.raises(SceneError, match="a surface is needed"):
-        mesh_quality(np.zeros((3, 3)), np.array([[0, 1, 2]]), truth_of(plate(1.0, 1.0, 0.0)))
+        mesh_quality(np.zeros((3, 3)), np.array([[0, 1, 2]]), truth_of(plate(1.0, 1.0, 0.0)), np.ones(5_000, bool))
+
+
+def slow_quality(samples, truth_triangles, true_samples, mesh_triangles):
+    """Every number by its definition: all distances to all triangles."""
+
+    def nearest(points, triangles):
+        return np.sqrt([triangle_distance_squared(np.tile(p, (len(triangles), 1)), triangles).min() for p in points])
+
+    accuracy, completion = nearest(samples, truth_triangles), nearest(true_samples, mesh_triangles)
+    precision, recall = np.mean(accuracy < 0.05), np.mean(completion < 0.05)
+    f_score = 2.0 * precision * recall / (precision + recall)
+    return 100.0 * np.array([accuracy.mean(), completion.mean(), recall, precision, f_score]), accuracy, completion
+
+
+def numbers(found):
+    return [
+        found.accuracy_cm,
+        found.completion_cm,
+        found.completion_ratio_percent,
+        found.precision_percent,
+        found.f_score_percent,
+    ]
+
+
+def test_all_numbers_agree_with_their_definitions_with_culling_and_without():
+    truth = GroundTruth.sample(*mesh_arrays(plate(2.0, 1.0, 0.0, cells=2)), 700)
+    bumpy = plate(2.4, 1.0, 0.0, cells=5)
+    bumpy.vertices[:, 2] = 0.04 + 0.03 * np.sin(7.0 * bumpy.vertices[:, 0])
+    covered = truth.samples[:, 0] < 1.1
+    samples, _ = sample_triangles(*mesh_arrays(bumpy), 600, 0)
+
+    whole, culled = mesh_quality(*mesh_arrays(bumpy), truth, covered, 600)
+
+    true_triangles = truth.vertices[truth.faces].astype(float)
+    slow, accuracy, completion = slow_quality(
+        samples, true_triangles, truth.samples.astype(float), np.asarray(bumpy.triangles)
+    )
+    assert numbers(whole) == pytest.approx(slow, rel=1e-3)
+    assert whole.chamfer_cm == pytest.approx(slow[:2].mean(), rel=1e-3)
+    kept = covered[[np.argmin(((truth.samples - p) ** 2).sum(axis=1)) for p in samples]]
+    assert 0.2 < kept.mean() < 0.8
+    assert culled.accuracy_cm == pytest.approx(100.0 * accuracy[kept].mean(), rel=1e-3)
+    assert culled.completion_cm == pytest.approx(100.0 * completion[covered].mean(), rel=1e-3)
+    assert culled.precision_percent == pytest.approx(100.0 * np.mean(accuracy[kept] < 0.05), rel=1e-3)
+
+
+def test_a_run_that_observed_nothing_has_no_culled_quality():
+    truth = truth_of(plate(1.0, 1.0, 0.0))
+    assert mesh_quality(*mesh_arrays(plate(1.0, 1.0, 0.1)), truth, np.zeros(5_000, bool), 100)[1] is None
+
+
+def mesh_arrays(mesh):
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
