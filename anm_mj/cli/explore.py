@@ -23,7 +23,9 @@ def add_explore(commands: Any) -> None:
     )
     explore.add_argument("scene", metavar="SCENE", help="name from the catalogue (anm-mj scene list) or a scene folder")
     explore.add_argument(
-        "--policy", default="gvg", help="gvg, anm-s (the paper's), random, or module:Class (default: gvg)"
+        "--policy",
+        default="gvg",
+        help="gvg, anm-s (the paper's), anm, frontier, frontier-full, random, or module:Class (default: gvg)",
     )
     explore.add_argument(
         "--steps", type=int, metavar="N", help="budget of actions; turns count (default: the scene's own)"
@@ -32,7 +34,9 @@ def add_explore(commands: Any) -> None:
     explore.add_argument("--start", metavar="X,Y,YAW_DEG", help="start pose in m, m, deg (default: the scene's first)")
     explore.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: a new one in runs/)")
     explore.add_argument(
-        "--preset", default="default", help="mapping effort: quick, default or paper (default: default)"
+        "--preset",
+        default="default",
+        help="mapping effort: quick, default or paper; policy anm has its own (default: default)",
     )
     explore.add_argument(
         "--drive",
