@@ -35,6 +35,15 @@ def add_scene(commands: Any) -> None:
         help="a folder of models that SRC refers to; may be given several times",
     )
     imported.set_defaults(command=_scene_import)
+    generated = actions.add_parser("generate", help="make a furnished building out of nothing")
+    generated.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
+    generated.add_argument("--rooms", type=int, default=5, help="number of rooms, corridors counted (default: 5)")
+    generated.add_argument("--seed", type=int, default=0, help="which of the buildings of this size (default: 0)")
+    generated.add_argument(
+        "--kind", choices=("apartment", "office"), default="apartment", help="what it is for (default: apartment)"
+    )
+    generated.add_argument("--name", help="name of the scene (default: the folder's)")
+    generated.set_defaults(command=_scene_generate)
     actions.add_parser("list", help="the scenes that can be named").set_defaults(command=_scene_list)
 
 
@@ -57,6 +66,20 @@ def _scene_import(parsed: argparse.Namespace) -> int:
     Console().print(
         f"{scene.name}: {scene.num_triangles} triangles, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} m, "
         f"start {start.x_m:.2f},{start.y_m:.2f}. Explore it: anm-mj explore {parsed.out}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return 0
+
+
+def _scene_generate(parsed: argparse.Namespace) -> int:
+    from anm_mj.scene.generate.scene import generate_scene
+
+    scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name)
+    size = scene.bounds_m[1] - scene.bounds_m[0]
+    Console().print(
+        f"{scene.name}: {scene.rooms} rooms, {size[0]:.1f} x {size[1]:.1f} m, {scene.num_triangles} triangles. "
+        f"Explore it: anm-mj explore {parsed.out}",
         highlight=False,
         soft_wrap=True,
     )

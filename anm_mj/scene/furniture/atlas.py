@@ -7,11 +7,12 @@ that bilinear filtering shows exactly what was painted. One texel of margin keep
 from __future__ import annotations
 
 import math
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
-from anm_mj.scene.furniture.light import Lighting, to_linear, to_srgb
+from anm_mj.scene.furniture.light import to_linear, to_srgb
 from anm_mj.scene.furniture.quads import Quads
 from anm_mj.scene.part import Part
 
@@ -20,7 +21,29 @@ _INSET_M = 0.012
 """Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
 
 
-def paint(name: str, surface: Quads, lighting: Lighting, light_spacing_m: float) -> Part:
+@runtime_checkable
+class Lit(Protocol):
+    """Whatever knows how much light falls where."""
+
+    def falling_on(
+        self, points_m: Float64[np.ndarray, "n 3"], normals: Float64[np.ndarray, "n 3"]
+    ) -> Float64[np.ndarray, "n 3"]:
+        """Light per colour channel; 1 shows a surface in its own colour."""
+        ...
+
+
+Cuts = dict[int, Float64[np.ndarray, "k 3 2"]]
+"""Triangles that stand for a quad, by the quad's index: corners as shares (s, t) of the quad's sides."""
+
+
+def paint(
+    name: str,
+    surface: Quads,
+    lighting: Lit,
+    light_spacing_m: float,
+    cuts: Cuts | None = None,
+    shades: int = 256,
+) -> Part:
     """One textured part.
 
     Args:
@@ -28,6 +51,8 @@ def paint(name: str, surface: Quads, lighting: Lighting, light_spacing_m: float)
         surface: What to paint.
         lighting: Light in the whole scene.
         light_spacing_m: Distance between the points that light is worked out for; between them it is interpolated.
+        cuts: Quads of which only some triangles are there, as of a floor with slanting sides.
+        shades: Number of values per colour channel: fewer make a smaller file.
     """
     texel_m = np.array([material.texel_m for material in surface.materials])
     size_px = _resolution(surface, texel_m)
@@ -40,8 +65,16 @@ def paint(name: str, surface: Quads, lighting: Lighting, light_spacing_m: float)
     colour = to_srgb(to_linear(colour) * _light_at(surface, lighting, light_spacing_m, quad, s, t))
 
     image = np.zeros((image_size[1], image_size[0], 3), np.uint8)
-    image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(colour * 255.0).astype(np.uint8)
-    return _part(name, surface, corner_px, size_px, image)
+    shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
+    image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
+    return _part(name, surface, corner_px, size_px, image, cuts or {})
+
+
+def points_on(surface: Quads, spacing_m: float) -> Float64[np.ndarray, "n 3"]:
+    """Points all over a surface, no farther apart than the spacing [m]."""
+    sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
+    owner, col, row = _cells(sizes)
+    return _bilinear(surface.corners_m[owner], col / (sizes[owner, 0] - 1), row / (sizes[owner, 1] - 1))
 
 
 def pack(sizes_px: Int64[np.ndarray, "n 2"]) -> tuple[Int64[np.ndarray, "n 2"], tuple[int, int]]:
@@ -104,7 +137,7 @@ def _pattern(
 
 def _light_at(
     surface: Quads,
-    lighting: Lighting,
+    lighting: Lit,
     spacing_m: float,
     quad: Int64[np.ndarray, " k"],
     s: Float64[np.ndarray, " k"],
@@ -138,16 +171,25 @@ def _part(
     corner_px: Int64[np.ndarray, "n 2"],
     size_px: Int64[np.ndarray, "n 2"],
     image: UInt8[np.ndarray, "h w 3"],
+    cuts: Cuts,
 ) -> Part:
     """The quads as triangles, with texture coordinates at the centres of their corner texels."""
     ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    texel = corner_px[:, None] + _MARGIN_PX + 0.5 + ends * (size_px[:, None] - 1)
-    uv = texel / (image.shape[1], image.shape[0])
-    faces = 4 * np.arange(len(corner_px))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    whole = np.array([k for k in range(len(corner_px)) if k not in cuts], dtype=np.int64)
+    texels = [(corner_px[whole, None] + _MARGIN_PX + 0.5 + ends * (size_px[whole, None] - 1)).reshape(-1, 2)]
+    vertices = [surface.corners_m[whole].reshape(-1, 3)]
+    faces = [(4 * np.arange(len(whole))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)]
+    for k, triangles in cuts.items():
+        shares = triangles.reshape(-1, 2)
+        faces.append(sum(len(block) for block in vertices) + np.arange(len(shares)).reshape(-1, 3))
+        texels.append(corner_px[k] + _MARGIN_PX + 0.5 + shares * (size_px[k] - 1))
+        corners = np.broadcast_to(surface.corners_m[k], (len(shares), 4, 3))
+        vertices.append(_bilinear(corners, shares[:, 0], shares[:, 1]))
+    uv = np.concatenate(texels) / (image.shape[1], image.shape[0])
     return Part(
         name,
-        surface.corners_m.reshape(-1, 3).astype(np.float32),
-        faces.reshape(-1, 3).astype(np.int32),
-        uv=np.stack([uv[..., 0], 1.0 - uv[..., 1]], axis=-1).reshape(-1, 2).astype(np.float32),
+        np.concatenate(vertices).astype(np.float32),
+        np.concatenate(faces).astype(np.int32),
+        uv=np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=-1).astype(np.float32),
         texture=image,
     )
