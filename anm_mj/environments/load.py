@@ -11,11 +11,9 @@ from dm_control.rl import control
 from dm_env import specs
 
 from anm_mj.environments.config import explore_config
-from anm_mj.environments.reward import SampleGrid
 from anm_mj.environments.task import ExploreTask
 from anm_mj.environments.world import RobotWorld
 from anm_mj.errors import TaskError
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.scene.folder import Scene, load_scene
 
 TASKS = ("explore",)
@@ -39,7 +37,7 @@ class ExploreEnvironment(control.Environment):
         return self._task
 
     def reward_spec(self) -> specs.BoundedArray:
-        """A share of the surface."""
+        """A share of the observable surface."""
         return specs.BoundedArray((), float, 0.0, 1.0, name="reward")
 
     def close(self) -> None:
@@ -72,7 +70,7 @@ def load_environment(scene: str | Path, task: str = "explore", *, seed: int = 0,
     asked = load_scene(scene)
     shared = _scene(asked.folder.resolve(), asked.hash)
     world = RobotWorld(shared, drive=config.drive, image_px=config.image_px)
-    explore = ExploreTask(shared, _surface(shared), config, np.random.default_rng(seed))
+    explore = ExploreTask(shared, config, np.random.default_rng(seed))
     return ExploreEnvironment(world, explore)
 
 
@@ -81,10 +79,3 @@ def _scene(folder: Path, content_hash: str) -> Scene:
     """One object per scene for all environments of a process, for the scene is the key to what is computed from it."""
     del content_hash
     return load_scene(folder)
-
-
-@functools.lru_cache(maxsize=4)
-def _surface(scene: Scene) -> SampleGrid:
-    """The samples that an evaluation of the scene counts: those that can be seen at all, where that is known."""
-    truth = GroundTruth.sample(*scene.triangles())
-    return SampleGrid(truth.samples if truth.observable is None else truth.samples[truth.observable])

@@ -15,6 +15,7 @@ from anm_mj.config import default_steps
 from anm_mj.environments.config import REACH_M, ExploreConfig
 from anm_mj.environments.reward import SampleGrid, SeenSurface
 from anm_mj.environments.starts import draw_start
+from anm_mj.environments.surface import observable_surface
 from anm_mj.environments.topdown import CELLS, LocalMap
 from anm_mj.environments.world import RobotWorld
 from anm_mj.errors import TaskError
@@ -42,12 +43,11 @@ def pose_from(start: Pose2, pose: Pose2) -> Float32[np.ndarray, "3"]:
 class ExploreTask(control.Task):
     """Rewards new surface; an episode ends by STOP, or is cut off after a number of steps."""
 
-    def __init__(self, scene: Scene, surface: SampleGrid, config: ExploreConfig, random: np.random.Generator) -> None:
+    def __init__(self, scene: Scene, config: ExploreConfig, random: np.random.Generator) -> None:
         """Set the task up.
 
         Args:
             scene: the world.
-            surface: the samples of its surface that count.
             config: what an episode is like.
             random: draws the starts.
 
@@ -59,15 +59,15 @@ class ExploreTask(control.Task):
         self.num_steps = config.num_steps or scene.budget_steps or default_steps(scene.rooms)
         """Steps until an episode is cut off."""
         self._scene = scene
-        self._surface = surface
         self._config = config
         self._fixed_start = None if config.start is None else self.clear_start(config.start)
         self._next_start: Pose2 | None = None
+        self._surfaces: dict[Pose2 | None, SampleGrid] = {}
         self._stopped = False
 
     @property
     def coverage(self) -> float:
-        """Share of the surface seen since the start of the episode, what is seen from the start itself included."""
+        """Share of the observable surface seen since the start of the episode, in [0, 1]; the first view counts too."""
         return self._seen.share
 
     @property
@@ -91,13 +91,18 @@ class ExploreTask(control.Task):
 
     def initialize_episode(self, physics: RobotWorld) -> None:
         """Put the robot at its start and look once."""
-        self._start = self._next_start or self._fixed_start or draw_start(self._scene, FOOTPRINT, self.random)
+        given = self._next_start or self._fixed_start
         self._next_start = None
+        self._start = given or draw_start(self._scene, FOOTPRINT, self.random)
         self._stopped = False
-        self._seen = SeenSurface(self._surface)
-        self._map = LocalMap(FOOTPRINT) if self._config.topdown else None
         physics.place(self._start)
-        self._perceive(physics)
+        self._view = physics.observe()
+        if given not in self._surfaces:
+            # Starts that are drawn all lie in one area, out of which the same can be seen.
+            self._surfaces = {given: observable_surface(self._scene, FOOTPRINT, self._view, self._start)}
+        self._seen = SeenSurface(self._surfaces[given])
+        self._map = LocalMap(FOOTPRINT) if self._config.topdown else None
+        self._take_in_view()
 
     def before_step(self, action: Any, physics: RobotWorld) -> None:
         """Take an action in.
@@ -115,10 +120,11 @@ class ExploreTask(control.Task):
 
     def after_step(self, physics: RobotWorld) -> None:
         """Look."""
-        self._perceive(physics)
+        self._view = physics.observe()
+        self._take_in_view()
 
     def get_reward(self, physics: RobotWorld) -> float:
-        """Share of the surface that the last step has brought into view, in [0, 1]."""
+        """Share of the observable surface that the last step has brought into view, in [0, 1]."""
         del physics
         return self._new_share
 
@@ -165,8 +171,8 @@ class ExploreTask(control.Task):
             spec["topdown"] = specs.BoundedArray((CELLS, CELLS), np.int8, UNKNOWN, OCCUPIED, name="topdown")
         return spec
 
-    def _perceive(self, physics: RobotWorld) -> None:
-        self._view = view = physics.observe()
+    def _take_in_view(self) -> None:
+        view = self._view
         self._new_share = self._seen.add(view.depth_m, view.intrinsics, view.T_world_camera)
         if self._map is not None:
             self._map.add(view)

@@ -15,9 +15,10 @@ from anm_mj.environments.task import sensed_depth
 from anm_mj.errors import SceneError, TaskError
 from anm_mj.evaluation.coverage import Coverage
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.evaluation.scene_truth import mount_of, scene_truth
+from anm_mj.robots import FOOTPRINT
 from anm_mj.scene.folder import load_scene
-from anm_mj.types import Action
+from anm_mj.types import Action, Intrinsics
 
 _ACTIONS = [Action.TURN_LEFT] * 3 + [Action.MOVE_FORWARD] * 4 + [Action.TURN_RIGHT]
 
@@ -60,10 +61,11 @@ def test_stop_ends_the_episode_with_discount_0(environment):
 
 
 def test_the_rewards_add_up_to_what_the_evaluation_counts(environment):
-    scene = load_scene("home")
-    truth = GroundTruth.sample(*scene.triangles())
-    evaluation = Coverage(truth.samples)
     environment.reset()
+    view = environment.task.view
+    mount = mount_of(Intrinsics.from_fov(256, 256, math.radians(90.0)), view.T_world_camera, view.pose)
+    truth = scene_truth(load_scene("home"), FOOTPRINT, mount, view.pose)
+    evaluation = Coverage(truth.samples, truth.observable)
     total = environment.task.coverage
     assert total > 0.0
     for action in [None, *_ACTIONS]:
@@ -72,7 +74,9 @@ def test_the_rewards_add_up_to_what_the_evaluation_counts(environment):
         view = environment.task.view
         evaluation.add(reduce_depth(view.depth_m), view.intrinsics, view.T_world_camera)
     assert environment.task.coverage == pytest.approx(total, abs=1e-12)
-    assert environment.task.coverage == pytest.approx(evaluation.completion().ratio_percent / 100.0, abs=1e-12)
+    completion = evaluation.completion()
+    percent = completion.ratio_percent if truth.observable is None else completion.observable_ratio_percent
+    assert environment.task.coverage == pytest.approx(percent / 100.0, abs=1e-12)
 
 
 def test_the_pose_is_relative_to_the_start(environment):
