@@ -320,8 +320,8 @@ def test_a_real_apartment_looks_as_the_same_apartment_in_one_file(dev_scenes, tm
     theirs = import_scene(dev_scenes / "small_apartment.glb", tmp_path / "glb")
     assert np.allclose(ours.bounds_m, theirs.bounds_m, atol=1e-3)
     assert tomllib.loads((ours.folder / "scene.toml").read_text())["floor_removed"] == 0.0
-    for x, y in ((0.05, -0.33), (4.3, 3.2), (-3.2, 3.7), (-4.3, -3.5)):
-        for right in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)):
+    for x, y in ((0.05, -0.33), (4.3, 3.2), (-3.2, 3.7)):
+        for right in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)):
             mine, other = (look(scene, (x, y, 1.25), right, depth=True) for scene in (ours, theirs))
             # Another tessellation of round legs, at most.
             assert np.mean(np.abs(mine - other) > 0.02) < 0.01

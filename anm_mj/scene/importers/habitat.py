@@ -59,7 +59,7 @@ def is_scene_instance(src: Path, dataset: Dataset) -> bool:
     if not (src.is_file() and src.name.endswith(_SCENE_SUFFIX)):
         return False
     config = _dataset_config(src)
-    return config is not None and config.name.lower().startswith(dataset.prefix)
+    return not dataset.prefix or (config is not None and config.name.lower().startswith(dataset.prefix))
 
 
 def dataset_reader(dataset: Dataset) -> Callable[[Path, Sequence[Path], Notes], Content]:
