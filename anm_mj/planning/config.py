@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields
 
 from anm_mj.errors import PlanError
 
+_MAY_BE_ZERO = ("margin_m", "bootstrap_turns", "gvg_bootstrap_turns", "start_radius_m")
+
 
 @dataclass(frozen=True)
 class PlanningConfig:
@@ -22,6 +24,8 @@ class PlanningConfig:
     """Around the start the floor lies below the camera's view; taken as free up to here unless seen otherwise [m]."""
     hole_area_m2: float = 0.15
     """Unknown patches enclosed by known space and smaller than this are taken as free [m2]."""
+    update_reach_m: float = 5.5
+    """Views change the map up to this distance; what they show beyond is taken in when the robot comes nearer [m]."""
     horizon_m: float = 5.0
     """Side of the local horizon that moves with the robot, inside which surfaces are taken finely [m]."""
     fine_spacing_m: float = 0.1
@@ -54,16 +58,24 @@ class PlanningConfig:
     """Elevations within the camera's vertical field of view."""
     candidate_spacing_m: float = 0.5
     """Vertices weighed by the gvg policy lie at least this far apart [m]."""
-    max_candidates: int = 150
-    """Most candidates whose gain is cast anew for one decision."""
+    shortlist_spacing_m: float = 1.0
+    """No two places that tours are searched among lie in the same square of this side [m]."""
+    max_candidates: int = 20
+    """Most places that tours are searched among."""
+    tour_depth: int = 4
+    """Most stops in a tour that is searched for."""
+    tour_width: int = 5
+    """Tours kept at each depth of the search."""
+    discount_steps: float = 60.0
+    """Gain that is had only after this many steps counts 1/e [steps]."""
     min_gain_m2: float = 0.15
     """Expected new surface below which nothing is worth a step [m2]."""
-    cost_offset_steps: float = 12.0
-    """Added to every candidate's steps, so that a tiny gain at hand does not beat a large one nearby."""
     hysteresis: float = 1.25
     """A new target must score this many times the present one to replace it."""
     replan_steps: int = 8
     """The gvg policy decides anew after this many steps."""
+    gvg_bootstrap_turns: int = 27
+    """Turns of the first look around of the gvg policy: three quarters of a turn show all to a view of 90 degrees."""
     bootstrap_turns: int = 36
     """Turns of the first look around (paper, section V-D)."""
 
@@ -75,11 +87,7 @@ class PlanningConfig:
         """
         for f in fields(self):
             value = getattr(self, f.name)
-            if (
-                not math.isfinite(value)
-                or value < 0
-                or (value == 0 and f.name not in ("margin_m", "bootstrap_turns", "start_radius_m"))
-            ):
+            if not math.isfinite(value) or value < 0 or (value == 0 and f.name not in _MAY_BE_ZERO):
                 raise PlanError(f"planning.{f.name} is {value}; it must be a number above zero.")
         if self.free_share > 1.0:
             raise PlanError(f"planning.free_share is {self.free_share}; it must be in (0, 1].")

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import QhullError, Voronoi
+from scipy.spatial import Delaunay, QhullError
 
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
@@ -35,15 +35,17 @@ def voronoi_graph(
     if len(sites) < 4:
         return _empty_graph()
     try:
-        diagram = Voronoi(sites)
+        diagram = Delaunay(sites)
     except QhullError:  # All sites on one line: there is no vertex.
         return _empty_graph()
-    ridges = np.asarray(diagram.ridge_vertices)
-    a_b = diagram.ridge_points
-    vertices = diagram.vertices
-    usable = (ridges >= 0).all(axis=1)
-    usable &= np.linalg.norm(sites[a_b[:, 0]] - sites[a_b[:, 1]], axis=1) >= config.min_site_distance_m
-    usable[usable] &= _in_free_space(vertices[ridges[usable]].reshape(-1, 2), topdown).reshape(-1, 2).all(axis=1)
+    # The Voronoi diagram is the triangulation's dual: a vertex per triangle, an edge per pair of neighbours, generated
+    # by the two sites that they share. Taken so, it costs half.
+    triangle, corner = np.nonzero(diagram.neighbors > np.arange(len(diagram.simplices))[:, None])
+    ridges = np.stack([triangle, diagram.neighbors[triangle, corner]], axis=1)
+    a_b = np.stack([diagram.simplices[triangle, (corner + k) % 3] for k in (1, 2)], axis=1)
+    usable = np.linalg.norm(sites[a_b[:, 0]] - sites[a_b[:, 1]], axis=1) >= config.min_site_distance_m
+    vertices = _circumcentres(sites[diagram.simplices])
+    usable &= _in_free_space(vertices, topdown)[ridges].all(axis=1)
     ridges, a_b = ridges[usable], a_b[usable]
     start, end = vertices[ridges[:, 0]], vertices[ridges[:, 1]]
     usable = _segment_distance(sites[a_b[:, 0]], start, end) >= safe_m
@@ -102,6 +104,18 @@ def _one_per_square(points: Float[np.ndarray, "n 2"], spacing_m: float) -> Float
     order = np.lexsort((((points - mean[group]) ** 2).sum(axis=1), group))
     first = np.concatenate([[0], np.cumsum(size)[:-1]])
     return points[order[first]]
+
+
+def _circumcentres(corners: Float[np.ndarray, "n 3 2"]) -> Float[np.ndarray, "n 2"]:
+    """Centres of the circles through triangles' corners; not finite where the corners lie on one line."""
+    first = corners[:, 0]
+    b, c = corners[:, 1] - first, corners[:, 2] - first
+    twice_area = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+    bb, cc = (b**2).sum(axis=1), (c**2).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = (c[:, 1] * bb - b[:, 1] * cc) / twice_area
+        y = (b[:, 0] * cc - c[:, 0] * bb) / twice_area
+    return first + np.stack([x, y], axis=1)
 
 
 def _in_free_space(points: Float[np.ndarray, "n 2"], topdown: TopDownMap) -> Bool[np.ndarray, " n"]:

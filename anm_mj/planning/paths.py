@@ -43,12 +43,17 @@ class Reach:
         """Polyline from the robot to a vertex, pulled straight; empty when there is no path [m]."""
         if not np.isfinite(self.distance_m[vertex]):
             return np.zeros((0, 2))
-        chain = [vertex]
-        while self.predecessor[chain[-1]] != len(self.distance_m):
-            chain.append(int(self.predecessor[chain[-1]]))
+        chain = self.chain_to(vertex)
         along = self.graph.vertex_xy_m[chain[::-1]]
         points = np.concatenate([self.joint_xy_m[chain[-1]], along[1:]])
         return pull_straight(points, self.topdown, self.safe_m, self.pose)
+
+    def chain_to(self, vertex: int) -> list[int]:
+        """The vertices of the shortest path to a vertex that can be reached, from the vertex back to the robot."""
+        chain = [vertex]
+        while self.predecessor[chain[-1]] != len(self.distance_m):
+            chain.append(int(self.predecessor[chain[-1]]))
+        return chain
 
 
 def reach(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> Reach:

@@ -4,6 +4,9 @@ A column of the occupancy grid over the body's heights is occupied where anythin
 seen through, unknown elsewhere. Near surfaces the neural map sharpens it: the minimum of the SDF over the heights
 (paper, footnote 1) says where within a cell the surface lies. A sign that the field only extrapolates never opens a
 way: the SDF is asked next to observed surface alone.
+
+The map is kept up, not made anew: an update touches the part that views from where the robot has been since the last
+one can have changed, so that its cost does not grow with the scene.
 """
 
 from __future__ import annotations
@@ -12,19 +15,31 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8
+from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 from scipy import ndimage
 
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.distance import capped_distance_cells
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
 
 TRUNCATION_M = 0.1
 """Beyond this distance the SDF says no more than 'far' [m]."""
-
 BLOCKED_CELLS = 2
 """Radius of the obstacle that a refused step leaves in the map [cells]."""
+MAX_CLEARANCE_M = 1.2
+"""Larger clearances are given as this [m]: a body has no use for more, and near ones can be kept up locally."""
+MAX_DEPTH_M = 0.2
+"""Clearance inside of obstacles and the unknown is given down to minus this [m]."""
+_HOLE_REACH_CELLS = 20
+"""Unknown patches are followed this far beyond what changed, to see whether they are small and enclosed."""
+
+_NEIGHBOURS = ((0, 1), (1, 0))
+"""Row and column steps to the neighbours that borders are noted towards."""
+_SURFACE, _FRONTIER = 1, 2
+"""Kinds of border of free space."""
 
 SdfQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, " n"]]
+Window = tuple[slice, slice]
 
 
 class TopDownMapper:
@@ -41,13 +56,12 @@ class TopDownMapper:
         self.footprint = footprint
         self.trail_xy_m: list[Float[np.ndarray, 2]] = []
         """Where the robot has been [m]."""
+        self.changed_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] = (np.zeros(2), np.zeros(2))
+        """Lower and upper corner of what the last update looked at [m]."""
         self._new_trail_xy_m: list[Float[np.ndarray, 2]] = []
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._origin_xy_m = np.zeros(2)
-        self._min_sdf_m = np.zeros((0, 0), np.float32)
-        self._near_trail = np.zeros((0, 0), bool)
-        self._under_robot = np.zeros((0, 0), bool)
-        self._blocked = np.zeros((0, 0), bool)
+        self._layers = _Layers((0, 0))
 
     def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Remember a place where the robot met something the map does not show [m]."""
@@ -68,101 +82,203 @@ class TopDownMapper:
         """
         self.visit(pose.xy_m)
         self._follow_growth(grid)
+        window = self._window(grid)
         self._stamp(grid)
-        state = self._columns(grid)
-        self._ask_sdf(grid, state, sdf, pose)
+        layers, resolution = self._layers, grid.resolution_m
+        self._read_columns(grid, window)
+        self._ask_sdf(grid, sdf, pose)
+        state = self._column_state(grid, window)
         field = np.where(state == OCCUPIED, np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
-        field = np.minimum(field, self._min_sdf_m)
+        field = np.minimum(field, layers.min_sdf_m[window])
         # A body has stood here: whatever voxels and field say, the floor was passable.
-        field[self._under_robot], state[self._under_robot] = TRUNCATION_M, FREE
-        field[self._blocked], state[self._blocked] = -TRUNCATION_M / 2, OCCUPIED
+        passable, blocked = layers.under_robot[window], layers.blocked[window]
+        field[passable], state[passable] = TRUNCATION_M, FREE
+        field[blocked], state[blocked] = -TRUNCATION_M / 2, OCCUPIED
         state[(field <= 0) & (state == FREE)] = OCCUPIED
-        free = state == FREE
-        resolution = grid.resolution_m
-        clearance = _signed_distance(free) * np.float32(resolution)
+        layers.state[window], layers.field_m[window] = state, field
+        self._update_clearance(window, resolution)
+        self._update_borders(window)
         origin = grid.origin_m[:2].astype(float)
-        return TopDownMap(
-            clearance,
-            state,
-            resolution,
-            origin,
-            surface_xy_m=_crossings(field, free, state == OCCUPIED, origin, resolution),
-            frontier_xy_m=_crossings(None, free, state == UNKNOWN, origin, resolution),
-        )
+        surface, frontier = self._border_points(origin, resolution)
+        return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
 
-    def _columns(self, grid: VoxelGrid) -> Int8[np.ndarray, "rows cols"]:
+    def _window(self, grid: VoxelGrid) -> Window:
+        """The part of the map that views from the newest part of the trail can have changed; at first all of it."""
+        shape = grid.state.shape[1:]
+        places = np.array(self._new_trail_xy_m)
+        if len(self._new_trail_xy_m) == len(self.trail_xy_m):
+            places = np.concatenate(
+                [places, [grid.origin_m[:2], grid.origin_m[:2] + np.array(shape[::-1]) * grid.resolution_m]]
+            )
+        low = places.min(axis=0) - self.config.update_reach_m
+        high = places.max(axis=0) + self.config.update_reach_m
+        self.changed_xy_m = low, high
+        first = np.floor((low - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
+        last = np.ceil((high - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
+        return _clipped(first, last, shape)
+
+    def _read_columns(self, grid: VoxelGrid, window: Window) -> None:
+        """Count the free voxels of each column over the body's heights, and note where anything was hit."""
         z0, z1 = (
-            math.ceil((z - grid.origin_m[2]) / grid.resolution_m - 1e-6)
+            max(math.ceil((z - grid.origin_m[2]) / grid.resolution_m - 1e-6), 0)
             for z in (self.footprint.z_min_m, self.footprint.z_max_m)
         )
-        body = grid.state[max(z0, 0) : max(z1, 0)]
-        num_free = np.count_nonzero(body == FREE, axis=0)
-        state = np.where(num_free >= self.config.free_share * max(z1 - z0, 1), np.int8(FREE), np.int8(UNKNOWN))
-        state[_enclosed_holes(state == UNKNOWN, self.config.hole_area_m2 / grid.resolution_m**2)] = FREE
-        state[self._near_trail] = FREE
-        state[(body == OCCUPIED).any(axis=0)] = OCCUPIED
-        return state
+        body = grid.state[z0:z1, window[0], window[1]]
+        self._layers.num_free[window] = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
+        self._layers.hit[window] = body.max(axis=0, initial=UNKNOWN) == OCCUPIED
 
-    def _stamp(self, grid: VoxelGrid) -> None:
-        """Draw new places of the trail and new obstacles into their layers."""
-        body, cell = self.footprint.radius_m, grid.resolution_m
-        for xy in self._new_trail_xy_m:
-            first = xy is self.trail_xy_m[0]
-            _stamp_disc(self._near_trail, grid, xy, max(body, self.config.start_radius_m) if first else body)
-            _stamp_disc(self._under_robot, grid, xy, body - cell)
-        for xy in self._new_blocked_xy_m:
-            _stamp_disc(self._blocked, grid, xy, BLOCKED_CELLS * cell)
-        self._new_trail_xy_m, self._new_blocked_xy_m = [], []
+    def _column_state(self, grid: VoxelGrid, window: Window) -> Int8[np.ndarray, "rows cols"]:
+        layers = self._layers
+        heights = math.ceil(self.footprint.z_max_m / grid.resolution_m) - math.ceil(
+            self.footprint.z_min_m / grid.resolution_m
+        )
+        enough = self.config.free_share * max(heights, 1)
+        around = _grown(window, _HOLE_REACH_CELLS, layers.state.shape)
+        unknown = layers.num_free[around] < enough
+        holes = _enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
+        inner = _within(window, around)
+        state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
+        state[layers.near_trail[window]] = FREE
+        state[layers.hit[window]] = OCCUPIED
+        return state
 
     def _follow_growth(self, grid: VoxelGrid) -> None:
         """Keep what is remembered aligned with a grid that has grown."""
         shape = grid.state.shape[1:]
-        if self._min_sdf_m.shape == shape and np.allclose(self._origin_xy_m, grid.origin_m[:2]):
+        old = self._layers
+        if old.state.shape == shape and np.allclose(self._origin_xy_m, grid.origin_m[:2]):
             return
-        col, row = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)
-        rows, cols = row + len(self._min_sdf_m), col + self._min_sdf_m.shape[1]
-        for name, unknown in (
-            ("_min_sdf_m", np.float32(TRUNCATION_M)),
-            ("_near_trail", False),
-            ("_under_robot", False),
-            ("_blocked", False),
-        ):
-            grown = np.full(shape, unknown)
-            old = getattr(self, name)
-            if old.size:
-                grown[row:rows, col:cols] = old
-            setattr(self, name, grown)
+        grown = _Layers(shape)
+        if old.state.size:
+            col, row = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)
+            where = slice(row, row + old.state.shape[0]), slice(col, col + old.state.shape[1])
+            for name, array in vars(old).items():
+                getattr(grown, name)[where] = array
+        self._layers = grown
         self._origin_xy_m = grid.origin_m[:2].astype(float)
 
-    def _ask_sdf(self, grid: VoxelGrid, state: Int8[np.ndarray, "rows cols"], sdf: SdfQuery, pose: Pose2) -> None:
-        half = int(np.ceil(self.config.horizon_m / 2 / grid.resolution_m))
-        col, row = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)
-        rows = slice(max(row - half, 0), max(row + half, 0))
-        cols = slice(max(col - half, 0), max(col + half, 0))
-        window = state[rows, cols]
-        near = ndimage.binary_dilation(window == OCCUPIED, iterations=2) & (window != UNKNOWN)
+    def _stamp(self, grid: VoxelGrid) -> None:
+        """Draw new places of the trail and new obstacles into their layers."""
+        layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
+        for xy in self._new_trail_xy_m:
+            first = xy is self.trail_xy_m[0]
+            _stamp_disc(layers.near_trail, grid, xy, max(body, self.config.start_radius_m) if first else body)
+            _stamp_disc(layers.under_robot, grid, xy, body - cell)
+        for xy in self._new_blocked_xy_m:
+            _stamp_disc(layers.blocked, grid, xy, BLOCKED_CELLS * cell)
+        self._new_trail_xy_m, self._new_blocked_xy_m = [], []
+
+    def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> None:
+        """Ask for the smallest SDF of the columns next to surface inside the horizon."""
+        layers, config = self._layers, self.config
+        centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
+        half = int(np.ceil(config.horizon_m / 2 / grid.resolution_m))
+        window = _clipped(centre - half, centre + half, layers.state.shape)
+        hit = layers.hit[window]
+        near = np.asarray(ndimage.binary_dilation(hit, iterations=2), bool) & (hit | (layers.num_free[window] > 0))
         cells = np.argwhere(near)
-        remembered = self._min_sdf_m[rows, cols]
+        remembered = layers.min_sdf_m[window]
         remembered[...] = TRUNCATION_M
         if not len(cells):
             return
-        heights = np.arange(
-            self.footprint.z_min_m + 0.05, self.footprint.z_max_m + 1e-6, self.config.sdf_height_spacing_m
-        )
-        centres = (cells + np.array([rows.start, cols.start]))[:, ::-1] + 0.5
+        heights = np.arange(self.footprint.z_min_m + 0.05, self.footprint.z_max_m + 1e-6, config.sdf_height_spacing_m)
+        centres = (cells + np.array([window[0].start, window[1].start]))[:, ::-1] + 0.5
         xy = grid.origin_m[:2] + centres * grid.resolution_m
         points = np.concatenate([np.repeat(xy, len(heights), axis=0), np.tile(heights, len(xy))[:, None]], axis=1)
-        values = sdf(points).reshape(len(cells), len(heights)).min(axis=1)
-        remembered[cells[:, 0], cells[:, 1]] = values
+        remembered[cells[:, 0], cells[:, 1]] = sdf(points).reshape(len(cells), len(heights)).min(axis=1)
+
+    def _update_clearance(self, window: Window, resolution_m: float) -> None:
+        cap, depth = (math.ceil(d / resolution_m) for d in (MAX_CLEARANCE_M, MAX_DEPTH_M))
+        layers = self._layers
+        reached = _grown(window, cap, layers.state.shape)
+        needed = _grown(reached, cap, layers.state.shape)
+        free = layers.state[needed] == FREE
+        inner = _within(reached, needed)
+        # A pad makes the rim of the map a border; at the rim of a part of it, it is farther away than the cap.
+        inside = capped_distance_cells(np.pad(free, 1), cap)[1:-1, 1:-1][inner]
+        outside = capped_distance_cells(~free, depth)[inner]
+        clearance = np.where(free[inner], inside - np.float32(0.5), np.float32(0.5) - outside)
+        layers.clearance_m[reached] = clearance * np.float32(resolution_m)
+
+    def _update_borders(self, window: Window) -> None:
+        """Note between which cells free space ends, at what, and how far along from the one centre to the other."""
+        layers = self._layers
+        for direction, (d_row, d_col) in enumerate(_NEIGHBOURS):
+            rows, cols = (slice(max(s.start - d, 0), s.stop) for s, d in zip(window, (d_row, d_col), strict=True))
+            state, field = layers.state[rows, cols], layers.field_m[rows, cols]
+            here = slice(0, state.shape[0] - d_row), slice(0, state.shape[1] - d_col)
+            there = slice(d_row, None), slice(d_col, None)
+            a, b = state[here], state[there]
+            border = ((a == FREE) != (b == FREE)).astype(np.uint8)
+            border[border.astype(bool) & ((a == UNKNOWN) | (b == UNKNOWN))] = _FRONTIER
+            kind, share = layers.border[direction], layers.share[direction]
+            to = tuple(slice(s.start, s.start + n) for s, n in zip((rows, cols), border.shape, strict=True))
+            kind[to] = border
+            at = np.nonzero(border == _SURFACE)
+            fa, fb = field[here][at], field[there][at]
+            share[to][at] = np.where(fa * fb < 0, fa / np.where(fa == fb, np.float32(1.0), fa - fb), np.float32(0.5))
+
+    def _border_points(
+        self, origin_xy_m: Float[np.ndarray, 2], resolution_m: float
+    ) -> tuple[Float[np.ndarray, "s 2"], Float[np.ndarray, "f 2"]]:
+        """Zero-crossings between free and occupied cells, and the middles between free and unknown ones [m]."""
+        points: list[list[Float[np.ndarray, "n 2"]]] = [[], []]
+        for direction, (d_row, d_col) in enumerate(_NEIGHBOURS):
+            kind, share = self._layers.border[direction], self._layers.share[direction]
+            flat = np.flatnonzero(kind)
+            surface = kind.ravel()[flat] == _SURFACE
+            for found, which, along in ((points[0], flat[surface], share), (points[1], flat[~surface], None)):
+                row, col = np.divmod(which, kind.shape[1])
+                t = np.full(len(which), 0.5) if along is None else along.ravel()[which].astype(float)
+                xy = np.stack([col + 0.5 + t * d_col, row + 0.5 + t * d_row], axis=1)
+                found.append(origin_xy_m + xy * resolution_m)
+        return np.concatenate(points[0]), np.concatenate(points[1])
 
 
-def _signed_distance(free: Bool[np.ndarray, "rows cols"]) -> Float32[np.ndarray, "rows cols"]:
-    """Distance of cell centres to the border of the free cells, positive inside [cells]."""
-    # The pad makes the rim of the map a border, and a map without any free or any other cell well defined.
-    padded = np.pad(free, 1)
-    inside = np.asarray(ndimage.distance_transform_edt(padded))[1:-1, 1:-1]
-    outside = np.asarray(ndimage.distance_transform_edt(~free)) if free.any() else np.full(free.shape, np.inf)
-    return np.where(free, inside - 0.5, 0.5 - outside).astype(np.float32)
+class _Layers:
+    """What is remembered of every cell."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.num_free: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
+        self.hit: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.min_sdf_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(TRUNCATION_M))
+        self.near_trail: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.under_robot: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.blocked: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.state: Int8[np.ndarray, "rows cols"] = np.full(shape, UNKNOWN, np.int8)
+        self.field_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(TRUNCATION_M))
+        self.clearance_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(-MAX_DEPTH_M))
+        self.border_right: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
+        self.border_up: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
+        self.share_right: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
+        self.share_up: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
+
+    @property
+    def border(self) -> tuple[UInt8[np.ndarray, "rows cols"], UInt8[np.ndarray, "rows cols"]]:
+        """Kind of border between each cell and its neighbour, by direction of ``_NEIGHBOURS``."""
+        return self.border_right, self.border_up
+
+    @property
+    def share(self) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
+        """How far along to that neighbour the surface lies."""
+        return self.share_right, self.share_up
+
+
+def _clipped(first: Int[np.ndarray, 2], last: Int[np.ndarray, 2], shape: tuple[int, ...]) -> Window:
+    a, b = (slice(min(max(int(f), 0), n), min(max(int(e), 0), n)) for f, e, n in zip(first, last, shape, strict=True))
+    return a, b
+
+
+def _grown(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
+    """A window with so many more cells on all sides, as far as there are any."""
+    a, b = (slice(max(s.start - cells, 0), min(s.stop + cells, n)) for s, n in zip(window, shape, strict=True))
+    return a, b
+
+
+def _within(inner: Window, outer: Window) -> Window:
+    """A window in the cells of another one."""
+    a, b = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
+    return a, b
 
 
 def _stamp_disc(
@@ -190,27 +306,3 @@ def _enclosed_holes(unknown: Bool[np.ndarray, "rows cols"], max_cells: float) ->
     small = sizes <= max_cells
     small[0] = False
     return small[labels]
-
-
-def _crossings(
-    field: Float32[np.ndarray, "rows cols"] | None,
-    free: Bool[np.ndarray, "rows cols"],
-    beyond: Bool[np.ndarray, "rows cols"],
-    origin_xy_m: Float[np.ndarray, 2],
-    resolution_m: float,
-) -> Float[np.ndarray, "n 2"]:
-    """Points between a free cell and a neighbour ``beyond``, where ``field`` is zero (or half-way without a field)."""
-    points = []
-    for d_row, d_col in ((0, 1), (1, 0)):
-        here = (slice(0, free.shape[0] - d_row), slice(0, free.shape[1] - d_col))
-        there = (slice(d_row, None), slice(d_col, None))
-        border = (free[here] & beyond[there]) | (beyond[here] & free[there])
-        cells = np.argwhere(border)
-        if field is None:
-            share = np.full(len(cells), 0.5)
-        else:
-            a, b = field[here][border], field[there][border]
-            share = np.where(a * b < 0, a / np.where(a == b, 1.0, a - b), 0.5)
-        xy = cells[:, ::-1] + 0.5 + share[:, None] * [d_col, d_row]
-        points.append(origin_xy_m + xy * resolution_m)
-    return np.concatenate(points)

@@ -1,25 +1,24 @@
-"""Our policy: the most expected new surface per step, on the paper's stages.
+"""Our policy: a short tour of views with the most expected new surface for its steps, on the paper's stages.
 
-Every decision casts a panorama of expected gain (:mod:`anm_mj.planning.gain`) from vertices of the graph, thinned to
-one in half a metre, and from where the robot stands. A candidate's value is the gain of its best view, with the surface
-of regions anchored there added, divided by the steps it costs, turns included, because a 10-degree turn spends as much
-of the budget as 6.5 cm of way. The robot looks again every few steps and on events, and changes its mind only for
-something clearly better. When no reachable place has gain worth a step the run is complete.
+Every decision knows a panorama of expected gain (:mod:`anm_mj.planning.gain`) for vertices of the graph, thinned to one
+in half a metre, and for where the robot stands. The most promising of them are searched for the best sequence of views
+(:mod:`anm_mj.planning.tour`); turns count as steps, because a 10-degree turn spends as much of the budget as 6.5 cm of
+way. The robot decides again every few steps and on events, and changes its mind only for something clearly better.
+When no reachable place has gain worth a step the run is complete.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.gain import GainCaster, best_view
+from anm_mj.planning.gain import GainCaster, view_sums
 from anm_mj.planning.paths import path_steps
 from anm_mj.planning.stages import Situation, Stages
+from anm_mj.planning.tour import Places, Tour, TourSearch
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -31,37 +30,30 @@ from anm_mj.types import (
     Observation,
     Plan,
     Pose2,
-    Region,
     StopReason,
 )
 
 HERE = -1
 """Stands for the robot's own place among the candidate vertices."""
-EXACT_PATHS = 6
-"""Best candidates by estimate whose paths are worked out before the choice."""
-LEAST_STEPS = 0.6
-"""A view that costs less is the present one, which has nothing new to show."""
-REGION_SHARE = 0.25
-"""Uncertain surface that was seen already counts this share of surface never seen."""
-MEMBER_AREA_M2 = 0.01
-"""Surface that one member of a region stands for [m2]: the square of the 10 cm lattice it comes from."""
-FORGET_RANGE_M = 6.0
-"""Remembered gain of places nearer to the robot than this is cast anew [m]: what it sees changes it."""
+MAX_TOURS = 8
+"""Best tours whose first path is worked out before one is taken."""
 
 
 @dataclass(frozen=True)
-class _Option:
-    vertex: int
-    xy_m: Float[np.ndarray, 2]
-    gain_m2: float
-    yaw_rad: float
-    num_regions: int
-    cost_steps: float = math.inf
-    score: float = 0.0
+class _Options:
+    """The places that can be weighed; the first is where the robot stands."""
+
+    vertex: Int[np.ndarray, " n"]
+    xy_m: Float[np.ndarray, "n 2"]
+    gain_m2: Float[np.ndarray, " n"]
+    """Of the best view from each."""
+    steps: Float[np.ndarray, " n"]
+    """To get there."""
+    unreachable: int
 
 
 class Gvg:
-    """Gain per step over the generalized Voronoi graph."""
+    """Tours of views over the generalized Voronoi graph."""
 
     def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
         """Start before the bootstrap rotation; the policy draws nothing, so the seed has no effect."""
@@ -74,19 +66,23 @@ class Gvg:
         self._remembered: dict[tuple[int, int], Float[np.ndarray, " azimuths"]] = {}
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The bootstrap rotation first, then the candidate with the best gain per step."""
-        if not self._bootstrapped and self.config.bootstrap_turns:
+        """The bootstrap rotation first, then the first stop of the best tour."""
+        if not self._bootstrapped and self.config.gvg_bootstrap_turns:
             self._bootstrapped = True
-            turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
-            return Plan("bootstrap: one full turn before the first decision", np.zeros((0, 2)), actions=turns)
+            turns = (Action.TURN_LEFT,) * self.config.gvg_bootstrap_turns
+            return Plan("bootstrap: a look around before the first decision", np.zeros((0, 2)), actions=turns)
         now = self._stages.read(mapper, observation)
         with now.watch.stage("gain"):
-            options, unreachable = self._options(now, mapper, self.config.max_candidates)
-            if not any(option.score for option in options):
+            if self._caster is None:
+                self._caster = GainCaster(self.config, now.camera_height_m)
+            self._caster.view.update(mapper.occupancy, *self._stages.topdown.changed_xy_m)
+            self._caster.note_view(now.pose)
+            options = self._options(now, self._caster, fresh=False)
+            if options.gain_m2.max() < self.config.min_gain_m2:
                 # Before nothing is said to be left, no place may be judged by what it was worth long ago.
-                options, unreachable = self._options(now, mapper, None)
+                options = self._options(now, self._caster, fresh=True)
         with now.watch.stage("choice"):
-            plan = self._choose(now, options, unreachable)
+            plan = self._choose(now, options, self._caster)
         self._stages.set_out(plan.path_xy_m)
         return plan
 
@@ -95,119 +91,115 @@ class Gvg:
         self._stages.blocked(pose, action)
         self._target_xy_m = None
 
-    def _options(self, now: Situation, mapper: Mapper, max_cast: int | None) -> tuple[list[_Option], int]:
+    def _options(self, now: Situation, caster: GainCaster, *, fresh: bool) -> _Options:
         reachable = np.isfinite(now.reach.distance_m)
         # What is reached already is weighed as the robot's own place.
         away = np.linalg.norm(now.graph.vertex_xy_m - now.pose.xy_m, axis=1) > ARRIVED_M
         vertices = self._thin(now, reachable & away)
         places = np.concatenate([now.pose.xy_m[None], now.graph.vertex_xy_m[vertices]])
-        panoramas = self._panoramas(now, mapper, places, max_cast)
-        regions = self._assign_regions(now, places)
-        options = []
-        for i, vertex in enumerate([HERE, *vertices.tolist()]):
-            for region in regions[i]:
-                self._add_region(panoramas[i], region, places[i])
-            gain, yaw = best_view(panoramas[i])
-            if vertex == HERE:
-                cost = abs(wrap_angle(yaw - now.pose.yaw_rad)) / TURN_STEP_RAD
-            else:
-                cost = self._estimate(now, vertex, yaw)
-            options.append(self._option(_Option(vertex, places[i], gain, yaw, len(regions[i])), cost))
-        return options, int((~reachable).sum())
-
-    def _option(self, place: _Option, cost: float) -> _Option:
-        """The same place with another cost and the score that goes with it."""
-        worth_it = place.gain_m2 >= self.config.min_gain_m2 and cost >= LEAST_STEPS
-        score = place.gain_m2 / (cost + self.config.cost_offset_steps) if worth_it else 0.0
-        if self._is_target(place.xy_m):
-            score *= self.config.hysteresis
-        return replace(place, cost_steps=cost, score=score)
-
-    def _is_target(self, xy_m: Float[np.ndarray, 2]) -> bool:
-        """Whether a place is the present target: vertices move a little with every new frame."""
-        if self._target_xy_m is None:
-            return False
-        return float(np.linalg.norm(xy_m - self._target_xy_m)) < self.config.candidate_spacing_m
+        panoramas = self._panoramas(now, caster, places, fresh)
+        gain = view_sums(panoramas).max(axis=1)
+        steps = np.concatenate([[0.0], now.reach.distance_m[vertices] / FORWARD_STEP_M])
+        return _Options(np.concatenate([[HERE], vertices]), places, gain, steps, int((~reachable).sum()))
 
     def _thin(self, now: Situation, reachable: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
         """One vertex per square of the spacing, the one with most clearance; squares are anchored in the world."""
         vertices = np.flatnonzero(reachable)
         square = np.floor(now.graph.vertex_xy_m[vertices] / self.config.candidate_spacing_m).astype(np.int64)
         order = np.lexsort((-now.graph.clearance_m[vertices], square[:, 1], square[:, 0]))
-        _, first = np.unique(square[order], axis=0, return_index=True)
+        square = square[order]
+        first = np.ones(len(order), bool)
+        first[1:] = (square[1:] != square[:-1]).any(axis=1)
         kept = vertices[order[first]]
         return kept[np.argsort(now.reach.distance_m[kept], kind="stable")]
 
     def _panoramas(
-        self, now: Situation, mapper: Mapper, places_xy_m: Float[np.ndarray, "n 2"], max_cast: int | None
+        self, now: Situation, caster: GainCaster, places_xy_m: Float[np.ndarray, "n 2"], fresh: bool
     ) -> Float[np.ndarray, "n azimuths"]:
-        grid = mapper.occupancy
-        if self._caster is None:
-            self._caster = GainCaster(self.config, grid.resolution_m, now.camera_height_m)
-        self._caster.note_view(grid, now.pose)
         keys = [(int(x), int(y)) for x, y in np.floor(places_xy_m / self.config.candidate_spacing_m)]
-        stale = np.linalg.norm(places_xy_m - now.pose.xy_m, axis=1) < FORGET_RANGE_M
-        new = np.array([key not in self._remembered for key in keys])
-        new[0] = True  # The robot's own place; it is no vertex, so that nothing else answers for it.
-        # Places never looked from come first: without any gain they could not be chosen at all.
-        cast = np.concatenate([np.flatnonzero(new), np.flatnonzero(stale & ~new)])[:max_cast]
+        low, high = self._stages.topdown.changed_xy_m
+        reach = self.config.gain_range_m
+        stale = ((places_xy_m >= low - reach) & (places_xy_m <= high + reach)).all(axis=1)
+        stale |= np.array([key not in self._remembered for key in keys]) | fresh
         panoramas = np.zeros((len(places_xy_m), self.config.num_azimuths))
-        for i, key in enumerate(keys):
-            panoramas[i] = self._remembered.get(key, 0.0)
-        panoramas[cast] = self._caster.panoramas(grid, places_xy_m[cast])
-        self._remembered.update({keys[i]: panoramas[i].copy() for i in cast})
+        for i in np.flatnonzero(~stale):
+            panoramas[i] = self._remembered[keys[i]]
+        panoramas[stale] = caster.panoramas(places_xy_m[stale])
+        self._remembered.update({keys[i]: panoramas[i].copy() for i in np.flatnonzero(stale)})
         return panoramas
 
-    def _assign_regions(self, now: Situation, places_xy_m: Float[np.ndarray, "n 2"]) -> list[list[Region]]:
-        """Each region to the place nearest to its anchor; those in view from here have been looked at and drop out."""
-        regions: list[list[Region]] = [[] for _ in places_xy_m]
-        for region in now.regions:
-            anchor = now.graph.vertex_xy_m[region.vertex]
-            nearest = int(np.argmin(np.linalg.norm(places_xy_m - anchor, axis=1)))
-            if nearest == 0 and abs(wrap_angle(_bearing(now.pose.xy_m, region) - now.pose.yaw_rad)) <= math.pi / 4:
-                self._stages.finder.mark_looked_at(region)
-            else:
-                regions[nearest].append(region)
-        return regions
-
-    def _add_region(self, panorama: Float[np.ndarray, " azimuths"], region: Region, xy_m: Float[np.ndarray, 2]) -> None:
-        sector = math.tau / len(panorama)
-        azimuth = round(_bearing(xy_m, region) / sector) % len(panorama)
-        panorama[azimuth] += REGION_SHARE * MEMBER_AREA_M2 * region.num_members
-
-    def _estimate(self, now: Situation, vertex: int, yaw: float) -> float:
-        towards = now.graph.vertex_xy_m[vertex] - now.pose.xy_m
-        bearing = math.atan2(towards[1], towards[0])
-        turns = abs(wrap_angle(bearing - now.pose.yaw_rad)) + abs(wrap_angle(yaw - bearing))
-        return float(now.reach.distance_m[vertex]) / FORWARD_STEP_M + turns / TURN_STEP_RAD
-
-    def _choose(self, now: Situation, options: list[_Option], unreachable: int) -> Plan:
-        shortlist = sorted(options, key=lambda option: -option.score)[:EXACT_PATHS]
-        best: tuple[_Option, Float[np.ndarray, "k 2"]] | None = None
-        for estimate in shortlist:
-            if estimate.score <= 0.0:
+    def _shortlist(self, options: _Options) -> Int[np.ndarray, " k"]:
+        """The robot's own place, and the most promising others, no two in the same square metre."""
+        worth = options.gain_m2 * np.exp(-options.steps / self.config.discount_steps)
+        worth[options.gain_m2 < self.config.min_gain_m2] = 0.0
+        square = np.floor(options.xy_m / self.config.shortlist_spacing_m).astype(np.int64)
+        chosen = [0]
+        taken: set[tuple[int, int]] = set()
+        for i in np.argsort(-worth, kind="stable"):
+            if len(chosen) > self.config.max_candidates or worth[i] <= 0.0:
                 break
-            path = np.zeros((0, 2)) if estimate.vertex == HERE else now.reach.path_to(estimate.vertex)
-            if estimate.vertex != HERE and not len(path):
+            key = (int(square[i, 0]), int(square[i, 1]))
+            if i and key not in taken:
+                taken.add(key)
+                chosen.append(int(i))
+        return np.array(chosen)
+
+    def _choose(self, now: Situation, options: _Options, caster: GainCaster) -> Plan:
+        short = self._shortlist(options)
+        if options.gain_m2.max() < self.config.min_gain_m2:
+            return self._stop(now, options)
+        hit, worth = caster.rays(options.xy_m[short])
+        places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
+        preferred = np.ones(len(short))
+        if self._target_xy_m is not None:
+            kept = np.linalg.norm(places.xy_m - self._target_xy_m, axis=1) < self.config.candidate_spacing_m
+            preferred[kept] = self.config.hysteresis
+        search = TourSearch(places, now.reach, discount_steps=self.config.discount_steps, preferred=preferred)
+        heading = round(now.pose.yaw_rad / TURN_STEP_RAD) % self.config.num_azimuths
+        tours = search.best(heading, depth=self.config.tour_depth, width=self.config.tour_width)
+        candidates = self._candidates(places, tours)
+        for tour in tours[:MAX_TOURS]:
+            first = tour.stops[0]
+            path = np.zeros((0, 2)) if first.place == 0 else now.reach.path_to(int(places.vertex[first.place]))
+            if first.place and not len(path):
                 continue
-            cost = path_steps(path, now.pose.yaw_rad, estimate.yaw_rad)
-            option = self._option(estimate, cost)
-            if option.score > (best[0].score if best else 0.0):
-                best = (option, path)
-        candidates = tuple(Candidate(o.xy_m, o.score, o.gain_m2, o.cost_steps) for o in shortlist)
-        if best is None:
-            return self._stop(now, options, unreachable, candidates)
-        option, path = best
-        kept = self._is_target(option.xy_m)
-        self._target_xy_m = option.xy_m
+            yaw = first.heading * TURN_STEP_RAD
+            return self._go(now, tour, places, path, yaw, candidates)
+        return self._stop(now, options)
+
+    def _candidates(self, places: Places, tours: list[Tour]) -> tuple[Candidate, ...]:
+        """The first stops of the tours found, each once, with the worth of its best tour."""
+        firsts: dict[int, Candidate] = {}
+        for tour in tours:
+            stop = tour.stops[0]
+            firsts.setdefault(stop.place, Candidate(places.xy_m[stop.place], tour.value, stop.gain_m2, stop.at_step))
+        return tuple(firsts.values())
+
+    def _go(
+        self,
+        now: Situation,
+        tour: Tour,
+        places: Places,
+        path: Float[np.ndarray, "k 2"],
+        yaw: float,
+        candidates: tuple[Candidate, ...],
+    ) -> Plan:
+        first = tour.stops[0]
+        xy = places.xy_m[first.place]
+        kept = (
+            self._target_xy_m is not None and np.linalg.norm(self._target_xy_m - xy) < self.config.candidate_spacing_m
+        )
+        self._target_xy_m = xy
+        cost = path_steps(path, now.pose.yaw_rad, yaw)
+        total = sum(stop.gain_m2 for stop in tour.stops)
         reason = (
-            f"{'keeps' if kept else 'takes'} {option.gain_m2:.1f} m2 expected for {option.cost_steps:.0f} steps, "
-            f"best of {len(options)} places, {option.num_regions} regions anchored"
+            f"{'keeps' if kept else 'takes'} {first.gain_m2:.1f} m2 for {cost:.0f} steps, first of a tour of "
+            f"{len(tour.stops)} stops with {total:.1f} m2 in {tour.stops[-1].at_step:.0f}"
         )
         return Plan(
             reason,
             path,
-            (option.yaw_rad,),
+            (yaw,),
             valid_steps=self.config.replan_steps,
             candidates=candidates,
             topdown=now.topdown,
@@ -216,29 +208,20 @@ class Gvg:
             stage_ms=now.watch.ms,
         )
 
-    def _stop(
-        self, now: Situation, options: list[_Option], unreachable: int, candidates: tuple[Candidate, ...]
-    ) -> Plan:
-        best = max(option.gain_m2 for option in options)
-        if len(options) == 1 and unreachable:
+    def _stop(self, now: Situation, options: _Options) -> Plan:
+        best = float(options.gain_m2.max())
+        if len(options.vertex) == 1 and options.unreachable:
             stop = StopReason.NO_REACHABLE_TARGET
-            reason = f"no way leads to any of {unreachable} vertices"
+            reason = f"no way leads to any of {options.unreachable} vertices"
         else:
             stop = StopReason.COMPLETE
-            reason = f"the best of {len(options)} reachable places would add {best:.2f} m2"
+            reason = f"the best of {len(options.vertex)} reachable places would add {best:.2f} m2"
         return Plan(
             reason,
             np.zeros((0, 2)),
             stop=stop,
-            candidates=candidates,
             topdown=now.topdown,
             graph=now.graph,
             regions=now.regions,
             stage_ms=now.watch.ms,
         )
-
-
-def _bearing(xy_m: Float[np.ndarray, 2], region: Region) -> float:
-    """World direction from a place to a region [rad]."""
-    towards = region.centre_m[:2] - xy_m
-    return math.atan2(towards[1], towards[0])
