@@ -53,6 +53,8 @@ def fails(capsys, *argv):
         (["--policy", ":Policy"], ":Policy", "cannot be imported"),
         (["--policy", "..a:Policy"], "..a", "cannot be imported"),
         (["--port", "7001"], "7001", "--view"),
+        (["--policy", "anm-s", "--target", "best"], "best", "best-anchored"),
+        (["--target", "random"], "--target", "anm-s"),
         (["--wrong"], "--wrong", "--help"),
     ],
 )

@@ -54,6 +54,14 @@ def add_explore(commands: Any) -> None:
         default="true",
         help="where the robot believes to be: true, or odometry (its wheels alone) (default: true)",
     )
+    ablation = explore.add_argument_group("ablations of the paper, for --policy anm-s")
+    ablation.add_argument(
+        "--target", help="hierarchical, best-anchored or random: how a vertex is chosen (default: hierarchical)"
+    )
+    ablation.add_argument(
+        "--no-visibility-guidance", action="store_true", help="neither prefer regions of interest nor turn to them"
+    )
+    ablation.add_argument("--no-bootstrap", action="store_true", help="no full turn before the first decision")
     explore.add_argument("--device", default="auto", help="where the map is trained: auto, cpu or cuda (default: auto)")
     explore.add_argument("--view", action="store_true", help="show the run in the browser, on this machine only")
     explore.add_argument("--port", type=int, help="port of --view (default: the next free one from 7000)")
@@ -77,7 +85,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     sys.path.insert(0, os.getcwd())
     config = make_config(
         parsed.preset,
-        parsed.settings,
+        [*_ablation(parsed), *parsed.settings],
         scene=parsed.scene,
         policy=parsed.policy,
         steps=parsed.steps,
@@ -107,6 +115,21 @@ def _explore(parsed: argparse.Namespace) -> int:
             viewer.close()
     print_metrics(console, metrics, folder.path)
     return 0
+
+
+def _ablation(parsed: argparse.Namespace) -> list[str]:
+    """The paper's ablations as single settings."""
+    from anm_mj.config import ConfigError
+
+    asked = {
+        "--target": parsed.target and f"planning.target={parsed.target}",
+        "--no-visibility-guidance": parsed.no_visibility_guidance and "planning.visibility_guidance=False",
+        "--no-bootstrap": parsed.no_bootstrap and "planning.bootstrap_turns=0",
+    }
+    settings = {option: setting for option, setting in asked.items() if setting}
+    if settings and parsed.policy != "anm-s":
+        raise ConfigError(f"{next(iter(settings))} is for --policy anm-s alone, but the policy is {parsed.policy}.")
+    return list(settings.values())
 
 
 def _viewer(parsed: argparse.Namespace) -> Any:

@@ -9,6 +9,9 @@ from anm_mj.errors import PlanError
 
 _MAY_BE_ZERO = ("margin_m", "bootstrap_turns", "gvg_bootstrap_turns", "start_radius_m")
 
+TARGETS = ("hierarchical", "best-anchored", "random")
+"""Ways of the anm-s policy to choose: local horizon first, then near to far; the most uncertain; any unvisited."""
+
 
 @dataclass(frozen=True)
 class PlanningConfig:
@@ -76,6 +79,10 @@ class PlanningConfig:
     """The gvg policy decides anew after this many steps."""
     gvg_bootstrap_turns: int = 27
     """Turns of the first look around of the gvg policy: three quarters of a turn show all to a view of 90 degrees."""
+    target: str = "hierarchical"
+    """How the anm-s policy chooses among vertices: one of ``TARGETS`` (the paper's ablation, section V-D)."""
+    visibility_guidance: bool = True
+    """Whether the anm-s policy prefers vertices with regions anchored to them and turns to these on arrival."""
     bootstrap_turns: int = 36
     """Turns of the first look around (paper, section V-D)."""
 
@@ -87,8 +94,12 @@ class PlanningConfig:
         """
         for f in fields(self):
             value = getattr(self, f.name)
+            if isinstance(value, str | bool):
+                continue
             if not math.isfinite(value) or value < 0 or (value == 0 and f.name not in _MAY_BE_ZERO):
                 raise PlanError(f"planning.{f.name} is {value}; it must be a number above zero.")
+        if self.target not in TARGETS:
+            raise PlanError(f"planning.target is '{self.target}'; it must be one of {', '.join(TARGETS)}.")
         if self.free_share > 1.0:
             raise PlanError(f"planning.free_share is {self.free_share}; it must be in (0, 1].")
         if self.region_percentile >= 100.0:

@@ -56,16 +56,25 @@ class RegionFinder:
                 for dx in (-1, 0, 1):
                     self._looked_at.add((int(cell[0]) + dx, int(cell[1]) + dy, int(cell[2]) + dz))
 
-    def regions(self, graph: VoronoiGraph, grid: VoxelGrid, camera_height_m: float) -> tuple[Region, ...]:
+    def regions(
+        self,
+        graph: VoronoiGraph,
+        grid: VoxelGrid,
+        camera_height_m: float,
+        vertices: Int[np.ndarray, " v"] | None = None,
+    ) -> tuple[Region, ...]:
         """The regions that can be seen from some vertex, most uncertain first.
 
         Args:
-            graph: vertices to anchor to.
+            graph: the road map.
             grid: what may stand between a vertex and a region.
             camera_height_m: height that vertices look from [m].
+            vertices: those that may be anchored to; None = all of them.
         """
         points = self._points
-        if not len(points.uncertainty) or not len(graph.vertex_xy_m):
+        if vertices is None:
+            vertices = np.arange(len(graph.vertex_xy_m))
+        if not len(points.uncertainty) or not len(vertices):
             return ()
         uncertain = points.uncertainty > np.percentile(points.uncertainty, self.config.region_percentile)
         if not uncertain.any():
@@ -82,9 +91,11 @@ class RegionFinder:
         score = np.bincount(label, relative) / size
         kept = np.flatnonzero(size >= self.config.region_min_members)
         kept = np.array([k for k in kept if not self._is_looked_at(centre[k])], np.int64)
-        vertex = _anchors(centre[kept], mean_normal[kept], graph, grid, camera_height_m, self.config)
+        vertex = _anchors(
+            centre[kept], mean_normal[kept], graph.vertex_xy_m[vertices], grid, camera_height_m, self.config
+        )
         found = [
-            Region(centre[k], mean_normal[k], int(size[k]), float(score[k]), int(v))
+            Region(centre[k], mean_normal[k], int(size[k]), float(score[k]), int(vertices[v]))
             for k, v in zip(kept, vertex, strict=True)
             if v >= 0
         ]
@@ -117,7 +128,7 @@ def _clusters(points: Float[np.ndarray, "n 3"], link_m: float) -> Int[np.ndarray
 def _anchors(
     centre_m: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
-    graph: VoronoiGraph,
+    vertex_xy_m: Float[np.ndarray, "v 2"],
     grid: VoxelGrid,
     camera_height_m: float,
     config: PlanningConfig,
@@ -125,12 +136,12 @@ def _anchors(
     """For each region the nearest vertex that sees it, -1 where none does."""
     if not len(centre_m):
         return np.zeros(0, np.int64)
-    tree = KDTree(graph.vertex_xy_m)
-    k = min(MAX_ANCHORS, len(graph.vertex_xy_m))
+    tree = KDTree(vertex_xy_m)
+    k = min(MAX_ANCHORS, len(vertex_xy_m))
     distance, vertex = tree.query(centre_m[:, :2], k=k, distance_upper_bound=config.anchor_range_m)
     distance, vertex = distance.reshape(len(centre_m), k), vertex.reshape(len(centre_m), k)
     region, rank = np.nonzero(np.isfinite(distance))
-    eye = np.column_stack([graph.vertex_xy_m[vertex[region, rank]], np.full(len(region), camera_height_m)])
+    eye = np.column_stack([vertex_xy_m[vertex[region, rank]], np.full(len(region), camera_height_m)])
     # The sight ends just in front of the surface, whose own voxels would block it.
     seen = centre_m[region] + 2 * grid.resolution_m * normal[region]
     view = eye - centre_m[region]

@@ -45,8 +45,8 @@ class Stages:
         self.finder = RegionFinder(config)
         self._way_xy_m = np.zeros((0, 2))
 
-    def read(self, mapper: Mapper, observation: Observation) -> Situation:
-        """Top-down map, graph, shortest paths and regions as of now."""
+    def read(self, mapper: Mapper, observation: Observation, *, with_regions: bool = True) -> Situation:
+        """Top-down map, graph, shortest paths and, if asked for, regions as of now."""
         watch = Stopwatch()
         pose = observation.pose
         self._follow_way(pose)
@@ -57,11 +57,14 @@ class Stages:
             graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m)
         with watch.stage("paths"):
             paths = reach(graph, topdown, pose, self.safe_m)
-        with watch.stage("regions"):
-            radius = self.config.region_radius_m
-            self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
-            height = float(observation.T_world_camera[2, 3])
-            regions = self.finder.regions(graph, grid, height)
+        height = float(observation.T_world_camera[2, 3])
+        regions: tuple[Region, ...] = ()
+        if with_regions:
+            with watch.stage("regions"):
+                radius = self.config.region_radius_m
+                self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
+                # Edges meet there, several ways and views open: the vertices in the paper's sense.
+                regions = self.finder.regions(graph, grid, height, np.flatnonzero(graph.degree >= 3))
         return Situation(pose, topdown, graph, paths, regions, height, watch)
 
     def set_out(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:

@@ -2,11 +2,13 @@
 
 After a full turn at the start, every decision weighs the vertices where three or more edges meet. A vertex is better
 when it has not been visited, when it lies visible in the local horizon, and when a region of interest is anchored to
-it; among equals the nearest along the graph is taken. On arrival the robot turns to the regions anchored there. The
-tiers and the visited radius are those of the authors' released code, because the paper leaves them open. Where paper
-and code differ, the paper is followed: a bootstrap of 36 turns without tilting, both decoders perturbed, regions
-anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown space is a state of its own, so
-that vertices lie in observed free space only, and bounds are never taken from ground truth.
+it; among equals the nearest along the graph is taken (target "hierarchical"; the paper's ablation knows "random", any
+unvisited vertex, and "best-anchored", the one with the most uncertain region). On arrival the robot turns to the
+regions anchored there. The tiers and the visited radius are those of the authors' released code, because the paper
+leaves them open. Where paper and code differ, the paper is followed: a bootstrap of 36 turns without tilting, both
+decoders perturbed, regions anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown
+space is a state of its own, so that vertices lie in observed free space only, and bounds are never taken from ground
+truth.
 """
 
 from __future__ import annotations
@@ -43,9 +45,9 @@ class AnmS:
     """Active Neural Mapping at Scale (Kuang et al., IROS 2024) on our stages."""
 
     def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
-        """Start before the bootstrap rotation; the policy draws nothing, so the seed has no effect."""
-        del seed
+        """Start before the bootstrap rotation; the seed decides about random targets alone."""
         self.config = config
+        self._rng = np.random.default_rng(seed)
         self._stages = Stages(config, footprint)
         self._bootstrapped = False
         self._target_xy_m: Float[np.ndarray, 2] | None = None
@@ -68,8 +70,7 @@ class AnmS:
             self._target_xy_m = None
             return self._look_around("no vertex of the graph can be reached: another full turn")
         score = self._scores(now, reachable)
-        order = np.lexsort((now.reach.distance_m[reachable], -score))
-        for best in order:
+        for best in self._order(now, reachable, score):
             path = now.reach.path_to(int(reachable[best]))
             if len(path):
                 return self._go(now, int(reachable[best]), path, reachable, score)
@@ -96,8 +97,28 @@ class AnmS:
         in_horizon = (np.abs(xy - now.pose.xy_m) <= self.config.horizon_m / 2).all(axis=1)
         start = np.repeat(now.pose.xy_m[None], len(xy), axis=0)
         in_horizon &= segments_clear(now.topdown, start, xy, 0.0, now.pose)
-        anchored = np.isin(nodes, [region.vertex for region in now.regions])
+        anchored = np.isin(nodes, [region.vertex for region in self._guiding(now)])
         return UNVISITED * ~visited + IN_HORIZON * in_horizon + ANCHORED * anchored + FAILED * failed
+
+    def _order(
+        self, now: Situation, nodes: Int[np.ndarray, " n"], score: Int[np.ndarray, " n"]
+    ) -> Int[np.ndarray, " n"]:
+        """The vertices from best to worst: by tier and distance, or as the ablation asks."""
+        distance = now.reach.distance_m[nodes]
+        failed = _within(now.graph.vertex_xy_m[nodes], self._failed_xy_m, FAIL_RADIUS_M)
+        if self.config.target == "hierarchical":
+            return np.lexsort((distance, -score))
+        visited = _within(now.graph.vertex_xy_m[nodes], self._stages.topdown.trail_xy_m, self.config.visited_radius_m)
+        if self.config.target == "random":
+            return np.lexsort((self._rng.random(len(nodes)), visited, failed))
+        most = np.zeros(len(now.graph.vertex_xy_m))
+        for region in now.regions:
+            most[region.vertex] = max(most[region.vertex], region.score)
+        return np.lexsort((distance, visited, -most[nodes], failed))
+
+    def _guiding(self, now: Situation) -> tuple[Region, ...]:
+        """The regions that lead the robot: none without visibility guidance."""
+        return now.regions if self.config.visibility_guidance else ()
 
     def _go(
         self,
@@ -110,14 +131,16 @@ class AnmS:
         xy = now.graph.vertex_xy_m[vertex]
         self._target_xy_m = xy
         self._stages.set_out(path)
-        self._headed_for = tuple(region for region in now.regions if region.vertex == vertex)
+        self._headed_for = tuple(region for region in self._guiding(now) if region.vertex == vertex)
         towards = [region.centre_m[:2] - xy for region in self._headed_for]
         headings = tuple(math.atan2(d[1], d[0]) for d in towards)
         tier = int(score[np.flatnonzero(nodes == vertex)[0]])
-        reason = (
-            f"tier {tier}: nearest of {int((score == tier).sum())} vertices, "
-            f"{len(headings)} regions anchored, {now.reach.distance_m[vertex]:.1f} m away"
-        )
+        chosen = {
+            "hierarchical": f"nearest of {int((score == tier).sum())} vertices",
+            "best-anchored": "the most uncertain region",
+            "random": "drawn at random",
+        }[self.config.target]
+        reason = f"tier {tier}: {chosen}, {len(headings)} regions anchored, {now.reach.distance_m[vertex]:.1f} m away"
         steps = now.reach.distance_m[nodes] / FORWARD_STEP_M
         candidates = tuple(
             Candidate(now.graph.vertex_xy_m[n], float(s), float(s), float(c))

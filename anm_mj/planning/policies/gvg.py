@@ -71,7 +71,7 @@ class Gvg:
             self._bootstrapped = True
             turns = (Action.TURN_LEFT,) * self.config.gvg_bootstrap_turns
             return Plan("bootstrap: a look around before the first decision", np.zeros((0, 2)), actions=turns)
-        now = self._stages.read(mapper, observation)
+        now = self._stages.read(mapper, observation, with_regions=False)
         with now.watch.stage("gain"):
             if self._caster is None:
                 self._caster = GainCaster(self.config, now.camera_height_m)
@@ -204,7 +204,6 @@ class Gvg:
             candidates=candidates,
             topdown=now.topdown,
             graph=now.graph,
-            regions=now.regions,
             stage_ms=now.watch.ms,
         )
 
@@ -222,6 +221,5 @@ class Gvg:
             stop=stop,
             topdown=now.topdown,
             graph=now.graph,
-            regions=now.regions,
             stage_ms=now.watch.ms,
         )
