@@ -21,7 +21,9 @@ def add_scene(commands: Any) -> None:
         default="auto",
         help="what SRC is: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, mesh or auto",
     )
-    imported.add_argument("--up", default="auto", help="axis that points up in SRC: x, y, z or auto")
+    imported.add_argument(
+        "--up", choices=("x", "y", "z", "auto"), default="auto", help="axis that points up in SRC (default: found)"
+    )
     imported.add_argument("--scale", type=float, help="metres per unit of SRC (default: found from its size)")
     imported.add_argument("--name", help="name of the scene (default: the file's)")
     imported.add_argument("--licence", help="licence of SRC, kept in the folder (default: the data set's)")
