@@ -119,7 +119,8 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
         # mink makes a row for each of these pairs; the far ones would only lengthen its problem by rows without effect.
         self.geom_id_pairs, self.max_num_contacts = near.tolist(), len(near)
         rows = super().compute_qp_inequalities(configuration, dt)
-        assert rows.G is not None and rows.h is not None
+        assert rows.G is not None
+        assert rows.h is not None
         # The first two columns are the base's displacement in the world.
         ahead = configuration.data.geom_xmat[self._body].reshape(3, 3)[:2, 0]
         nearing = np.abs(rows.G[:, :2] @ ahead) > _GRAZING

@@ -81,7 +81,7 @@ class LookAt:
             return None
         self._base.place(pose)
         self._configuration.update()
-        self._task.set_target(self._before_far_side(pose, point_m, error_rad))
+        self._task.set_target(self._target(pose, point_m, error_rad))
         braking_radps = math.sqrt(2.0 * self._limits.turn_radps2 * abs(error_rad))
         faster_radps = abs(self._turn_radps) + self._limits.turn_radps2 * self._period_s
         allowed_radps = min(self._limits.turn_radps, faster_radps, braking_radps)
@@ -106,12 +106,11 @@ class LookAt:
             return 0.0
         return wrap_angle(math.atan2(y, x) - math.atan2(T_world_camera[1, 2], T_world_camera[0, 2]))
 
-    def _before_far_side(
-        self, pose: Pose2, point_m: Float[np.ndarray, "3"], error_rad: float
-    ) -> Float[np.ndarray, "3"]:
-        """The point itself, or one a right angle to the side that it is to be reached over."""
-        if abs(error_rad) < _FAR_SIDE_RAD:
-            return point_m
+    def _target(self, pose: Pose2, point_m: Float[np.ndarray, "3"], error_rad: float) -> Float[np.ndarray, "3"]:
+        """The point at the camera's height, or one a right angle to the side that it is to be reached over."""
         T_world_camera = self._robot.T_world_camera(pose)
+        if abs(error_rad) < _FAR_SIDE_RAD:
+            # Turning changes no elevation: asked for one too, the task would turn too far for points high up or low.
+            return np.array([point_m[0], point_m[1], T_world_camera[2, 3]])
         to_the_right = T_world_camera[:3, 0]
         return T_world_camera[:3, 3] - math.copysign(1.0, error_rad) * to_the_right

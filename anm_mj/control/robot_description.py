@@ -17,8 +17,9 @@ from jaxtyping import Float
 
 from anm_mj.control.geom_extent import height_range_m, reach_about_axis_m
 from anm_mj.control.robot_config import RobotConfig
-from anm_mj.control.robot_parts import find_parts, robot_alone
+from anm_mj.control.robot_parts import Parts, find_parts, robot_alone
 from anm_mj.control.skeleton import WheelMount, skeleton_mjcf
+from anm_mj.control.wheels import Wheel, base_frame, let_casters_slide, let_wheels_roll, read_wheels
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV
 from anm_mj.types import Footprint
@@ -29,7 +30,8 @@ LOWEST_M = 0.05
 """Rugs and thresholds below this height are never obstacles [m]; scenes hold no collision boxes there either."""
 TOUCHES_FLOOR_M = 0.005
 """What begins lower than this rolls or slides on the floor: a wheel or a caster [m]."""
-_AXLE_TOLERANCE_M = 1e-3
+WHEELS = ("wheel_left", "wheel_right")
+"""What the wheels are called in a skeleton."""
 _FORWARD_COS = math.cos(math.radians(30.0))
 _KV_PER_KG = 2.0 / (9.6 * 0.05**2)
 """Gain of a motor per mass and squared wheel radius [1/s]: what holds ``models/diff_drive`` at its speed, scaled."""
@@ -93,12 +95,10 @@ def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescri
     mujoco.mj_forward(model, data)
 
     root = model.body(parts.root).id
-    wheels = [model.joint(name) for name in parts.wheels]
-    _require_rigid_mounts(model, root, wheels, parts.camera, path)
-    radius = _wheel_radius_m(model, data, wheels, path)
-    anchors = np.array([data.xanchor[wheel.id] for wheel in wheels])
-    axes = np.array([data.xaxis[wheel.id] for wheel in wheels])
-    T_world_base, track, signs = _base_frame(anchors, axes, radius, path)
+    _require_rigid_mounts(model, root, parts, path)
+    wheels = read_wheels(model, data, parts.wheels, path)
+    T_world_base, track, signs = base_frame(*wheels, path)
+    radius = wheels[0].radius_m
     T_root_base = np.linalg.inv(_body_pose(data, root)) @ T_world_base
     T_base_camera = np.linalg.inv(T_world_base) @ _camera_pose(data, model.camera(parts.camera).id)
     if T_base_camera[0, 2] < _FORWARD_COS:
@@ -106,14 +106,17 @@ def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescri
             f"The camera {parts.camera} of {path} does not look forward, to where the wheels {parts.wheels[0]} (left) "
             f"and {parts.wheels[1]} (right) roll; swap the wheels' names, or turn the camera."
         )
+    shell, casters = _shell_and_casters(model, data, wheels, float(T_world_base[2, 3]))
+    footprint, body_radius = _footprint(model, data, shell, T_world_base)
     motors = _motors(spec, model, parts.wheels, radius)
-    shell = _shell(model, data, root, [int(wheel.bodyid[0]) for wheel in wheels], T_world_base[2, 3])
-    footprint, body_radius = _footprint(model, data, root, shell, T_world_base)
-    mounts = [
-        WheelMount(name, int(wheel.bodyid[0]), np.array([0.0, side * track / 2.0, radius]), float(wheel.armature[0]))
-        for name, side, wheel in zip(("wheel_left", "wheel_right"), (1.0, -1.0), wheels, strict=True)
-    ]
+    let_wheels_roll(spec, model, wheels)
+    let_casters_slide(spec, model, casters)
+    shell_names = tuple(model.geom(geom).name for geom in shell)
     model = _compiled(spec, path)
+    mounts = [
+        WheelMount(name, wheel.body, np.array([0.0, side * track / 2.0, radius]), _armature(model, wheel.joint))
+        for name, side, wheel in zip(WHEELS, (1.0, -1.0), wheels, strict=True)
+    ]
     return RobotDescription(
         name=path.stem,
         spec=spec,
@@ -121,7 +124,7 @@ def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescri
         wheel_joints=parts.wheels,
         wheel_signs=signs,
         motors=motors,
-        shell=tuple(model.geom(geom).name for geom in shell),
+        shell=shell_names,
         camera=parts.camera,
         T_root_base=T_root_base,
         T_base_camera=T_base_camera,
@@ -144,59 +147,17 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         ) from err
 
 
-def _require_rigid_mounts(model: mujoco.MjModel, root: int, wheels: list, camera: str, path: Path) -> None:
+def _require_rigid_mounts(model: mujoco.MjModel, root: int, parts: Parts, path: Path) -> None:
     """Raises RobotError unless wheels and camera sit on the base without a joint in between."""
-    for wheel in wheels:
-        if model.body_weldid[model.body_parentid[wheel.bodyid[0]]] != root:
-            raise RobotError(f"The wheel {wheel.name} of {path} hangs on another joint; mount it on the base rigidly.")
-    if model.body_weldid[model.camera(camera).bodyid[0]] != root:
-        raise RobotError(f"The camera {camera} of {path} is moved by a joint; mount it on the base rigidly.")
+    for name in parts.wheels:
+        if model.body_weldid[model.body_parentid[model.joint(name).bodyid[0]]] != root:
+            raise RobotError(f"The wheel {name} of {path} hangs on another joint; mount it on the base rigidly.")
+    if model.body_weldid[model.camera(parts.camera).bodyid[0]] != root:
+        raise RobotError(f"The camera {parts.camera} of {path} is moved by a joint; mount it on the base rigidly.")
 
 
-def _wheel_radius_m(model: mujoco.MjModel, data: mujoco.MjData, wheels: list, path: Path) -> float:
-    """Height of the wheels' axes above their lowest points.
-
-    Raises:
-        RobotError: if a wheel has no geom, or the two differ.
-    """
-    radii = []
-    for wheel in wheels:
-        body = int(wheel.bodyid[0])
-        geoms = np.flatnonzero(model.geom_bodyid == body)
-        touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]] or list(geoms)
-        if not touching:
-            raise RobotError(f"The wheel {wheel.name} of {path} has no geom; give it one, best an ellipsoid.")
-        radii.append(data.xanchor[wheel.id][2] - min(height_range_m(model, data, int(g))[0] for g in touching))
-    if radii[0] <= 0.0 or abs(radii[0] - radii[1]) > _AXLE_TOLERANCE_M:
-        raise RobotError(
-            f"The wheels of {path} reach {radii[0]:.4f} m and {radii[1]:.4f} m below their axes; they must be alike."
-        )
-    return round(float(np.mean(radii)), 9)
-
-
-def _base_frame(
-    anchors: Float[np.ndarray, "2 3"], axes: Float[np.ndarray, "2 3"], radius_m: float, path: Path
-) -> tuple[Float[np.ndarray, "4 4"], float, tuple[float, float]]:
-    """The base in the world, the track [m], and the sign of each wheel's joint.
-
-    Raises:
-        RobotError: if the wheels do not share one level axle.
-    """
-    across = anchors[0] - anchors[1]
-    track = float(np.linalg.norm(across))
-    left = across / max(track, 1e-9)
-    along = axes @ left
-    if track < 0.02 or abs(across[2]) > _AXLE_TOLERANCE_M or np.abs(along).min() < 1.0 - 1e-4:
-        raise RobotError(
-            f"The wheels of {path} turn about {axes[0].round(3)} at {anchors[0].round(3)} and {axes[1].round(3)} at "
-            f"{anchors[1].round(3)}; they must share one level axle, the left wheel's to the left."
-        )
-    middle = anchors.mean(axis=0)
-    T_world_base = np.eye(4)
-    T_world_base[:3, 0] = np.cross(left, [0.0, 0.0, 1.0])
-    T_world_base[:3, 1] = left
-    T_world_base[:3, 3] = [middle[0], middle[1], middle[2] - radius_m]
-    return T_world_base, track, (float(np.sign(along[0])), float(np.sign(along[1])))
+def _armature(model: mujoco.MjModel, joint: str) -> float:
+    return float(model.dof_armature[model.joint(joint).dofadr[0]])
 
 
 def _body_pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
@@ -238,26 +199,26 @@ def _is_velocity_servo(model: mujoco.MjModel, actuator: int) -> bool:
     return bool(plain) and gain > 0.0 and bias[1] == 0.0 and bias[2] == -gain
 
 
-def _shell(
-    model: mujoco.MjModel, data: mujoco.MjData, root: int, wheel_bodies: list[int], floor_z_m: float
-) -> list[int]:
-    """Geoms that can touch something and stand clear of the floor."""
-    return [
-        geom
-        for geom in range(model.ngeom)
-        if model.body_rootid[model.geom_bodyid[geom]] == root
-        and (model.geom_contype[geom] or model.geom_conaffinity[geom])
-        and model.geom_bodyid[geom] not in wheel_bodies
-        and height_range_m(model, data, geom)[0] - floor_z_m > TOUCHES_FLOOR_M
-    ]
+def _shell_and_casters(
+    model: mujoco.MjModel, data: mujoco.MjData, wheels: tuple[Wheel, Wheel], floor_z_m: float
+) -> tuple[list[int], list[int]]:
+    """Solid geoms beside the wheels: those that stand clear of the floor, and those that touch it."""
+    on_wheels = [wheel.body for wheel in wheels]
+    solid = [g for g in _solid(model) if model.geom_bodyid[g] not in on_wheels]
+    low = [g for g in solid if height_range_m(model, data, g)[0] - floor_z_m <= TOUCHES_FLOOR_M]
+    return [g for g in solid if g not in low], low
+
+
+def _solid(model: mujoco.MjModel) -> list[int]:
+    """Geoms that can touch something."""
+    return np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
 
 
 def _footprint(
-    model: mujoco.MjModel, data: mujoco.MjData, root: int, shell: list[int], T_world_base: Float[np.ndarray, "4 4"]
+    model: mujoco.MjModel, data: mujoco.MjData, shell: list[int], T_world_base: Float[np.ndarray, "4 4"]
 ) -> tuple[Footprint, float]:
     """The cylinder about the base that holds the robot, and the robot's own radius [m]."""
-    on_robot = [g for g in range(model.ngeom) if model.body_rootid[model.geom_bodyid[g]] == root]
-    solid = [g for g in on_robot if model.geom_contype[g] or model.geom_conaffinity[g]]
+    solid = _solid(model)
     floor_z = float(T_world_base[2, 3])
     radius = max(reach_about_axis_m(model, data, g, T_world_base[:2, 3]) for g in solid)
     lowest = min((height_range_m(model, data, g)[0] for g in shell), default=floor_z) - floor_z

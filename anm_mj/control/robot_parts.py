@@ -57,7 +57,7 @@ def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> Parts:
 
 
 def robot_alone(spec: mujoco.MjSpec, parts: Parts) -> None:
-    """Remove the world around the robot, its lights and its keyframes, and hide it from its own camera."""
+    """Remove the world around the robot, its lights, keyframes and settings, and hide it from its own camera."""
     world = spec.worldbody
     for element in [*world.geoms, *world.sites, *world.lights, *world.cameras]:
         spec.delete(element)
@@ -65,6 +65,8 @@ def robot_alone(spec: mujoco.MjSpec, parts: Parts) -> None:
         spec.delete(body)
     for element in [*spec.lights, *spec.keys]:
         spec.delete(element)
+    # A scene keeps its own time step, gravity and light, whatever the robot's file says of them.
+    spec.option, spec.visual, spec.stat = (empty := mujoco.MjSpec()).option, empty.visual, empty.stat
     taken = {geom.name for geom in spec.geoms}
     for number, geom in enumerate(spec.geoms):
         if not geom.name:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
-from anm_mj.sim.camera import RgbdCamera
+from anm_mj.sim.any_camera import Camera
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, Twist
 
 
@@ -22,7 +22,7 @@ class SimRobot:
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        camera: RgbdCamera,
+        camera: Camera,
         drive: Drive,
         footprint: Footprint,
         T_base_camera: Float[np.ndarray, "4 4"] | None = None,
@@ -58,6 +58,16 @@ class SimRobot:
     def pose(self) -> Pose2:
         """Where the base truly stands now."""
         return self._drive.pose
+
+    @property
+    def camera_kind(self) -> str:
+        """What makes the pictures: ``gl``, ``embree`` or ``mujoco rays``."""
+        return self._camera.kind
+
+    @property
+    def odometry(self) -> Pose2:
+        """Where the base stands as far as the wheels' encoders tell."""
+        return self._drive.odometry
 
     @property
     def robot_hash(self) -> str:

@@ -16,6 +16,10 @@ _FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
 _EXACT = 1e-9
 
 
+def nothing_in_the_way() -> Clearance:
+    return Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
+
+
 @pytest.fixture
 def drive(compile_scene, description) -> KinematicDrive:
     """A robot at the origin that looks at a wall at x = 1."""
@@ -37,7 +41,7 @@ def test_a_forward_step_is_exact_and_rolls_the_wheels(drive):
 
 def test_the_wheels_have_turned_as_far_as_they_have_rolled(compile_scene, description):
     model, data = compile_scene()
-    free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
+    free = nothing_in_the_way()
     drive = KinematicDrive(model, data, description, free)
     for action in (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_LEFT, Action.MOVE_FORWARD):
         drive.act(action)
@@ -59,7 +63,7 @@ def test_thirty_six_turns_come_back_to_the_same_pose(drive, action):
 @given(actions=st.lists(st.sampled_from([Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT]), max_size=40))
 @settings(max_examples=25, deadline=None)
 def test_any_free_drive_is_the_sum_of_its_actions(compile_scene, description, actions):
-    free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
+    free = nothing_in_the_way()
     drive = KinematicDrive(*compile_scene(), description, free)
     x = y = 0.0
     turns = 0
@@ -87,7 +91,7 @@ def test_a_blocked_move_leaves_the_robot_where_it_is_and_a_turn_frees_it(drive):
 
 def test_stopping_does_nothing_and_actions_take_time(compile_scene, description):
     model, data = compile_scene()
-    free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
+    free = nothing_in_the_way()
     drive = KinematicDrive(model, data, description, free)
     drive.act(Action.STOP)
     assert (data.time, drive.pose) == (0.0, Pose2(0.0, 0.0, 0.0))
@@ -96,6 +100,6 @@ def test_stopping_does_nothing_and_actions_take_time(compile_scene, description)
 
 
 def test_a_scene_without_the_robot_is_refused(compile_scene, description):
-    free = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
+    free = nothing_in_the_way()
     with pytest.raises(RobotError, match='no joint "robot/base"'):
         KinematicDrive(*compile_scene(), description, free, prefix="robot/")

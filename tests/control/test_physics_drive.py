@@ -97,11 +97,10 @@ def test_the_servo_stops_before_an_obstacle_and_touches_nothing(make_drive, yaw_
     drive, data = make_drive(_WALL_AT_1M, Pose2(0.6, 0.0, math.radians(yaw_deg)))
     touched = []
     wall = int(np.flatnonzero(data.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)[0])
-    assert data.model.geom_bodyid[wall] == 0
     for _ in range(6):
-        stopped = drive.act(Action.MOVE_FORWARD)
+        collided = drive.act(Action.MOVE_FORWARD).collided
         touched += [list(contact.geom) for contact in data.contact if wall in contact.geom]
-    assert stopped.collided
+    assert collided
     assert not touched
     # The body's radius is 0.17 m, and the servo keeps 5 mm.
     assert drive.pose.x_m == pytest.approx(1.0 - 0.17 - 0.005, abs=5e-4)

@@ -1,0 +1,259 @@
+"""Measures both drives against what they must keep, and prints one line per figure with its bound.
+
+    python scripts/bench_drive.py                          # exactness, cost, pushes
+    python scripts/bench_drive.py --replay runs/latest     # the same actions in both drives: completion of each
+
+Physics: mixed actions on a random drive through a scene; after each, the true pose against the pose that the actions
+ask for. Kinematic: the same with the scene's triangles divided until there are a million. Pushes: a force on the robot,
+from many directions, beside the scene's obstacles. Times are CPU times of the process.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import trimesh
+import tyro
+
+from anm_mj.evaluation.curve import CompletionCurve
+from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.io.jsonable import write_json
+from anm_mj.io.read_run import read_run
+from anm_mj.robots import DRIVES, make_robot
+from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.scene.navigable import is_clear, scene_area
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Footprint, Pose2
+
+if TYPE_CHECKING:
+    # Imports mujoco, which may be imported only once the robot's maker has chosen a GL back-end.
+    from anm_mj.control.clearance import Clearance
+    from anm_mj.sim.robot import SimRobot
+
+FREE_M = 0.12
+"""The random drive turns away from what is nearer ahead than this [m]."""
+ROOM_M = 0.04
+"""The random drive of the physics drive keeps so much farther from everything than it must [m]."""
+PUSH_N = 60.0
+"""About six tenths of the robot's weight."""
+PUSH_S = 1.0
+NEAR_M = 0.3
+"""Pushes begin at most so far from an obstacle [m]."""
+CORE_M = 0.1
+"""A triangle this near to the robot's axis has gone through its shell [m]."""
+TRUE_ACTION = {
+    Action.MOVE_FORWARD: (FORWARD_STEP_M, 0.0),
+    Action.TURN_LEFT: (0.0, TURN_STEP_RAD),
+    Action.TURN_RIGHT: (0.0, -TURN_STEP_RAD),
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number and what it may be at most."""
+
+    name: str
+    value: float
+    bound: float
+    unit: str
+
+
+def main(
+    scene: str = "home",
+    actions: int = 1000,
+    triangles: int = 1_000_000,
+    pushes: int = 24,
+    replay: Path | None = None,
+    out: Path | None = None,
+) -> None:
+    """Measure and print.
+
+    Args:
+        scene: name or folder.
+        actions: number of mixed actions.
+        triangles: at least so many for the kinematic drive.
+        pushes: directions to push from.
+        replay: run folder whose actions are repeated in both drives, in place of everything else.
+        out: JSON file for the figures.
+    """
+    if replay is not None:
+        figures = replay_figures(replay)
+    else:
+        world = load_scene(scene)
+        figures = [*physics_figures(world, actions), *kinematic_figures(world, actions, triangles)]
+        figures += push_figures(world, pushes)
+    for figure in figures:
+        verdict = "" if math.isinf(figure.bound) else "within" if figure.value <= figure.bound else "ABOVE"
+        bound = "" if math.isinf(figure.bound) else f"  ({verdict} {figure.bound:g})"
+        print(f"{figure.name:58} {figure.value:9.4f} {figure.unit}{bound}")
+    if out is not None:
+        write_json(out, figures)
+
+
+def physics_figures(world: Scene, actions: int) -> list[Figure]:
+    """How exactly the physics drive does what the actions ask for, and what an action costs."""
+    worst_m = worst_rad = worst_forward_m = worst_turn_rad = worst_height_m = 0.0
+    upright, cpu_ms, bumps = 1.0, [], 0
+    with make_robot(world, drive="physics", image_px=16) as robot:
+        from anm_mj.control.clearance import Clearance
+
+        root, asked = robot.model.body("robot/base").id, robot.pose
+        # Obstacle boxes are up to a cell thicker than what they stand for.
+        wide = replace(robot.footprint, radius_m=robot.footprint.radius_m + ROOM_M)
+        for action in mixed_actions(robot, Clearance(*world.triangles(), wide), actions):
+            before, start_s = robot.pose, time.process_time()
+            result = robot.act(action)
+            cpu_ms.append(1e3 * (time.process_time() - start_s))
+            if result.collided:
+                # A refused move is none: what is asked for goes on from where the robot was stopped.
+                bumps, asked = bumps + 1, robot.pose
+                continue
+            forward_m, turn_rad = TRUE_ACTION[action]
+            asked, pose = move_pose(asked, forward_m, turn_rad), robot.pose
+            moved_m, turned_rad = distance_m(before, pose), wrap_angle(pose.yaw_rad - before.yaw_rad)
+            worst_m = max(worst_m, distance_m(asked, pose))
+            worst_rad = max(worst_rad, abs(wrap_angle(asked.yaw_rad - pose.yaw_rad)))
+            if forward_m:
+                worst_forward_m = max(worst_forward_m, abs(moved_m - forward_m))
+            else:
+                worst_turn_rad = max(worst_turn_rad, abs(turned_rad - turn_rad))
+            upright = min(upright, float(robot.data.body(root).xmat[8]))
+            worst_height_m = max(worst_height_m, abs(float(robot.data.body(root).xpos[2])))
+        last_rad = abs(wrap_angle(asked.yaw_rad - robot.pose.yaw_rad))
+        drift = distance_m(robot.pose, asked), distance_m(robot.pose, robot.odometry)
+    return [
+        Figure(f"physics: off the asked pose after {actions} actions", 1e3 * drift[0], 2.0, "mm"),
+        Figure("physics: most off the asked pose at any time", 1e3 * worst_m, 2.0, "mm"),
+        Figure(f"physics: heading off the asked one after {actions} actions", math.degrees(last_rad), 0.2, "deg"),
+        Figure("physics: heading most off the asked one", math.degrees(worst_rad), 0.2, "deg"),
+        Figure("physics: most a forward action is off 65 mm", 1e3 * worst_forward_m, 1.0, "mm"),
+        Figure("physics: most a turn is off 10 degrees", math.degrees(worst_turn_rad), 0.1, "deg"),
+        Figure("physics: CPU per action, mean", float(np.mean(cpu_ms)), 15.0, "ms"),
+        Figure("physics: CPU per action, median", float(np.median(cpu_ms)), 15.0, "ms"),
+        Figure("physics: largest tilt", math.degrees(math.acos(min(upright, 1.0))), 1.0, "deg"),
+        Figure("physics: base off the floor", 1e3 * worst_height_m, 2.0, "mm"),
+        Figure("physics: moves stopped by obstacles", bumps, math.inf, ""),
+        Figure(f"physics: wheel odometry off after {actions} actions", 1e3 * drift[1], math.inf, "mm"),
+    ]
+
+
+def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure]:
+    """What an action of the kinematic drive costs among very many triangles."""
+    cpu_ms, moves = [], 0
+    with make_robot(world, image_px=16) as robot:
+        from anm_mj.control.clearance import Clearance
+        from anm_mj.control.kinematic_drive import KinematicDrive
+        from anm_mj.control.robot_config import robot_path
+        from anm_mj.control.robot_description import describe_robot
+
+        mesh = trimesh.Trimesh(*world.triangles(), process=False)
+        while len(mesh.faces) < triangles:
+            mesh = mesh.subdivide()
+        clearance = Clearance(mesh.vertices, mesh.faces, robot.footprint)
+        description = describe_robot(robot_path("diff_drive"))
+        drive = KinematicDrive(robot.model, robot.data, description, clearance, prefix="robot/")
+        drive.place(world.starts[0])
+        for action in mixed_actions(robot, clearance, actions):
+            start_s = time.process_time()
+            moves += not drive.act(action).collided
+            cpu_ms.append(1e3 * (time.process_time() - start_s))
+    return [
+        Figure("kinematic: triangles", len(mesh.faces), math.inf, ""),
+        Figure("kinematic: CPU per action, mean", float(np.mean(cpu_ms)), 0.2, "ms"),
+        Figure("kinematic: CPU per action, slowest hundredth", float(np.percentile(cpu_ms, 99)), math.inf, "ms"),
+        Figure("kinematic: actions executed", moves, math.inf, ""),
+    ]
+
+
+def push_figures(world: Scene, pushes: int) -> list[Figure]:
+    """How far pushes get the robot into obstacles, and how far they tilt it."""
+    rng = np.random.default_rng(1)
+    upright, inside_m, entered, pushed = 1.0, 0.0, 0, 0
+    with make_robot(world, drive="physics", image_px=16) as robot:
+        import mujoco
+
+        from anm_mj.control.clearance import Clearance
+
+        footprint = robot.footprint
+        core = Clearance(*world.triangles(), Footprint(CORE_M, footprint.z_min_m, footprint.z_max_m))
+        area, root = scene_area(world, footprint), robot.model.body("robot/base").id
+        row, col = np.nonzero((area.component == 1) & (area.clearance_m < footprint.radius_m + NEAR_M))
+        beside = area.grid.origin_xy_m + (np.stack([col, row], axis=1) + 0.5) * area.grid.resolution_m
+        while pushed < pushes:
+            x, y = beside[rng.integers(len(beside))].tolist()
+            start, towards = Pose2(x, y, rng.uniform(-3.0, 3.0)), math.tau * pushed / pushes
+            if not is_clear(world, start, footprint):
+                continue
+            pushed += 1
+            robot.restart(start)
+            for _ in range(round(PUSH_S / robot.model.opt.timestep)):
+                robot.data.xfrc_applied[root, :2] = PUSH_N * math.cos(towards), PUSH_N * math.sin(towards)
+                mujoco.mj_step(robot.model, robot.data)
+                upright = min(upright, float(robot.data.body(root).xmat[8]))
+                sideways = [contact.dist for contact in robot.data.contact if abs(contact.frame[2]) < 0.5]
+                inside_m = max(inside_m, -min(sideways, default=0.0))
+                entered += core.collides(robot.pose)
+            robot.data.xfrc_applied[root] = 0.0
+            for action in (Action.TURN_LEFT, Action.MOVE_FORWARD, Action.TURN_RIGHT):
+                robot.act(action)
+                entered += core.collides(robot.pose)
+    tilt_deg = math.degrees(math.acos(min(upright, 1.0)))
+    return [
+        Figure(f"pushed {pushed} times with {PUSH_N:g} N: largest tilt", tilt_deg, 15.0, "deg"),
+        Figure("pushed: deepest into an obstacle box, for a moment", 1e3 * inside_m, 20.0, "mm"),
+        Figure("pushed: times that a wall stood inside the robot", entered, 0.0, ""),
+    ]
+
+
+def replay_figures(run: Path) -> list[Figure]:
+    """Completion after the actions of a finished run, in both drives."""
+    record = read_run(run)
+    world = load_scene(record.manifest["scene"])
+    truth = GroundTruth.sample(*world.triangles())
+    figures, ratios, ends = [], [], []
+    for drive in DRIVES:
+        curve, collisions = CompletionCurve(truth), 0
+        with make_robot(world, start=record.frames[0].pose, drive=drive, image_px=record.intrinsics.width) as robot:
+            for step in (None, *record.steps):
+                collisions += step is not None and robot.act(step.action).collided
+                seen = robot.observe()
+                depth_mm = reduce_depth(seen.depth_m)
+                curve.frame(seen.step, depth_mm, seen.intrinsics, seen.T_world_camera, seen.pose)
+            ends.append(robot.pose)
+        curve.last()
+        ratios.append(curve.rows[-1].completion_ratio)
+        figures.append(Figure(f"{drive}: completion after {len(record.steps)} actions", ratios[-1], math.inf, "%"))
+        figures.append(Figure(f"{drive}: collisions", collisions, math.inf, ""))
+    return [
+        *figures,
+        Figure("difference of completion", abs(ratios[0] - ratios[1]), 2.0, "points"),
+        Figure("distance of the two ends", 1e3 * distance_m(*ends), math.inf, "mm"),
+    ]
+
+
+def mixed_actions(robot: SimRobot, clearance: Clearance, actions: int) -> Iterator[Action]:
+    """Forward moves and turns at random, away from what is near ahead."""
+    rng = np.random.default_rng(0)
+    turn = Action.TURN_LEFT
+    for _ in range(actions):
+        if clearance.sweep_collides(robot.pose, FREE_M):
+            yield turn
+            continue
+        turn = Action(rng.choice([Action.TURN_LEFT, Action.TURN_RIGHT]))
+        yield Action.MOVE_FORWARD if rng.random() < 0.6 else turn
+
+
+def distance_m(a: Pose2, b: Pose2) -> float:
+    """Distance of two places [m]."""
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

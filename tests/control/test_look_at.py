@@ -1,0 +1,78 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from anm_mj.control.kinematic_drive import KinematicDrive
+from anm_mj.control.look_at import LookAt
+from anm_mj.control.motion import MotionLimits
+from anm_mj.control.physics_drive import PhysicsDrive
+from anm_mj.frames import wrap_angle
+from anm_mj.types import Action, Pose2, Twist
+from tests.control.test_kinematic_drive import nothing_in_the_way
+
+_PERIOD_S = 0.02
+
+
+@pytest.fixture(params=["kinematic", "physics"])
+def drive(request, compile_scene, description):
+    model, data = compile_scene()
+    if request.param == "kinematic":
+        return KinematicDrive(model, data, description, nothing_in_the_way())
+    return PhysicsDrive(model, data, description)
+
+
+@pytest.fixture(scope="module")
+def look(description, robot_model):
+    return LookAt(description, robot_model, MotionLimits(), period_s=_PERIOD_S)
+
+
+@given(
+    bearing=st.floats(-math.pi, math.pi), away_m=st.floats(0.1, 6.0), up_m=st.floats(-1.2, 1.0), yaw=st.floats(-3, 3)
+)
+@settings(max_examples=12, deadline=None, phases=(Phase.explicit, Phase.generate))
+def test_any_point_is_turned_to_on_the_spot_under_the_limits(look, bearing, away_m, up_m, yaw):
+    start = pose = Pose2(0.5, -0.3, yaw)
+    point = np.array([0.5 + away_m * math.cos(yaw + bearing), -0.3 + away_m * math.sin(yaw + bearing), 1.25 + up_m])
+    look.begin()
+    rates, turned = [0.0, 0.0], 0.0
+    while (following := look.next_pose(pose, point)) is not None:
+        rates.append(wrap_angle(following.yaw_rad - pose.yaw_rad) / _PERIOD_S)
+        turned += abs(rates[-1]) * _PERIOD_S
+        assert (following.x_m, following.y_m) == (pose.x_m, pose.y_m)
+        pose = following
+        assert len(rates) < 250
+    assert abs(wrap_angle(pose.yaw_rad - start.yaw_rad - bearing)) < math.radians(0.02)
+    assert turned == pytest.approx(abs(bearing), abs=math.radians(0.1))
+    assert np.abs(rates).max() <= MotionLimits().turn_radps + 1e-6
+    assert np.diff(np.abs(rates)).max() <= MotionLimits().turn_radps2 * _PERIOD_S + 1e-6
+
+
+def test_a_point_right_above_is_looked_at_already(look):
+    look.begin()
+    assert look.next_pose(Pose2(1.0, 2.0, 0.7), np.array([1.0, 2.0, 2.5])) is None
+
+
+def test_both_drives_look_at_a_point_and_say_what_it_would_have_cost(drive):
+    drive.place(Pose2(1.0, 1.0, 0.0))
+    result = drive.look_at(np.array([1.0, 3.0, 0.4]))
+    assert not result.collided
+    assert drive.pose.yaw_rad == pytest.approx(math.pi / 2, abs=math.radians(0.1))
+    assert math.hypot(drive.pose.x_m - 1.0, drive.pose.y_m - 1.0) < 0.001
+    assert result.turned_rad == pytest.approx(math.pi / 2, abs=math.radians(0.1))
+    assert result.equivalent_steps == pytest.approx(9.0, abs=0.1)
+    assert result.duration_s > 0.5
+    # And goes on in steps from there.
+    drive.act(Action.MOVE_FORWARD)
+    assert (drive.pose.x_m, drive.pose.y_m) == pytest.approx((1.0, 1.065), abs=0.001)
+
+
+def test_a_moving_robot_stops_before_it_looks(drive):
+    drive.drive(Twist(0.3, 0.2), 0.4)
+    before = drive.pose
+    drive.look_at(np.array([-5.0, 0.0, 1.0]))
+    assert abs(drive.pose.yaw_rad) > math.radians(175.0)
+    # The way to brake from 0.3 m/s at 1.5 m/s2.
+    assert math.hypot(drive.pose.x_m - before.x_m, drive.pose.y_m - before.y_m) < 0.05

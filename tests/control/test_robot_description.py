@@ -1,0 +1,186 @@
+"""What is derived from a robot's MJCF: of our own robot, and of one that is written quite differently."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from anm_mj.control.kinematic_drive import KinematicDrive
+from anm_mj.control.physics_drive import PhysicsDrive
+from anm_mj.control.robot_config import RobotConfig, robot_path
+from anm_mj.control.robot_description import describe_robot
+from anm_mj.control.robot_model import RobotModel
+from anm_mj.control.simulated_base import SimulatedBase
+from anm_mj.errors import RobotError
+from anm_mj.frames import T_GL_CV, move_pose, pose_matrix
+from anm_mj.types import Action, Pose2, Twist
+from tests.control.test_kinematic_drive import nothing_in_the_way
+from tests.control.test_robot_model import differences
+
+ROVER_XML = Path(__file__).resolve().parents[1] / "rover.xml"
+_EXACT = 1e-10
+
+
+@pytest.fixture(scope="module")
+def rover():
+    return describe_robot(ROVER_XML)
+
+
+def on_a_floor(robot):
+    """The robot attached to a world with a floor, as the simulation does it."""
+    spec = mujoco.MjSpec.from_string('<mujoco><worldbody><geom type="plane" size="0 0 1"/></worldbody></mujoco>')
+    spec.attach(robot.spec.copy(), prefix="r/", frame=spec.worldbody.add_frame())
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
+def camera_pose(model, data, name):
+    mujoco.mj_forward(model, data)
+    pose = np.eye(4)
+    pose[:3, :3] = data.cam(name).xmat.reshape(3, 3)
+    pose[:3, 3] = data.cam(name).xpos
+    return pose @ T_GL_CV
+
+
+def test_our_own_robot_has_the_figures_of_its_file(description):
+    assert (description.wheel_radius_m, description.track_m) == pytest.approx((0.05, 0.30))
+    assert description.footprint.radius_m == pytest.approx(0.18)
+    assert (description.footprint.z_min_m, description.footprint.z_max_m) == pytest.approx((0.05, 1.35))
+    assert description.mass_kg == pytest.approx(9.6)
+    assert description.shell == ("chassis", "mast", "head")
+    assert description.motors == description.wheel_joints == ("wheel_left", "wheel_right")
+    np.testing.assert_allclose(description.T_root_base, np.eye(4), atol=1e-12)
+
+
+def test_a_robot_written_differently_has_the_figures_that_its_geometry_says(rover):
+    assert rover.wheel_joints == ("left_wheel_joint", "right_wheel_joint")
+    assert rover.wheel_signs == (1.0, -1.0) or rover.wheel_signs == (-1.0, 1.0)
+    assert (rover.wheel_radius_m, rover.track_m) == pytest.approx((0.04, 0.23))
+    # Base: on the floor below the middle of the axle; the far corner of the bumper or of the box is the farthest.
+    assert rover.body_radius_m == pytest.approx(math.hypot(0.10, 0.18), abs=1e-4)
+    assert rover.footprint.radius_m == pytest.approx(rover.body_radius_m + 0.01)
+    assert rover.footprint.z_min_m == pytest.approx(0.05)
+    assert rover.footprint.z_max_m == pytest.approx(0.09 + 0.05 + 0.01)
+    assert rover.camera == "eye"
+    np.testing.assert_allclose(
+        rover.T_base_camera, [[0, 0, 1, 0.15], [-1, 0, 0, -0.02], [0, -1, 0, 0.20], [0, 0, 0, 1]], atol=1e-9
+    )
+    names = {rover.spec.bodies[i].name for i in range(len(rover.spec.bodies))}
+    assert names == {"world", "rover", "port", "starboard"}
+    assert not rover.spec.lights
+
+
+@pytest.mark.parametrize("name", ["description", "rover"])
+def test_pinocchio_and_mink_read_the_robot_that_is_simulated(request, name, tmp_path):
+    robot = request.getfixturevalue(name)
+    model, data = on_a_floor(robot)
+    kinematics = RobotModel.of(robot)
+    base = SimulatedBase(model, data, "r/", robot)
+    for pose in (Pose2(0.0, 0.0, 0.0), Pose2(1.5, -2.0, 2.5), Pose2(-3.0, 0.4, -1.1)):
+        base.place(pose)
+        assert (base.pose.x_m, base.pose.y_m, base.pose.yaw_rad) == pytest.approx(
+            (pose.x_m, pose.y_m, pose.yaw_rad), abs=_EXACT
+        )
+        seen = camera_pose(model, data, f"r/{robot.camera}")
+        np.testing.assert_allclose(kinematics.T_world_camera(pose), seen, atol=_EXACT)
+        # The wheels stand on the floor, to either side of the base.
+        for joint, y in zip(robot.wheel_joints, (robot.track_m / 2, -robot.track_m / 2), strict=True):
+            anchor = np.linalg.inv(pose_matrix(pose)) @ [*data.joint(f"r/{joint}").xanchor, 1.0]
+            np.testing.assert_allclose(anchor[:3], [0.0, y, robot.wheel_radius_m], atol=_EXACT)
+    assert kinematics.mass_kg == pytest.approx(model.body_subtreemass[0], abs=_EXACT)
+    centre = pin.centerOfMass(kinematics.pinocchio_model, kinematics.pinocchio_model.createData(), np.eye(9)[6])
+    in_world = (pose_matrix(pose) @ [*centre, 1.0])[:3]
+    np.testing.assert_allclose(in_world, data.subtree_com[0], atol=_EXACT)
+    path = tmp_path / "skeleton.xml"
+    path.write_text(robot.skeleton)
+    found = differences(path)
+    assert len(found) == 10
+    assert max(found.values()) < _EXACT, found
+
+
+def test_a_robot_that_pinocchio_reads_differently_is_refused(rover):
+    lighter = replace(rover, skeleton=rover.skeleton.replace('<inertial mass="', '<inertial mass="1', 1))
+    with pytest.raises(RobotError, match="pinocchio reads the robot rover differently"):
+        RobotModel.of(lighter)
+
+
+def test_the_other_robot_drives_exactly_without_physics_and_nearly_so_with(rover):
+    model, data = on_a_floor(rover)
+    exact = KinematicDrive(model, data, rover, nothing_in_the_way(), prefix="r/")
+    actions = [Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD, Action.TURN_RIGHT, Action.MOVE_FORWARD] * 3
+    for action in actions:
+        exact.act(action)
+    model, data = on_a_floor(rover)
+    driven = PhysicsDrive(model, data, rover, prefix="r/")
+    for action in actions:
+        assert not driven.act(action).collided
+        assert data.body("r/rover").xmat[8] > 0.999
+    assert (driven.pose.x_m, driven.pose.y_m) == pytest.approx((exact.pose.x_m, exact.pose.y_m), abs=0.002)
+    assert driven.pose.yaw_rad == pytest.approx(exact.pose.yaw_rad, abs=math.radians(0.2))
+    assert (driven.odometry.x_m, driven.odometry.y_m) == pytest.approx((exact.pose.x_m, exact.pose.y_m), abs=0.02)
+
+
+def test_the_other_robot_rolls_forward_whichever_way_its_hinges_point(rover):
+    model, data = on_a_floor(rover)
+    drive = PhysicsDrive(model, data, rover, prefix="r/")
+    drive.place(Pose2(0.0, 0.0, 0.0))
+    result = drive.drive(Twist(0.2, 0.0), 1.0)
+    assert result.wheel_speeds.left_radps == pytest.approx(result.wheel_speeds.right_radps, abs=0.05)
+    assert result.wheel_speeds.left_radps > 0.0
+    expected = move_pose(Pose2(0.0, 0.0, 0.0), result.moved_m, 0.0)
+    assert drive.pose.x_m == pytest.approx(expected.x_m, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "config", "message"),
+    [
+        ("left_wheel_joint", "port_hinge", {}, r"no left wheel .* its hinges are port_hinge, right_wheel_joint"),
+        ('name="left_wheel_joint"', 'name="left_wheel_joint" type="slide"', {}, 'joint "left_wheel_joint" .* no hinge'),
+        (
+            "left_wheel_joint",
+            "left_wheel_joint",
+            {"right_wheel": "r"},
+            r'no hinge "r"; its hinges are left_wheel_joint',
+        ),
+        ("<camera", "<site/><!--", {}, "cannot read|no camera"),
+        ('name="eye"', 'name="eye"', {"camera": "lens"}, 'no camera "lens"; its cameras are eye'),
+        ('xyaxes="1 0 0 0 0 1"', 'xyaxes="-1 0 0 0 0 1"', {}, "does not look forward"),
+        ("-0.115 -0.05 -0.05", "-0.115 -0.05 -0.02", {}, "must be alike|share one level axle"),
+        ("-0.115 -0.05 -0.05", "-0.115 0.03 -0.05", {}, "share one level axle"),
+        ('size="0.04 0.012"', 'size="0.04 0.012" mass="-1"', {}, "cannot be used alone|cannot read"),
+        ("<mujoco", "<mjc", {}, "MuJoCo cannot read the robot"),
+    ],
+)
+def test_what_a_robot_lacks_is_named(tmp_path, before, after, config, message):
+    path = tmp_path / "rover.xml"
+    path.write_text(ROVER_XML.read_text().replace(before, after))
+    with pytest.raises(RobotError, match=message):
+        describe_robot(path, RobotConfig(**config))
+
+
+def test_parts_with_unusual_names_are_found_when_named(tmp_path):
+    path = tmp_path / "rover.xml"
+    text = ROVER_XML.read_text().replace("left_wheel_joint", "port_hinge").replace("right_wheel_joint", "star_hinge")
+    path.write_text(text.replace('</body>\n    <body name="ball"', '<camera name="rear"/></body><body name="ball"'))
+    robot = describe_robot(path, RobotConfig(left_wheel="port_hinge", right_wheel="star_hinge", camera="eye"))
+    assert robot.wheel_joints == ("port_hinge", "star_hinge")
+
+
+def test_another_robot_has_another_hash_and_the_same_one_the_same(rover, description, tmp_path):
+    path = tmp_path / "rover.xml"
+    path.write_text(ROVER_XML.read_text())
+    assert describe_robot(path).hash == rover.hash != description.hash
+    path.write_text(ROVER_XML.read_text().replace('size="0.08 0.01 0.01"', 'size="0.08 0.01 0.02"'))
+    assert describe_robot(path).hash != rover.hash
+
+
+def test_a_robot_is_found_by_its_name_or_by_its_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert robot_path("diff_drive").name == "diff_drive.xml"
+    assert robot_path(str(ROVER_XML)) == ROVER_XML
+    with pytest.raises(RobotError, match="no robot file nobody; give an MJCF file, or one of our own: diff_drive"):
+        robot_path("nobody")
