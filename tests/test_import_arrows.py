@@ -39,9 +39,11 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "run": _BASE | _STAGES | {"config", "robots", "explore", "io", "io.recorder", "viz", "evaluation"},
     # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.
     "environments": _BASE | {"config", "robots", "scene", "sim", "control", "mapping", "evaluation"},
+    # Many runs, each in a process of its own, and their tables.
+    "bench": _BASE | {"scene", "planning", "config", "run", "io", "viz", "evaluation"},
     "progress": _BASE | {"explore", "io.recorder", "evaluation"},
     "doctor": _BASE | {"sim", "io", "viz"},
-    "cli": _BASE | _STAGES | {"config", "run", "progress", "doctor", "io", "viz", "evaluation"},
+    "cli": _BASE | _STAGES | {"config", "run", "bench", "progress", "doctor", "io", "viz", "evaluation"},
 }
 """What each module or folder of the package may import from the package, beside itself."""
 

@@ -1,0 +1,108 @@
+"""A comparison from its file to its tables; stopped at any time, it goes on where it was."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from anm_mj.bench.engine import run_jobs
+from anm_mj.bench.job import Job
+from anm_mj.bench.report import draw_curves, markdown
+from anm_mj.bench.rows import finished, read_result, tidy_rows, write_csv
+from anm_mj.bench.sweep import BenchError, read_jobs
+from anm_mj.bench.worker import EXPLORE
+
+TABLES_EVERY_S = 60.0
+"""So often tables are written while runs are being made [s]."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What a comparison came to."""
+
+    folder: Path
+    jobs: list[Job]
+    """All that the file asks for."""
+    skipped: int
+    """Runs that were there already."""
+    failures: list[str]
+    """One sentence for each run that could not be made; the next call tries them again."""
+
+
+def run_bench(
+    file: Path,
+    out: Path,
+    *,
+    num_workers: int = 1,
+    engine: str = "local",
+    command: Sequence[str] = (),
+    function: str = EXPLORE,
+    on_run: Callable[[int, int, str], None] = lambda done, total, last: None,
+) -> Bench:
+    """Make the runs that are missing, then write tables and pictures of all.
+
+    Writes ``results.csv`` (a row per run), ``table.md``, ``curves_<scene>.png`` and ``command.txt``; the runs lie in
+    ``runs/``. Tables are written now and then too, so that a comparison can be looked at while it goes.
+
+    Args:
+        file: The TOML file (see :mod:`anm_mj.bench.sweep`).
+        out: Folder of the comparison; made if need be.
+        num_workers: Runs made at a time.
+        engine: ``local`` or ``ray``.
+        command: The command line, for the record.
+        function: What makes a run, as ``module:function`` (see :func:`anm_mj.bench.engine.execute`).
+        on_run: Told after every run how many are done, of how many, and the last one's name or error.
+
+    Raises:
+        BenchError: The file, the engine or the folder cannot be used.
+        SceneError: A scene cannot be found or read.
+    """
+    if num_workers < 1:
+        raise BenchError(f"--workers is {num_workers}; at least 1 is needed.")
+    jobs = read_jobs(file)
+    runs = out / "runs"
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        for unfinished in runs.glob(".*"):
+            shutil.rmtree(unfinished, ignore_errors=True)
+        text = shlex.join(command)
+        (out / "command.txt").write_text(f"{text}\n", encoding="utf-8")
+        shutil.copyfile(file, out / "bench.toml") if file.resolve() != (out / "bench.toml").resolve() else None
+    except OSError as err:
+        raise BenchError(f"{out} cannot be written ({err.strerror}); choose a folder you may write to.") from err
+    there = {job.name for job in finished(jobs, runs)}
+    missing = [job for job in jobs if job.name not in there]
+    failures = []
+    done, written_s = len(there), time.monotonic()
+    on_run(done, len(jobs), "")
+    for job, error in run_jobs(missing, runs, engine, min(num_workers, max(len(missing), 1)), function):
+        done += error is None
+        if error is not None:
+            failures.append(error)
+        elif time.monotonic() - written_s > TABLES_EVERY_S:
+            write_tables(jobs, out, text)
+            written_s = time.monotonic()
+        on_run(done, len(jobs), error or job.name)
+    write_tables(jobs, out, text)
+    return Bench(out, jobs, len(there), failures)
+
+
+def write_tables(jobs: Sequence[Job], out: Path, command: str) -> None:
+    """Write the tables and pictures of the runs that are there.
+
+    Raises:
+        RunFolderError: A file of a run is damaged.
+    """
+    results = [read_result(out / "runs" / job.name) for job in finished(jobs, out / "runs")]
+    if not results:
+        return
+    rows = tidy_rows(results)
+    write_csv(out / "results.csv", rows)
+    (out / "table.md").write_text(markdown(rows, command), encoding="utf-8")
+    for scene in dict.fromkeys(result.job["scene_name"] for result in results):
+        here = [result for result in results if result.job["scene_name"] == scene]
+        draw_curves(out / f"curves_{scene}.png", scene, here)

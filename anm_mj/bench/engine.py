@@ -1,0 +1,140 @@
+"""Where the runs of a comparison are made: in processes on this machine, or as tasks of a Ray cluster.
+
+Both call the same function, which starts a process of its own for the run. A process that dies, or is killed, costs
+that run and nothing else.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import uuid
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from anm_mj.bench.job import Job
+from anm_mj.bench.sweep import BenchError
+
+ENGINES = ("local", "ray")
+RESULT = "result.json"
+"""In the folder of a run: there once everything else is."""
+LOG = "log.txt"
+
+
+def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
+    """Make one run in a process of its own; what went wrong in one sentence, or None.
+
+    The run folder gets its name when it is whole, so that whatever dies on the way leaves nothing that looks done.
+
+    Args:
+        job: The run.
+        runs: Folder that gets the run folder.
+        function: What makes the run, as ``module:function``; called with the job and an empty folder.
+        threads: Threads that numerical libraries may use.
+    """
+    attempt = Path(runs) / f".{job.name}-{uuid.uuid4().hex[:8]}"
+    attempt.mkdir(parents=True)
+    log = attempt / LOG
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "anm_mj.bench.worker", function],
+            stdin=subprocess.PIPE,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=environment,
+        )
+        assert process.stdin is not None
+        try:
+            order = json.dumps({"job": asdict(job), "folder": str(attempt / "run")}) + "\n"
+            process.stdin.write(order.encode())
+            process.stdin.flush()
+            status = process.wait()
+        except BrokenPipeError:
+            status = process.wait()
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
+        finally:
+            process.stdin.close()
+    if status != 0:
+        lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        shutil.rmtree(attempt, ignore_errors=True)
+        why = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
+        return f"{job.name} {why}" + (f": {lines[-1]}" if lines else ".")
+    made = attempt / "run"
+    (made / RESULT).write_text(json.dumps(asdict(job), indent=2) + "\n", encoding="utf-8")
+    log.replace(made / LOG)
+    target = Path(runs) / job.name
+    # Only an unfinished folder can be there, and only from an older version of this program.
+    shutil.rmtree(target, ignore_errors=True)
+    made.replace(target)
+    attempt.rmdir()
+    return None
+
+
+def run_jobs(
+    jobs: list[Job], runs: Path, engine: str, num_workers: int, function: str
+) -> Iterator[tuple[Job, str | None]]:
+    """Make all runs, several at a time; each with what went wrong, or None, as it ends.
+
+    Raises:
+        BenchError: There is no such engine, or Ray is not installed.
+    """
+    threads = max(1, (os.cpu_count() or 1) // num_workers)
+
+    if engine == "local":
+        yield from _local(jobs, num_workers, lambda job: execute(job, str(runs), function, threads))
+    elif engine == "ray":
+        yield from _ray(jobs, num_workers, (str(runs.resolve()), function, threads))
+    else:
+        raise BenchError(f"There is no engine '{engine}'; choose one of {', '.join(ENGINES)}.")
+
+
+def _local(jobs: list[Job], num_workers: int, one: Callable[[Job], str | None]) -> Iterator[tuple[Job, str | None]]:
+    # Threads only wait for the processes that they start.
+    pool = ThreadPoolExecutor(num_workers)
+    try:
+        futures = {pool.submit(one, job): job for job in jobs}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _ray(jobs: list[Job], num_workers: int, arguments: tuple[str, str, int]) -> Iterator[tuple[Job, str | None]]:
+    if importlib.util.find_spec("ray") is None:
+        raise BenchError("--engine ray needs the package ray; install it with pip install 'anm-mj[ray]'.")
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    import ray
+    from ray.exceptions import RayError
+
+    began = not ray.is_initialized()
+    if began:
+        # A cluster that the environment or a running `ray start` names is joined; else one is started here.
+        known = os.environ.get("RAY_ADDRESS")
+        local: dict[str, Any] = {} if known else {"num_cpus": num_workers, "include_dashboard": False}
+        ray.init(address=known, log_to_driver=False, logging_level=logging.ERROR, **local)
+    try:
+        remote = ray.remote(num_cpus=1, max_retries=0)(execute)
+        pending = {remote.remote(job, *arguments): job for job in jobs}
+        while pending:
+            (done,), _ = ray.wait(list(pending), num_returns=1)
+            job = pending.pop(done)
+            try:
+                error = ray.get(done)
+            except RayError as err:
+                error = f"{job.name} was lost with its worker ({type(err).__name__})."
+            yield job, error
+    finally:
+        if began:
+            ray.shutdown()

@@ -1,0 +1,118 @@
+"""What a person reads of a comparison: a Markdown table with means and deviations, and a picture per scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from anm_mj.bench.rows import Result
+
+COLUMNS = (
+    ("completion_ratio", "ratio [%]", 1),
+    ("completion_cm", "completion [cm]", 2),
+    ("observable_ratio", "of observable [%]", 1),
+    ("mean_ratio", "mean ratio [%]", 1),
+    ("steps_to_90", "steps to 90 %", 0),
+    ("steps_to_95", "steps to 95 %", 0),
+    ("oracle_ratio_90", "x oracle, 90 %", 2),
+    ("oracle_ratio_95", "x oracle, 95 %", 2),
+    ("steps", "steps", 0),
+    ("path_m", "path [m]", 1),
+    ("turns", "turns", 0),
+    ("collisions", "collisions", 1),
+    ("observed_f_score", "mesh F-score, observed [%]", 1),
+    ("hz", "steps/s", 1),
+)
+"""Name of a column of the tidy table, heading, decimals."""
+CURVE_POINTS = 201
+
+
+def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
+    """The tables: one per scene, and the means over all scenes that every policy has run in.
+
+    Numbers are mean ± standard deviation over starts and seeds; where not every run has a number (as steps to a share
+    that it never reached), how many have it stands behind it.
+    """
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    policies = list(dict.fromkeys(row["policy"] for row in rows))
+    revisions = ", ".join(sorted({row["revision"] or "unknown" for row in rows}))
+    parts = [
+        f"Made by `{command}`, revision {revisions}, from {len(rows)} runs. Numbers are mean ± standard deviation over "
+        "starts and seeds; (n/m): only n of m runs have it."
+    ]
+    for scene in scenes:
+        here = [row for row in rows if row["scene"] == scene]
+        budget = ", ".join(str(steps) for steps in sorted({row["budget"] for row in here}))
+        parts.append(f"## {scene}\n\nScene hash {here[0]['scene_hash'][:12]}, budget {budget} steps.")
+        parts.append(_table([(policy, [r for r in here if r["policy"] == policy]) for policy in policies]))
+    common = [s for s in scenes if {r["policy"] for r in rows if r["scene"] == s} == set(policies)]
+    if len(common) > 1:
+        # The mean over scenes of each scene's mean, as the paper's tables have it, not of all runs alike.
+        groups = [(policy, [_mean_row(rows, scene, policy) for scene in common]) for policy in policies]
+        parts.append(f"## Mean over {len(common)} scenes\n\nDeviation between scenes: {', '.join(common)}.")
+        parts.append(_table(groups))
+    return "\n\n".join(parts) + "\n"
+
+
+def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
+    """Coverage against steps for every policy: the mean over its runs, and a band of one deviation."""
+    budget = max(result.job["steps"] for result in results)
+    steps = np.linspace(0.0, budget, CURVE_POINTS)
+    known = all(np.isfinite(result.curve[:, 3]).all() for result in results)
+    column, label = (3, "observable surface covered [%]") if known else (1, "surface covered [%]")
+    figure = Figure(figsize=(7.0, 4.5), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for policy in dict.fromkeys(result.job["policy"] for result in results):
+        runs = [result.curve for result in results if result.job["policy"] == policy]
+        values = np.stack([np.interp(steps, curve[:, 0], curve[:, column]) for curve in runs])
+        mean, deviation = values.mean(axis=0), values.std(axis=0)
+        (line,) = axes.plot(steps, mean, label=policy, linewidth=1.6)
+        axes.fill_between(steps, mean - deviation, mean + deviation, color=line.get_color(), alpha=0.15, linewidth=0)
+    axes.set(xlabel="steps", ylabel=label, title=scene, xlim=(0.0, budget), ylim=(0.0, 100.0))
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+    figure.savefig(path)
+
+
+def _mean_row(rows: Sequence[dict[str, Any]], scene: str, policy: str) -> dict[str, Any]:
+    here = [row for row in rows if row["scene"] == scene and row["policy"] == policy]
+    means = {}
+    for name, _, _ in COLUMNS:
+        values = _numbers(here, name)
+        means[name] = float(values.mean()) if len(values) else None
+    return means
+
+
+def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]]) -> str:
+    used = [column for column in COLUMNS if any(len(_numbers(rows, column[0])) for _, rows in groups)]
+    lines = [
+        "| policy | " + " | ".join(heading for _, heading, _ in used) + " |",
+        "|---|" + "---:|" * len(used),
+    ]
+    for policy, rows in groups:
+        if rows:
+            cells = [_cell(_numbers(rows, name), len(rows), decimals) for name, _, decimals in used]
+            lines.append(f"| {policy} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int) -> str:
+    if len(values) == 0:
+        return "–"
+    text = f"{values.mean():.{decimals}f}"
+    if len(values) > 1:
+        text += f" ± {values.std(ddof=1):.{decimals}f}"
+    return text if len(values) == num_runs else f"{text} ({len(values)}/{num_runs})"
+
+
+def _numbers(rows: Sequence[dict[str, Any]], name: str) -> Float[np.ndarray, " n"]:
+    """The finite numbers in a column."""
+    values = np.array([row[name] for row in rows if row.get(name) is not None], float)
+    return values[np.isfinite(values)]

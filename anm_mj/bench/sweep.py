@@ -1,0 +1,139 @@
+"""What is to be compared: a small TOML file becomes a list of runs.
+
+    policies = ["random", "gvg", "oracle"]
+    starts = 3
+    seeds = [0, 1]
+
+    [[sweep]]
+    scenes = ["home"]
+
+    [[sweep]]
+    scenes = ["hospital"]
+    policies = ["gvg", "oracle"]
+    starts = 1
+
+What stands outside of a sweep holds for all of them; a file without any is one sweep itself. Every run is one scene,
+one policy, one start and one seed.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from anm_mj.bench.job import Job
+from anm_mj.config import default_steps
+from anm_mj.errors import AnmError
+from anm_mj.planning.policies.make import policy_class
+from anm_mj.scene.folder import Scene, load_scene
+
+
+class BenchError(AnmError):
+    """A comparison cannot be made from its file, or its folder cannot be used."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Scenes times policies times starts times seeds."""
+
+    scenes: list[str]
+    """Names from the catalogue, or paths of scene folders, relative to the file."""
+    policies: list[str]
+    starts: int = 1
+    """How many of each scene's start poses, the first ones."""
+    seeds: tuple[int, ...] = (0,)
+    steps: int | None = None
+    """Budget of each run; None = the scene's own, which depends on its number of rooms as in the paper."""
+    preset: str = "default"
+    settings: tuple[str, ...] = ()
+
+
+FIELDS = {
+    "scenes": list,
+    "policies": list,
+    "starts": int,
+    "seeds": list,
+    "steps": int,
+    "preset": str,
+    "settings": list,
+}
+
+
+def read_jobs(path: Path) -> list[Job]:
+    """The runs that a file asks for, scene by scene, each once.
+
+    Raises:
+        BenchError: The file cannot be read, or asks for something that does not exist.
+        SceneError: A scene cannot be found or read.
+        PlanError: There is no such policy.
+        ConfigError: There is no such preset or setting.
+    """
+    jobs: dict[str, Job] = {}
+    for sweep in read_sweeps(path):
+        for name in sweep.scenes:
+            beside = path.parent / name
+            scene = load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
+            for job in _jobs_in(sweep, str(scene.folder), scene):
+                policy_class(job.policy)
+                job.config()
+                jobs[job.name] = job
+    return list(jobs.values())
+
+
+def read_sweeps(path: Path) -> list[Sweep]:
+    """The sweeps of a file.
+
+    Raises:
+        BenchError: The file cannot be read, or an entry is not what it should be.
+    """
+    try:
+        with path.open("rb") as file:
+            content = tomllib.load(file)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
+        raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
+    common = {key: value for key, value in content.items() if key != "sweep"}
+    sweeps = content.get("sweep", [{}])
+    if not isinstance(sweeps, list) or not all(isinstance(sweep, dict) for sweep in sweeps):
+        raise BenchError(f"{path}: sweep must be a list of tables; write [[sweep]] above each.")
+    return [_sweep(path, {**common, **sweep}) for sweep in sweeps]
+
+
+def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
+    for key, value in entries.items():
+        if key not in FIELDS:
+            raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(FIELDS)}.")
+        if not isinstance(value, FIELDS[key]):
+            raise BenchError(f"{path}: {key} is {value!r}; it must be of type {FIELDS[key].__name__}.")
+    for needed in ("scenes", "policies"):
+        if not entries.get(needed):
+            raise BenchError(f"{path}: {needed} is missing; name at least one.")
+    entries = {**entries, "seeds": tuple(entries.get("seeds", (0,))), "settings": tuple(entries.get("settings", ()))}
+    return Sweep(**entries)
+
+
+def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
+    if not 1 <= sweep.starts <= len(scene.starts):
+        raise BenchError(
+            f"starts is {sweep.starts}, but scene {scene.name} names {len(scene.starts)} start poses; give 1 to that."
+        )
+    steps = sweep.steps or scene.budget_steps or default_steps(scene.rooms)
+    return [
+        Job(
+            scene=where,
+            scene_name=scene.name,
+            scene_hash=scene.hash,
+            policy=policy,
+            start=start,
+            start_pose=(pose.x_m, pose.y_m, math.degrees(pose.yaw_rad)),
+            seed=seed,
+            steps=steps,
+            preset=sweep.preset,
+            settings=sweep.settings,
+        )
+        for start, pose in enumerate(scene.starts[: sweep.starts])
+        for policy in sweep.policies
+        for seed in sweep.seeds
+    ]

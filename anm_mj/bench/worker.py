@@ -1,0 +1,65 @@
+"""One run of a comparison in a process of its own: ``python -m anm_mj.bench.worker MODULE:FUNCTION``.
+
+The job comes as a line of JSON on the standard input, which the one who started the process keeps open as long as he
+lives: when it ends, so does the process. Nobody has to be told to clean up, even after kill -9.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import sys
+import threading
+from pathlib import Path
+
+from anm_mj.bench.job import Job
+from anm_mj.errors import AnmError
+
+EXPLORE = "anm_mj.bench.worker:explore"
+"""What makes a run, unless told otherwise."""
+KEPT = ("config.json", "curve.csv", "manifest.json", "metrics.json", "plans.jsonl", "steps.jsonl", "topdown.png")
+"""What is kept of a run folder: the numbers and how they came about, without frames, map and mesh."""
+FAILED = 2
+
+
+def explore(job: Job, folder: Path) -> None:
+    """Explore as the job says and leave a run folder without what takes much room.
+
+    Raises:
+        AnmError: The run cannot be made.
+    """
+    from anm_mj.run import run
+
+    made, _ = run(job.config(), out=folder)
+    for path in sorted(made.path.rglob("*"), reverse=True):
+        if path.is_dir():
+            path.rmdir()
+        elif path.name not in KEPT:
+            path.unlink()
+
+
+def main(function: str) -> int:
+    """Read a job from the standard input, do it, and return the exit status."""
+    line = json.loads(sys.stdin.readline())
+    job = Job(
+        **{**line["job"], "start_pose": tuple(line["job"]["start_pose"]), "settings": tuple(line["job"]["settings"])}
+    )
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    module, _, name = function.partition(":")
+    try:
+        getattr(importlib.import_module(module), name)(job, Path(line["folder"]))
+    except AnmError as err:
+        # The last line of the log is what the comparison reports.
+        sys.stderr.write(f"{err}\n")
+        return FAILED
+    return 0
+
+
+def _end_with_parent() -> None:
+    sys.stdin.read()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

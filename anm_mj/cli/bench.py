@@ -1,0 +1,63 @@
+"""``anm-mj bench``: many runs, one table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+INCOMPLETE = 1
+"""Exit status when some runs could not be made."""
+
+
+def add_bench(commands: Any) -> None:
+    """Add ``bench`` to the commands of the program."""
+    bench = commands.add_parser(
+        "bench",
+        help="compare policies over scenes, starts and seeds, and write tables",
+        epilog="Stopped at any time, the same command goes on where it was.",
+    )
+    bench.add_argument("file", type=Path, metavar="FILE", help="a TOML file with scenes, policies, starts and seeds")
+    bench.add_argument("--out", type=Path, metavar="DIR", help="folder (default: bench/<name of FILE>)")
+    bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs made at a time (default: 1)")
+    bench.add_argument("--engine", default="local", help="local (processes) or ray (a cluster) (default: local)")
+    bench.set_defaults(command=_bench)
+
+
+def _bench(parsed: argparse.Namespace) -> int:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from anm_mj.bench.bench import run_bench
+
+    console = Console()
+    out = parsed.out or Path("bench") / parsed.file.stem
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=None)
+
+        def show(done: int, total: int, last: str) -> None:
+            progress.update(task, completed=done, total=total, description=last)
+            if last and not console.is_terminal:
+                console.print(f"{done}/{total} {last}", highlight=False, soft_wrap=True)
+
+        bench = run_bench(
+            parsed.file,
+            out,
+            num_workers=parsed.workers,
+            engine=parsed.engine,
+            command=["anm-mj", *sys.argv[1:]],
+            on_run=show,
+        )
+    for failure in bench.failures:
+        console.print(failure, style="red", markup=False, highlight=False, soft_wrap=True)
+    left = f", {len(bench.failures)} not made; the same command tries them again" if bench.failures else ""
+    console.print(
+        f"{len(bench.jobs)} runs, {bench.skipped} of them made before{left}. "
+        f"Tables: {out / 'table.md'}, {out / 'results.csv'}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return INCOMPLETE if bench.failures else 0

@@ -1,0 +1,62 @@
+"""Runs that take a moment and explore nothing; what comes out depends on the job alone."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+
+from anm_mj.bench.job import Job
+from anm_mj.errors import PlanError
+
+
+def quick(job: Job, folder: Path) -> None:
+    write_run(job, folder)
+
+
+def slow(job: Job, folder: Path) -> None:
+    """Takes half a second, and says that it is at work."""
+    folder.mkdir()
+    (folder / f"{os.getpid()}.pid").touch()
+    time.sleep(0.5)
+    (folder / f"{os.getpid()}.pid").unlink()
+    folder.rmdir()
+    write_run(job, folder)
+
+
+def deadly(job: Job, folder: Path) -> None:
+    """Dies at the second seed."""
+    if job.seed == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write_run(job, folder)
+
+
+def refusing(job: Job, folder: Path) -> None:
+    raise PlanError(f"Seed {job.seed} is not liked; take another.")
+
+
+def write_run(job: Job, folder: Path) -> None:
+    rng = np.random.default_rng([job.start, job.seed, len(job.policy), len(job.scene_name)])
+    folder.mkdir()
+    steps = np.arange(0, job.steps + 1, 10)
+    ratio = 95.0 * (1.0 - np.exp(-steps * rng.uniform(0.01, 0.03)))
+    rows = [
+        f"{s},{r!r},{100.0 - r!r},{r + 4.0!r},{0.04 * s!r}" for s, r in zip(steps.tolist(), ratio.tolist(), strict=True)
+    ]
+    (folder / "curve.csv").write_text(
+        "step,completion_ratio,completion_cm,observable_ratio,path_m\n" + "\n".join(rows) + "\n"
+    )
+    metrics = {
+        "completion_ratio": ratio[-1],
+        "observable_ratio": ratio[-1] + 4.0,
+        "steps": int(steps[-1]),
+        "turns": int(rng.integers(50)),
+        "wall_s": time.perf_counter(),
+        "hz": time.perf_counter(),
+        "stage_hz": {"map": time.perf_counter()},
+        "stop_reason": "BUDGET",
+    }
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (folder / "manifest.json").write_text(json.dumps({"git": {"revision": "0123456789abcdef", "changed": False}}))

@@ -1,0 +1,150 @@
+import csv
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from anm_mj.bench.bench import run_bench
+from anm_mj.bench.rows import TIMINGS
+from anm_mj.bench.sweep import BenchError
+
+POLICIES = ["random", "gvg", "frontier", "anm-s"]
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(f'scenes = ["home"]\npolicies = {POLICIES}\nstarts = 1\nseeds = [0, 1]\nsteps = 300\n')
+    return path
+
+
+def table(out):
+    """The tidy table without the columns that tell the time."""
+    with (out / "results.csv").open() as rows:
+        return [
+            {k: v for k, v in row.items() if k not in TIMINGS and not k.startswith("hz_")}
+            for row in csv.DictReader(rows)
+        ]
+
+
+def test_every_run_is_a_row_with_hash_revision_and_seed(file, tmp_path):
+    bench = run_bench(
+        file, tmp_path / "out", num_workers=2, command=["anm-mj", "bench"], function="tests.bench.fake:quick"
+    )
+
+    rows = table(tmp_path / "out")
+    assert (len(bench.jobs), bench.skipped, bench.failures) == (8, 0, [])
+    assert len(rows) == 8
+    assert len({(row["policy"], row["start"], row["seed"]) for row in rows}) == 8
+    assert {row["revision"] for row in rows} == {"0123456789ab"}
+    assert all(len(row["scene_hash"]) == 64 for row in rows)
+    text = (tmp_path / "out" / "table.md").read_text()
+    assert "anm-mj bench" in text
+    assert all(f"| {policy} |" in text for policy in POLICIES)
+    assert " ± " in text
+    assert (tmp_path / "out" / "command.txt").read_text() == "anm-mj bench\n"
+    assert (tmp_path / "out" / "curves_home.png").stat().st_size > 5_000
+
+
+def test_what_is_there_is_not_run_again(file, tmp_path):
+    run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
+    again = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:refusing")
+
+    assert (again.skipped, again.failures) == (8, [])
+
+
+def test_a_worker_that_dies_costs_its_run_alone(file, tmp_path):
+    bench = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:deadly")
+    assert len(bench.failures) == 4
+    assert "killed by signal 9" in bench.failures[0]
+    assert len(table(tmp_path / "out")) == 4
+
+    again = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
+    assert (again.skipped, again.failures) == (4, [])
+    assert len(table(tmp_path / "out")) == 8
+
+
+def test_an_error_of_the_user_is_told_in_its_own_words(file, tmp_path):
+    file.write_text(file.read_text().replace("seeds = [0, 1]", "seeds = [7]"))
+    bench = run_bench(file, tmp_path / "out", function="tests.bench.fake:refusing")
+
+    assert bench.failures[0].endswith("Seed 7 is not liked; take another.")
+    assert not (tmp_path / "out" / "results.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "match"), [({"engine": "slurm"}, "local, ray"), ({"num_workers": 0}, "at least 1")]
+)
+def test_what_cannot_run_anything_is_refused(file, tmp_path, options, match):
+    with pytest.raises(BenchError, match=match):
+        run_bench(file, tmp_path / "out", **options)
+
+
+PROGRAM = """
+from pathlib import Path
+import sys
+from anm_mj.bench.bench import run_bench
+run_bench(Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, function="tests.bench.fake:slow")
+"""
+
+
+def until(condition, timeout_s=60.0):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat") as stat:
+        return stat.read().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
+def test_killed_with_a_worker_and_begun_again_the_table_is_the_same(file, tmp_path):
+    run_bench(file, tmp_path / "undisturbed", num_workers=2, function="tests.bench.fake:quick")
+
+    out = tmp_path / "out"
+    driver = subprocess.Popen([sys.executable, "-c", PROGRAM, str(file), str(out)])
+
+    def at_work():
+        return [int(path.stem) for path in out.glob("runs/.*/run/*.pid")]
+
+    until(lambda: len(list(out.glob("runs/*/result.json"))) >= 2 and len(at_work()) >= 1)
+    os.kill(at_work()[0], signal.SIGKILL)
+    until(lambda: len(at_work()) >= 1)
+    workers = at_work()
+    driver.kill()
+    driver.wait()
+    until(lambda: not any(alive(pid) for pid in workers))
+    assert len(list(out.glob("runs/*/result.json"))) < 8
+
+    again = run_bench(file, out, num_workers=2, function="tests.bench.fake:quick")
+
+    assert 2 <= again.skipped < 8
+    assert table(out) == table(tmp_path / "undisturbed")
+    assert not list(out.glob("runs/.*"))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
+def test_a_ray_cluster_of_two_workers_makes_the_same_table(file, tmp_path):
+    run_bench(file, tmp_path / "here", num_workers=2, function="tests.bench.fake:quick")
+    # Ray warns and leaves sockets in ways of its own, so it gets a process of its own.
+    program = PROGRAM.replace(
+        'num_workers=2, function="tests.bench.fake:slow"', 'num_workers=2, engine="ray", function=sys.argv[3]'
+    )
+    for function in ("deadly", "quick"):
+        arguments = [str(file), str(tmp_path / "ray"), f"tests.bench.fake:{function}"]
+        subprocess.run([sys.executable, "-c", program, *arguments], check=True, timeout=200)
+        assert len(table(tmp_path / "ray")) == (4 if function == "deadly" else 8)
+
+    assert table(tmp_path / "ray") == table(tmp_path / "here")

@@ -1,0 +1,90 @@
+import dataclasses
+import math
+
+import pytest
+
+from anm_mj.bench.sweep import BenchError, read_jobs
+from anm_mj.errors import AnmError, SceneError
+from anm_mj.scene.folder import load_scene
+
+
+def jobs_of(tmp_path, text):
+    file = tmp_path / "bench.toml"
+    file.write_text(text)
+    return read_jobs(file)
+
+
+def test_a_file_is_scenes_by_policies_by_starts_by_seeds(tmp_path):
+    jobs = jobs_of(
+        tmp_path, 'scenes = ["home"]\npolicies = ["random", "gvg"]\nstarts = 3\nseeds = [0, 5]\nsteps = 40\n'
+    )
+
+    assert len(jobs) == 12
+    assert {(job.policy, job.start, job.seed) for job in jobs} == {
+        (policy, start, seed) for policy in ("random", "gvg") for start in range(3) for seed in (0, 5)
+    }
+    config = jobs[-1].config()
+    start = load_scene("home").starts[2]
+    assert config.start == (start.x_m, start.y_m, math.degrees(start.yaw_rad))
+    assert (config.policy, config.seed, config.steps) == ("gvg", 5, 40)
+
+
+def test_what_stands_outside_of_a_sweep_holds_for_all(tmp_path):
+    jobs = jobs_of(
+        tmp_path,
+        'scenes = ["home"]\nsteps = 30\n[[sweep]]\npolicies = ["gvg"]\nstarts = 2\n'
+        '[[sweep]]\npolicies = ["random"]\npreset = "quick"\nsettings = ["planning.margin_m=0.06"]\n',
+    )
+
+    assert [(job.policy, job.start, job.preset) for job in jobs] == [
+        ("gvg", 0, "default"),
+        ("gvg", 1, "default"),
+        ("random", 0, "quick"),
+    ]
+    assert jobs[2].config().planning.margin_m == 0.06
+
+
+def test_without_steps_a_run_gets_the_budget_of_its_scene(tmp_path):
+    (job,) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\n')
+    scene = load_scene("home")
+
+    assert job.steps == (scene.budget_steps or 2000)
+
+
+def test_the_name_changes_with_all_that_changes_the_run(tmp_path):
+    (job,) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\n')
+    others = [
+        dataclasses.replace(job, steps=7),
+        dataclasses.replace(job, scene_hash="0"),
+        dataclasses.replace(job, preset="quick"),
+        dataclasses.replace(job, settings=("planning.margin_m=0.06",)),
+        dataclasses.replace(job, start_pose=(0.0, 0.0, 0.0)),
+    ]
+
+    assert len({other.name for other in (job, *others)}) == 6
+    assert dataclasses.replace(job, scene="elsewhere/home").name == job.name
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "match"),
+    [
+        ("", BenchError, "scenes is missing"),
+        ('scenes = ["home"]\n', BenchError, "policies is missing"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\nstart = 2\n', BenchError, "there is no 'start'"),
+        ('scenes = "home"\npolicies = ["gvg"]\n', BenchError, "must be of type list"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\nstarts = 99\n', BenchError, "start poses; give 1"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\npreset = "best"\n', AnmError, "preset is .best."),
+        ('scenes = ["home"]\npolicies = ["best"]\n', AnmError, "Unknown policy 'best'"),
+        ('scenes = ["no_such"]\npolicies = ["gvg"]\n', SceneError, "no_such"),
+        ("scenes = [", BenchError, "cannot be read"),
+        ("sweep = 3", BenchError, "list of tables"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_before_anything_is(tmp_path, text, error, match):
+    with pytest.raises(error, match=match):
+        jobs_of(tmp_path, text)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(BenchError, match=r"nowhere\.toml cannot be read"):
+        read_jobs(tmp_path / "nowhere.toml")
