@@ -13,7 +13,7 @@ from anm_mj.config import DRIVES, POSES
 from anm_mj.control.robot_config import DEFAULT_ROBOT, RobotConfig, robot_path
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear
-from anm_mj.sim.gl import require_unforked, select_backend
+from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def make_robot(
     Raises:
         SceneError: if the scene cannot be built, or the start pose is outside it or touches something.
         RobotError: if there is no such drive or robot, or the robot lacks a part.
-        RenderError: if no GL back-end works.
+        RenderError: if the GL back-end that the user has set does not work.
     """
     if drive not in DRIVES:
         raise RobotError(f'There is no drive "{drive}"; choose one of {", ".join(DRIVES)}.')
@@ -66,8 +66,7 @@ def make_robot(
     if image_px < 1:
         raise RobotError(f"A camera of {image_px} x {image_px} px sees nothing; image_px must be positive, e.g. 256.")
     path, config = robot_path(str(robot)), config or RobotConfig()
-    select_backend()
-    require_unforked()
+    backend = select_backend()
     import mujoco
 
     from anm_mj.control.clearance import Clearance
@@ -76,7 +75,7 @@ def make_robot(
     from anm_mj.control.physics_drive import PhysicsDrive
     from anm_mj.control.robot_description import describe_robot
     from anm_mj.control.robot_model import RobotModel
-    from anm_mj.sim.camera import RgbdCamera
+    from anm_mj.sim.any_camera import make_camera
     from anm_mj.sim.robot import SimRobot
 
     description = describe_robot(path, config)
@@ -90,7 +89,8 @@ def make_robot(
     else:
         wheels = PhysicsDrive(model, data, description, odometer=odometer, prefix=_PREFIX)
     wheels.place(start)
-    camera = RgbdCamera(model, _PREFIX + description.camera, image_px, image_px, cull_face=scene.cull_face)
+    camera_name = _PREFIX + description.camera
+    camera = make_camera(model, camera_name, image_px, image_px, cull_face=scene.cull_face, backend=backend)
     T_base_camera = description.T_base_camera if pose == "odometry" else None
     return SimRobot(model, data, camera, wheels, description.footprint, T_base_camera, robot_hash=description.hash)
 

@@ -86,6 +86,7 @@ def run(
             mapper.engine_name,
             backend.name,
             backend.renderer_string,
+            robot.camera_kind,
         )
         folder.write_manifest(manifest(facts, sys.argv))
         folder.write_config(replace(config, steps=steps))

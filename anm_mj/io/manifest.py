@@ -39,6 +39,8 @@ class RunFacts:
     """What ``MUJOCO_GL`` was in effect."""
     gl_renderer: str
     """What the GL driver calls itself."""
+    camera: str
+    """What made the pictures: ``gl``, ``embree`` or ``mujoco rays``."""
 
 
 def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:

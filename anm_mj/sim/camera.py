@@ -35,6 +35,8 @@ _FLAGS_OFF = ("SHADOW", "REFLECTION", "SKYBOX", "FOG", "HAZE", "WIREFRAME", "ADD
 class RgbdCamera:
     """Renders a model's camera; owns a GL context, so close it or use it in a ``with`` statement."""
 
+    kind = "gl"
+
     def __init__(
         self,
         model: mujoco.MjModel,
@@ -62,7 +64,7 @@ class RgbdCamera:
         Raises:
             RenderError: if there is no such camera, or GL cannot make a picture.
         """
-        self._camera_id = _perspective_camera_id(model, camera_name)
+        self._camera_id = perspective_camera_id(model, camera_name)
         self._model = model
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._intrinsics = Intrinsics.from_fov(width, height, math.radians(model.cam_fovy[self._camera_id]))
@@ -168,7 +170,7 @@ class RgbdCamera:
         return depth_m
 
 
-def _perspective_camera_id(model: mujoco.MjModel, name: str) -> int:
+def perspective_camera_id(model: mujoco.MjModel, name: str) -> int:
     """Raises RenderError unless the model has this camera and its picture follows from fovy alone."""
     camera_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
     if camera_id < 0:

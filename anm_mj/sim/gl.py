@@ -39,7 +39,7 @@ class GlBackend:
     """The back-end that pictures are made with."""
 
     name: str
-    """The value of MUJOCO_GL; "off" when the user has turned pictures off."""
+    """The value of MUJOCO_GL; "off" when none works, or the user wants none."""
     renderer_string: str
     """What GL calls itself (GL_RENDERER): tells a GPU from the software renderer llvmpipe; empty when off."""
     attempts: tuple[tuple[str, str], ...]
@@ -54,8 +54,12 @@ def select_backend() -> GlBackend:
     Otherwise egl is tried first (a GPU, if there is one), then osmesa. A back-end that worked is remembered in the
     user's cache folder for this machine and this version of mujoco, so that only the first call ever takes seconds.
 
+    If none works, MUJOCO_GL becomes "off": the world can still be simulated, and pictures be made by casting rays. One
+    warning says which back-ends failed, why, and how to get one.
+
     Raises:
-        RenderError: if no back-end works, or mujoco was imported before with one that does not.
+        RenderError: if the back-end that the user has set does not work, or mujoco was imported before with one that
+            does not.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
@@ -84,9 +88,14 @@ def select_backend() -> GlBackend:
             f"({tried}). Call anm_mj.sim.gl.select_backend() before the first `import mujoco`, or set MUJOCO_GL=egl "
             "or MUJOCO_GL=osmesa before starting Python."
         )
-    chosen = f"MUJOCO_GL={wanted} is set, but it does not work here" if wanted else "No GL back-end works here"
-    unset = " Or unset MUJOCO_GL to let the program choose." if wanted else ""
-    raise RenderError(f"{chosen} ({tried}). {_ADVICE}{unset}")
+    if wanted:
+        raise RenderError(
+            f"MUJOCO_GL={wanted} is set, but it does not work here ({tried}). {_ADVICE} Or unset MUJOCO_GL to let the "
+            "program choose."
+        )
+    _logger.warning("No GL back-end works here (%s), so pictures are made by casting rays. %s", tried, _ADVICE)
+    os.environ["MUJOCO_GL"] = "off"
+    return GlBackend("off", "", tuple(attempts))
 
 
 def require_unforked() -> None:

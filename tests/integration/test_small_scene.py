@@ -80,6 +80,7 @@ def test_every_file_of_the_run_can_be_read_back(finished):
         assert min(picture.size) > 300
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["gl_backend"] in ("egl", "osmesa")
+    assert manifest["camera"] == "gl"
     assert manifest["engine"].startswith(("native", "torch"))
     assert manifest["seed"] == 3
     assert json.loads((folder / "config.json").read_text())["planning"]["margin_m"] > 0

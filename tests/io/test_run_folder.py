@@ -87,7 +87,7 @@ def test_configuration_is_written_as_json_of_its_fields(tmp_path):
 
 def test_manifest_says_with_what_a_run_was_made(tmp_path):
     folder = RunFolder.create(tmp_path / "run", "home", "gvg")
-    facts = RunFacts("home", "abc", "diff_drive", "def", "gvg", 3, "cpu", "torch", "egl", "llvmpipe")
+    facts = RunFacts("home", "abc", "diff_drive", "def", "gvg", 3, "cpu", "torch", "egl", "llvmpipe", "gl")
     folder.write_manifest(manifest(facts, ["anm-mj", "explore", "home"]))
     written = json.loads(folder.manifest.read_text())
     assert (written["seed"], written["gl_renderer"], written["scene_hash"]) == (3, "llvmpipe", "abc")

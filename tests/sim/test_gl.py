@@ -46,13 +46,14 @@ def test_pictures_can_be_turned_off(tmp_path):
     assert "name='off'" in _run(_SELECT, tmp_path, MUJOCO_GL="off").stdout
 
 
-def test_no_working_back_end_names_every_attempt(tmp_path):
+def test_no_working_back_end_is_no_obstacle_but_one_warning_that_names_every_attempt(tmp_path):
     # A device that does not exist spoils egl; a platform that contradicts the back-end spoils the other.
     done = _run(_SELECT, tmp_path, MUJOCO_EGL_DEVICE_ID="99", PYOPENGL_PLATFORM="egl")
-    message = done.stderr.splitlines()[-1]
-    assert "No GL back-end works here" in message
+    assert "name='off'" in done.stdout
+    (message,) = [line for line in done.stderr.splitlines() if "No GL back-end" in line]
     assert "egl:" in message
     assert "osmesa:" in message
+    assert "apt install libegl1" in message
 
 
 def test_a_cache_that_cannot_be_written_is_no_obstacle(tmp_path):

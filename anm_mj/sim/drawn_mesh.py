@@ -1,0 +1,116 @@
+"""What a camera sees of a model, as one textured mesh: for cameras that cast rays instead of drawing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float32, Int, Int32, UInt8
+
+_RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+_NO_MATERIAL_RGB = (0.5, 0.5, 0.5)
+"""What MuJoCo gives geoms without a colour."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMesh:
+    """Triangles in the world with texture coordinates and colours."""
+
+    vertices_m: Float32[np.ndarray, "v 3"]
+    faces: Int32[np.ndarray, "f 3"]
+    uv: Float32[np.ndarray, "f 3 2"]
+    """Texture coordinates of the corners, v down."""
+    texture: Int32[np.ndarray, " f"]
+    """Index into ``textures``; -1 for a plain colour."""
+    rgb: Float32[np.ndarray, "f 3"]
+    """Colour in 0..1, times the texture."""
+    textures: tuple[UInt8[np.ndarray, "_ _ 3"], ...]
+
+
+def visible_geoms(model: mujoco.MjModel, groups: tuple[int, ...]) -> Int[np.ndarray, " n"]:
+    """Ids of the geoms in these groups that are not wholly transparent."""
+    return np.flatnonzero(np.isin(model.geom_group, groups) & (_rgba(model)[:, 3] > 0.0))
+
+
+def still_meshes(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """True for those that are meshes and never move."""
+    return (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid[geoms]] == 0)
+
+
+def drawn_mesh(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> DrawnMesh:
+    """Geoms that are meshes and stand still, together."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    rgba = _rgba(model)
+    used_textures: dict[int, int] = {}
+    vertices, faces, uv, texture, rgb = [], [], [], [], []
+    num_vertices = 0
+    for geom in geoms.tolist():
+        mesh = model.geom_dataid[geom]
+        first, num = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        first_face, num_faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+        rotation = data.geom_xmat[geom].reshape(3, 3)
+        vertices.append(model.mesh_vert[first : first + num] @ rotation.T + data.geom_xpos[geom])
+        faces.append(model.mesh_face[first_face : first_face + num_faces] + num_vertices)
+        num_vertices += num
+        picture = texture_of(model, geom)
+        if picture >= 0 and model.mesh_texcoordnum[mesh]:
+            corners = model.mesh_facetexcoord[first_face : first_face + num_faces]
+            uv.append(model.mesh_texcoord[model.mesh_texcoordadr[mesh] + corners])
+            texture.append(np.full(num_faces, used_textures.setdefault(picture, len(used_textures))))
+        else:
+            uv.append(np.zeros((num_faces, 3, 2)))
+            texture.append(np.full(num_faces, -1))
+        rgb.append(np.tile(rgba[geom, :3], (num_faces, 1)))
+    return DrawnMesh(
+        np.concatenate(vertices).astype(np.float32),
+        np.concatenate(faces).astype(np.int32),
+        np.concatenate(uv).astype(np.float32),
+        np.concatenate(texture).astype(np.int32),
+        np.concatenate(rgb).astype(np.float32),
+        tuple(texture_image(model, picture) for picture in used_textures),
+    )
+
+
+def mean_colours(model: mujoco.MjModel) -> Float32[np.ndarray, "n 3"]:
+    """One colour in 0..1 for each geom: its own, times the mean of its texture where its vertices lie."""
+    rgb = _rgba(model)[:, :3].astype(np.float32)
+    images: dict[int, np.ndarray] = {}
+    for geom in range(model.ngeom):
+        picture, mesh = texture_of(model, geom), model.geom_dataid[geom]
+        if picture < 0:
+            continue
+        image = images.setdefault(picture, texture_image(model, picture))
+        colours = image.reshape(-1, 3)
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH and model.mesh_texcoordnum[mesh]:
+            first = model.mesh_texcoordadr[mesh]
+            uv = model.mesh_texcoord[first : first + model.mesh_texcoordnum[mesh]]
+            cells = np.floor((uv % 1.0) * (image.shape[1], image.shape[0])).astype(np.int64)
+            colours = image[cells[:, 1].clip(0, image.shape[0] - 1), cells[:, 0].clip(0, image.shape[1] - 1)]
+        rgb[geom] *= colours.mean(axis=0) / 255.0
+    return rgb
+
+
+def texture_of(model: mujoco.MjModel, geom: int) -> int:
+    """Index of a geom's two-dimensional texture in the model; -1 if it has none."""
+    material = int(model.geom_matid[geom])
+    picture = int(model.mat_texid[material, _RGB]) if material >= 0 else -1
+    return picture if picture >= 0 and model.tex_type[picture] == mujoco.mjtTexture.mjTEXTURE_2D else -1
+
+
+def texture_image(model: mujoco.MjModel, picture: int) -> UInt8[np.ndarray, "h w 3"]:
+    """A texture of the model; row 0 is at v = 0."""
+    height, width, channels = model.tex_height[picture], model.tex_width[picture], model.tex_nchannel[picture]
+    first = model.tex_adr[picture]
+    image = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
+    return np.repeat(image, 3, axis=2) if channels == 1 else image[:, :, :3].copy()
+
+
+def _rgba(model: mujoco.MjModel) -> Float32[np.ndarray, "n 4"]:
+    """Colour and opacity of every geom, its material's if it has one."""
+    if not model.nmat:
+        return model.geom_rgba.copy()
+    # As in MuJoCo, a colour of the geom's own stands above its material's.
+    own = (model.geom_rgba != np.array([*_NO_MATERIAL_RGB, 1.0], np.float32)).any(axis=1) | (model.geom_matid < 0)
+    return np.where(own[:, None], model.geom_rgba, model.mat_rgba[model.geom_matid]).astype(np.float32)

@@ -1,0 +1,88 @@
+"""Colours out of textures at many places at once, filtered as a rasteriser filters them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, Int32, Int64, UInt8
+
+
+class Texels:
+    """Textures with their reduced copies (mip levels), each half the size of the one before."""
+
+    def __init__(self, textures: tuple[UInt8[np.ndarray, "_ _ 3"], ...]):
+        """Reduce every texture down to one texel."""
+        levels = [_levels(texture) for texture in textures] or [[np.full((1, 1, 3), 255, np.uint8)]]
+        deepest = max(len(level) for level in levels)
+        shapes = np.array(
+            [[(*texture[min(i, len(texture) - 1)].shape[:2],) for i in range(deepest)] for texture in levels]
+        )
+        self._height, self._width = shapes[:, :, 0], shapes[:, :, 1]
+        self._first = np.zeros((len(levels), deepest), np.int64)
+        flat, used = [], 0
+        for i, texture in enumerate(levels):
+            for level in range(deepest):
+                self._first[i, level] = used if level < len(texture) else self._first[i, level - 1]
+                if level < len(texture):
+                    flat.append(texture[level].reshape(-1, 3))
+                    used += len(flat[-1])
+        # Four bytes a texel, so that one look-up fetches all of it.
+        packed = np.full((used, 4), 255, np.uint8)
+        packed[:, :3] = np.concatenate(flat)
+        self._packed = packed.view(np.uint32).ravel()
+
+    def size_px(self, texture: Int32[np.ndarray, " n"]) -> Int64[np.ndarray, "n 2"]:
+        """Width and height of textures [px]."""
+        return np.stack([self._width[texture, 0], self._height[texture, 0]], axis=1)
+
+    def at(
+        self,
+        texture: Int32[np.ndarray, " n"],
+        uv: Float32[np.ndarray, "n 2"],
+        texels_per_pixel: Float32[np.ndarray, " n"],
+    ) -> Float32[np.ndarray, "n 3"]:
+        """Colours in 0..255 at texture coordinates (v down; outside 0..1 they repeat).
+
+        Args:
+            texture: which texture, each.
+            uv: where.
+            texels_per_pixel: how much of the texture a pixel covers: chooses the reduced copy, within which four texels
+                are blended.
+        """
+        level = np.round(np.log2(np.maximum(texels_per_pixel, 1.0))).astype(np.int64)
+        level = np.minimum(level, self._first.shape[1] - 1)
+        width, height, first = self._width[texture, level], self._height[texture, level], self._first[texture, level]
+        x = uv[:, 0] * width.astype(np.float32) - np.float32(0.5)
+        y = uv[:, 1] * height.astype(np.float32) - np.float32(0.5)
+        col, row = np.floor(x), np.floor(y)
+        right, down = (x - col)[:, None], (y - row)[:, None]
+        col, row = col.astype(np.int64) % width, row.astype(np.int64) % height
+        next_col, next_row = (col + 1) % width, (row + 1) % height
+        upper = self._mix(first + row * width, col, next_col, right)
+        lower = self._mix(first + next_row * width, col, next_col, right)
+        return upper + down * (lower - upper)
+
+    def _mix(
+        self,
+        line: Int64[np.ndarray, " n"],
+        col: Int64[np.ndarray, " n"],
+        next_col: Int64[np.ndarray, " n"],
+        share: Float32[np.ndarray, "n 1"],
+    ) -> Float32[np.ndarray, "n 3"]:
+        """Blend of two texels of a line."""
+        left = self._packed[line + col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
+        right = self._packed[line + next_col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
+        return left + share * (right - left)
+
+
+def _levels(texture: UInt8[np.ndarray, "h w 3"]) -> list[UInt8[np.ndarray, "_ _ 3"]]:
+    """A texture and its halves; a last odd row or column is left out, as GL does."""
+    levels = [texture]
+    while max(levels[-1].shape[:2]) > 1:
+        fine = levels[-1].astype(np.uint16)
+        for axis in (0, 1):
+            half = fine.shape[axis] // 2
+            if half:
+                even = np.take(fine, np.arange(0, 2 * half, 2), axis=axis)
+                fine = (even + np.take(fine, np.arange(1, 2 * half, 2), axis=axis) + 1) // 2
+        levels.append(fine.astype(np.uint8))
+    return levels
