@@ -121,6 +121,8 @@ struct Kernel {
     // sdf, rgb: either may be null. decoders: `sets` rows of weights in checkpoint order.
     void (*query)(const Model&, const float* points, std::int64_t count, const float* decoders, int sets, float* sdf,
                   float* rgb, const Parallel&, const Arena&);
+    // What the SDF decoder's hidden layer gives, [count][hidden].
+    void (*hidden)(const Model&, const float* points, std::int64_t count, float* hidden, const Parallel&, const Arena&);
     void (*sensitivity)(const Model&, const float* points, std::int64_t count, float* sdf, float* rgb, const Parallel&,
                         const Arena&);
     void (*render)(const Model&, const float* origin, const float* direction, const float* depths, int count,

@@ -6,6 +6,10 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
 #include <cstdlib>
 #include <cstring>
 #include <map>
@@ -28,10 +32,20 @@ using In = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using InFlat = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<nb::numpy, float>;
 
+// Large pages, where the system gives them to those who ask: tables are read at random, and fewer pages are looked up.
+constexpr std::size_t kLargePage = std::size_t{1} << 21;
+
 class Buffer {
 public:
-    explicit Buffer(std::size_t bytes) : bytes_((bytes + 127) / 64 * 64), data_(std::aligned_alloc(64, bytes_)) {
+    explicit Buffer(std::size_t bytes) {
+        const std::size_t alignment = bytes < kLargePage ? 64 : kLargePage;
+        bytes_ = (bytes + 64 + alignment - 1) / alignment * alignment;
+        data_ = std::aligned_alloc(alignment, bytes_);
         if (data_ == nullptr) throw std::bad_alloc();
+#if defined(__linux__)
+        // A refusal costs speed alone.
+        if (alignment == kLargePage) madvise(data_, bytes_, MADV_HUGEPAGE);
+#endif
         std::memset(data_, 0, bytes_);
     }
     ~Buffer() { std::free(data_); }
@@ -43,8 +57,8 @@ public:
     void clear() { std::memset(data_, 0, bytes_); }
 
 private:
-    std::size_t bytes_;
-    void* data_;
+    std::size_t bytes_ = 0;
+    void* data_ = nullptr;
 };
 
 // Names of the kernels that this processor can run, best first.
@@ -221,6 +235,19 @@ public:
         return nb::make_tuple(sdf_out, rgb_out);
     }
 
+    Out query_hidden(In points) {
+        require_points(points);
+        float* hidden = nullptr;
+        Out out = make_array({points.shape(0), static_cast<std::size_t>(model_.settings.hidden)}, hidden);
+        {
+            nb::gil_scoped_release release;
+            const std::lock_guard<std::mutex> lock(mutex_);
+            kernel_.hidden(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), hidden, parallel(),
+                           arena());
+        }
+        return out;
+    }
+
     nb::tuple query_sensitivity(In points) {
         require_points(points);
         float *sdf = nullptr, *rgb = nullptr;
@@ -381,6 +408,7 @@ NB_MODULE(_native, m) {
         .def("query_sdf", &Engine::query_sdf, "points"_a)
         .def("query_rgb", &Engine::query_rgb, "points"_a)
         .def("query_perturbed", &Engine::query_perturbed, "points"_a, "decoders"_a)
+        .def("query_hidden", &Engine::query_hidden, "points"_a)
         .def("query_sensitivity", &Engine::query_sensitivity, "points"_a)
         .def("render", &Engine::render, "origin"_a, "direction"_a, "depths"_a);
     m.def("kernel_names", &kernel_names);

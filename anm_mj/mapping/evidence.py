@@ -18,7 +18,6 @@ from jaxtyping import Float, Float32, Float64
 from scipy.ndimage import map_coordinates
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.field import DECODER_NAMES
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.types import OCCUPIED
 
@@ -30,8 +29,8 @@ _NUM_AXES = 4
 """Principal axes of it that are kept."""
 _MIN_SPREAD = 1e-6
 """Axes along which the features' mean square is less than this share of the largest tell nothing and are left out."""
-_CHUNK = 16384
-"""Points per call to the engine, so that the outputs for all features stay small."""
+_MAX_VOXELS = 4_000_000
+"""Voxels that looks are searched among, about."""
 
 
 def evidence_variance(
@@ -57,56 +56,25 @@ def last_layer_variance(
 
     Its mean over all looks is about the number of axes that are kept.
     """
-    state = backend.get_state()
+    hidden = backend.query_hidden(points_m).astype(np.float64)
     places = _looked_at(occupancy)
     if not len(places):
-        return (hidden_features(backend, state, points_m) ** 2).sum(axis=1)
-    seen = hidden_features(backend, state, places)
+        return (hidden**2).sum(axis=1)
+    seen = backend.query_hidden(places).astype(np.float64)
     spread, axes = np.linalg.eigh(seen.T @ seen / len(seen))
     spread, axes = spread[-_NUM_AXES:], axes[:, -_NUM_AXES:]
     telling = spread > _MIN_SPREAD * spread[-1]
-    whitening = axes[:, telling] / np.sqrt(spread[telling])
-    return (_projected(backend, state, points_m, whitening.T) ** 2).sum(axis=1)
-
-
-def hidden_features(
-    backend: MapperBackend, state: dict[str, Float32[np.ndarray, "..."]], points_m: Float[np.ndarray, "n 3"]
-) -> Float64[np.ndarray, "n hidden"]:
-    """What the SDF decoder's hidden layer gives at world points [m], after its activation."""
-    return _projected(backend, state, points_m, np.eye(state["sdf_out"].shape[1]))
-
-
-def _projected(
-    backend: MapperBackend,
-    state: dict[str, Float32[np.ndarray, "..."]],
-    points_m: Float[np.ndarray, "n 3"],
-    directions: Float64[np.ndarray, "k hidden"],
-) -> Float64[np.ndarray, "n k"]:
-    """The hidden features at world points [m] along given directions."""
-    # A decoder whose last layer is a direction says what the features are along it: no engine needs a way of its own.
-    decoders = np.stack([_decoders_with(state, direction) for direction in directions])
-    out = np.empty((len(points_m), len(directions)))
-    for start in range(0, len(points_m), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        out[rows] = backend.query_perturbed(points_m[rows], decoders)[0].T
-    return out
-
-
-def _decoders_with(
-    state: dict[str, Float32[np.ndarray, "..."]], direction: Float64[np.ndarray, " hidden"]
-) -> Float32[np.ndarray, " weights"]:
-    """All decoder weights, but for a last layer of the SDF decoder that gives the features along a direction as s."""
-    last = np.zeros_like(state["sdf_out"])
-    last[0] = direction
-    return np.concatenate([(last if name == "sdf_out" else state[name]).ravel() for name in DECODER_NAMES])
+    return ((hidden @ (axes[:, telling] / np.sqrt(spread[telling]))) ** 2).sum(axis=1)
 
 
 def _looked_at(occupancy: OccupancyGrid) -> Float64[np.ndarray, "n 3"]:
     """Centres of occupied voxels in the world [m], drawn at even intervals from all looks at such, in their order."""
-    occupied = np.flatnonzero(occupancy.grid.state == OCCUPIED)
+    # Of a large grid only some voxels are gone through; an odd interval takes them from all its rows and columns.
+    every = occupancy.num_hits.size // _MAX_VOXELS | 1
+    occupied = np.flatnonzero(occupancy.grid.state.reshape(-1)[::every] == OCCUPIED) * every
     if not len(occupied):
         return np.zeros((0, 3))
-    looks = np.cumsum(occupancy.num_hits.reshape(-1)[occupied])
+    looks = np.cumsum(occupancy.num_hits.reshape(-1)[occupied], dtype=np.int64)
     drawn = np.searchsorted(looks, (np.arange(_NUM_PLACES) + 0.5) * (looks[-1] / _NUM_PLACES))
     voxels = np.stack(np.unravel_index(occupied[drawn], occupancy.num_hits.shape), axis=1)[:, ::-1]
     return (voxels + occupancy.corner) * occupancy.config.voxel_m

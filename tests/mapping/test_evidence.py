@@ -5,7 +5,7 @@ import pytest
 
 from anm_mj.evaluation.sparsification import relative_area
 from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.evidence import evidence_variance, hidden_features, last_layer_variance, look_density
+from anm_mj.mapping.evidence import evidence_variance, last_layer_variance, look_density
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.uncertainty import closed_form_variance
@@ -53,10 +53,9 @@ def test_density_is_nothing_where_nothing_was_seen(room):
 
 def test_hidden_features_make_the_sdf_with_the_last_layer(trained_map):
     points = np.random.default_rng(0).uniform(0.0, 2.0, (40, 3))
-    state = trained_map.backend.get_state()
-    hidden = hidden_features(trained_map.backend, state, points)
+    hidden = trained_map.backend.query_hidden(points)
     assert (hidden >= 0.0).all()
-    s = hidden @ state["sdf_out"][0]
+    s = hidden @ trained_map.backend.get_state()["sdf_out"][0]
     np.testing.assert_allclose(s, trained_map.backend.query_sdf(points), atol=1e-5)
 
 

@@ -128,6 +128,7 @@ def test_queries_answer_as_the_torch_engine_does(config, kernel, rays):
     points = rng.uniform(-1.0, 4.0, (333, 3))
     np.testing.assert_allclose(native.query_sdf(points), reference.query_sdf(points), atol=2e-5)
     np.testing.assert_allclose(native.query_rgb(points), reference.query_rgb(points), atol=2e-5)
+    np.testing.assert_allclose(native.query_hidden(points), reference.query_hidden(points), atol=2e-5)
     for ours, theirs in zip(native.query_sensitivity(points), reference.query_sensitivity(points), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-3)
     state = native.get_state()

@@ -59,7 +59,7 @@ def test_losses_and_gradients_are_those_of_autograd(config, dtype, found):
 
 @all_configs
 def test_queries_answer_as_the_torch_engine_does(config, found):
-    for query in ("query_sdf", "query_rgb", "query_perturbed"):
+    for query in ("query_sdf", "query_rgb", "query_hidden", "query_perturbed"):
         assert found[config][query] < 2e-5, query
     assert found[config]["query_sensitivity"] < 1e-3
     assert found[config]["render"] < 1e-3

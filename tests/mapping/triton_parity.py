@@ -96,6 +96,7 @@ def compare(config, rays):
     render_z = np.sort(rng.uniform(0.0, 4.0, (len(rays.depth_m), 9)).astype(np.float32), axis=1)
     found["query_sdf"] = largest(ours.query_sdf(points), reference.query_sdf(points))
     found["query_rgb"] = largest(ours.query_rgb(points), reference.query_rgb(points))
+    found["query_hidden"] = largest(ours.query_hidden(points), reference.query_hidden(points))
     mine, theirs = ours.query_perturbed(points, decoders), reference.query_perturbed(points, decoders)
     found["query_perturbed"] = max(largest(a, b) for a, b in zip(mine, theirs, strict=True))
     mine, theirs = ours.query_sensitivity(points), reference.query_sensitivity(points)

@@ -72,6 +72,10 @@ class MapperBackend(Protocol):
         """
         ...
 
+    def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
+        """What the SDF decoder's hidden layer gives at world points [m], after its activation."""
+        ...
+
     def query_sensitivity(
         self, points_m: Float[np.ndarray, "n 3"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:

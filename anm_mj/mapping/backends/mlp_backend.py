@@ -148,6 +148,16 @@ class MlpBackend:
                 s[k, rows] = self._s(points, weights).cpu().numpy()
         return s, np.full((len(decoders), len(points_m), 3), GREY, np.float32)
 
+    @torch.no_grad()
+    def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
+        """What the last layer is given at world points; see the protocol."""
+        out = np.empty((len(points_m), WIDTH), np.float32)
+        for rows, points in self._chunks(points_m):
+            inputs: list[Tensor] = []
+            self._s(points, self._weights, inputs, [])
+            out[rows] = inputs[-1].cpu().numpy()
+        return out
+
     def query_sensitivity(
         self, points_m: Float[np.ndarray, "n 3"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:

@@ -115,6 +115,10 @@ class NativeBackend:
         """The SDF s and colours under ``k`` sets of decoder weights; see the protocol."""
         return self._engine.query_perturbed(_floats(points_m), _floats(decoders))
 
+    def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
+        """The SDF decoder's hidden layer at world points; see the protocol."""
+        return self._engine.query_hidden(_floats(points_m))
+
     def query_sensitivity(
         self, points_m: Float[np.ndarray, "n 3"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:

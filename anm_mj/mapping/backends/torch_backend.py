@@ -13,7 +13,7 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import StepLosses
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import DECODER_NAMES, NeuralField, decode_color, decode_sdf, decoder_shapes
+from anm_mj.mapping.field import DECODER_NAMES, NeuralField, decode_color, decode_sdf, decoder_shapes, sdf_hidden
 from anm_mj.mapping.keyframes import RayBatch
 from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
 from anm_mj.mapping.rendering import bell_weights, composite
@@ -119,11 +119,20 @@ class TorchBackend:
         weight_sets = [self._split_decoders(row) for row in decoders]
         for rows, points in self._chunks(points_m):
             features, blob = self.field.encode(points)
-            for k, (sdf_hidden, sdf_out, color_hidden, color_out) in enumerate(weight_sets):
-                outputs = decode_sdf(sdf_hidden, sdf_out, features, blob)
+            for k, (in_sdf, out_sdf, in_color, out_color) in enumerate(weight_sets):
+                outputs = decode_sdf(in_sdf, out_sdf, features, blob)
                 s_out[k, rows] = outputs[:, 0].cpu().numpy()
-                rgb_out[k, rows] = decode_color(color_hidden, color_out, blob, outputs[:, 1:]).cpu().numpy()
+                rgb_out[k, rows] = decode_color(in_color, out_color, blob, outputs[:, 1:]).cpu().numpy()
         return s_out, rgb_out
+
+    @torch.no_grad()
+    def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
+        """The SDF decoder's hidden layer at world points; see the protocol."""
+        weights = self.field.decoders["sdf_hidden"]
+        out = np.empty((len(points_m), len(weights)), np.float32)
+        for rows, points in self._chunks(points_m):
+            out[rows] = sdf_hidden(weights, *self.field.encode(points)).cpu().numpy()
+        return out
 
     @torch.no_grad()
     def query_sensitivity(

@@ -32,7 +32,7 @@ from anm_mj.mapping.backends.triton_field import TritonField
 from anm_mj.mapping.backends.triton_step import TrainingStep, capacity_for
 from anm_mj.mapping.config import MappingConfig, default_mapping
 from anm_mj.mapping.encoding import one_blob
-from anm_mj.mapping.field import initial_parameters
+from anm_mj.mapping.field import initial_parameters, sdf_hidden
 from anm_mj.mapping.keyframes import RayBatch
 from anm_mj.mapping.rendering import bell_weights, composite
 
@@ -132,6 +132,16 @@ class TritonBackend:
             s_out[:, rows] = s.cpu().numpy()
             rgb_out[:, rows] = rgb.transpose(1, 2).cpu().numpy()
         return s_out, rgb_out
+
+    @torch.no_grad()
+    def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
+        """The SDF decoder's hidden layer at world points; see the protocol."""
+        weights = self._field.split_weights()[0]
+        out = np.empty((len(points_m), len(weights)), np.float32)
+        for rows, points in self._chunks(points_m):
+            blob = one_blob(points.t(), self._period_m, self.config.field.blob_bins)
+            out[rows] = sdf_hidden(weights, self._field.features(points).t(), blob).cpu().numpy()
+        return out
 
     @torch.no_grad()
     def query_sensitivity(
