@@ -143,10 +143,11 @@ class NeuralMap:
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
         """Colour and planar depth [m] as the map believes a camera would see them (eq. 1).
 
-        Samples lie about the first occupied voxel along each ray; a ray that meets none is black, with NaN depth.
+        Samples lie about the first surface along each ray that something was observed at; a ray that meets none is
+        black, with NaN depth.
         """
         origin, direction, z, hit = view_samples(
-            self._occupancy, intrinsics, T_world_camera, self.config.field.truncation_m
+            self._occupancy, self.backend.query_sdf, intrinsics, T_world_camera, self.config.field.truncation_m
         )
         rgb = np.zeros((intrinsics.height * intrinsics.width, 3), np.uint8)
         depth = np.full(len(rgb), np.nan, np.float32)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
+from jaxtyping import Bool, Float, Float32, Int, Int64, UInt16
 
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.config import OccupancyConfig
@@ -42,7 +42,7 @@ class OccupancyGrid:
         self._log_odds = np.zeros(shape, np.int8)
         self._state = np.zeros(shape, np.int8)
         self._seen_range_m = np.zeros(shape, np.float32)
-        self._num_hits = np.zeros(shape, np.int32)
+        self._num_hits = np.zeros(shape, np.uint16)
         self._block_stamp = np.zeros(shape, np.int32)
         self._num_frames = 0
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
@@ -64,8 +64,8 @@ class OccupancyGrid:
         return self._corner
 
     @property
-    def num_hits(self) -> Int32[np.ndarray, "layers rows cols"]:
-        """How many pixels of all frames fell into each voxel, images being thinned to a focal length of 64 px.
+    def num_hits(self) -> UInt16[np.ndarray, "layers rows cols"]:
+        """How many pixels of all frames fell into each voxel, up to 65535; images are thinned to 64 px of focal length.
 
         Near, frontal and repeated looks all add to it: it is the sampling density of the surface there.
         """
@@ -157,7 +157,7 @@ class OccupancyGrid:
         self._log_odds = state["log_odds"].astype(np.int8)
         self._state = state["state"].astype(np.int8)
         self._seen_range_m = state["seen_range_m"].astype(np.float32)
-        self._num_hits = state["num_hits"].astype(np.int32)
+        self._num_hits = np.minimum(state["num_hits"], np.iinfo(np.uint16).max).astype(np.uint16)
         self._block_stamp = state["block_stamp"].astype(np.int32)
         self._num_frames = int(state["num_frames"])
 
@@ -257,7 +257,8 @@ class OccupancyGrid:
         # With several pixels in a voxel the last one counts: all are equally near, to within the voxel.
         seen[flat] = np.minimum(seen[flat], depth_m)
         flat, count = np.unique(flat, return_counts=True)
-        self._num_hits.reshape(-1)[flat] += count
+        hits = self._num_hits.reshape(-1)
+        hits[flat] = np.minimum(hits[flat] + count, np.iinfo(np.uint16).max)
         log_odds, state = self._log_odds.reshape(-1), self._state.reshape(-1)
         value = np.minimum(log_odds[flat].astype(np.int16) + self.config.hit, self.config.limit).astype(np.int8)
         log_odds[flat] = value

@@ -1,53 +1,98 @@
-"""Where to sample the field to render a view: about the first occupied voxel along each ray."""
+"""Where to sample the field to render a view: about the surface that each ray meets first."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.surface import SdfQuery
 from anm_mj.types import OCCUPIED, Intrinsics
 
 _SAMPLES = 24
-"""Samples per ray within two truncations of the voxel."""
+"""Samples per ray."""
 _MAX_DEPTH_M = 12.0
-"""Planar depth at which the search for a voxel ends [m]."""
+"""Planar depth at which the search for a surface ends [m]."""
+_STRIDE = 0.6
+"""Steps of the search, in voxel edges."""
+_PROBES = 5
+"""Places at which the field is asked for its sign about an occupied voxel."""
 
 
 def view_samples(
-    occupancy: OccupancyGrid, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"], truncation_m: float
+    occupancy: OccupancyGrid,
+    sdf: SdfQuery,
+    intrinsics: Intrinsics,
+    T_world_camera: Float[np.ndarray, "4 4"],
+    truncation_m: float,
 ) -> tuple[
     Float32[np.ndarray, "n 3"],
     Float32[np.ndarray, "n 3"],
     Float32[np.ndarray, "n samples"],
     Bool[np.ndarray, " pixels"],
 ]:
-    """Rays that meet an occupied voxel, and the planar depths to sample along each.
+    """Rays that meet a surface, and the planar depths to sample along each.
+
+    The field passes from free to solid at a surface, and an occupied voxel says that it has not made the surface up. A
+    ray that grazes an occupied voxel and stays in free space goes on. One that meets occupied voxels and never passes
+    into a solid, because the field has no surface where the voxels are, ends at the first of them.
 
     Args:
         occupancy: The grid to search.
+        sdf: Signed distance at world points, in any unit.
         intrinsics: The camera.
         T_world_camera: Camera to world.
         truncation_m: Truncation distance of the field [m].
 
     Returns:
-        Origins [m] and directions (planar depth 1) of the rays that hit, their sample depths [m], and which pixels
-        they are, row by row.
+        Origins [m] and directions (planar depth 1) of the rays that meet a surface, their sample depths [m], and which
+        pixels they are, row by row.
     """
     directions = pixel_directions(intrinsics).reshape(-1, 3) @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
-    found = np.full(len(directions), np.nan)
+    first, crossing = _search(occupancy, sdf, origin, directions)
+    hit = np.isfinite(first)
+    crossed = np.isfinite(crossing[hit])
+    middle = np.where(crossed, crossing[hit], first[hit] + 0.5 * truncation_m)
+    # Where the surface lies is known to a probe's spacing, or else to within a voxel.
+    reach = np.where(crossed, 0.6 * truncation_m, 1.5 * truncation_m)
+    z = middle[:, None] + reach[:, None] * np.linspace(-1.0, 1.0, _SAMPLES)
+    rays = directions[hit].astype(np.float32)
+    start = np.broadcast_to(origin.astype(np.float32), rays.shape).copy()
+    return start, rays, np.maximum(z, 1e-3).astype(np.float32), hit
+
+
+def _search(
+    occupancy: OccupancyGrid, sdf: SdfQuery, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
+    """Planar depth of the first occupied voxel, and of the first surface in or at one [m]; NaN where there is none."""
+    first = np.full(len(directions), np.nan)
+    crossing = np.full(len(directions), np.nan)
     searching = np.arange(len(directions))
-    step = occupancy.config.voxel_m * 0.6
+    step = occupancy.config.voxel_m * _STRIDE
     for z in np.arange(step, _MAX_DEPTH_M, step):
-        occupied = occupancy.state_at(origin + directions[searching] * z) == OCCUPIED
-        found[searching[occupied]] = z
-        searching = searching[~occupied]
+        occupied = searching[occupancy.state_at(origin + directions[searching] * z) == OCCUPIED]
+        if not len(occupied):
+            continue
+        first[occupied] = np.fmin(first[occupied], z)
+        crossing[occupied] = _crossing(sdf, origin, directions[occupied], z - step, z + step)
+        searching = np.setdiff1d(searching, occupied[np.isfinite(crossing[occupied])], assume_unique=True)
         if not len(searching):
             break
-    hit = np.isfinite(found)
-    offsets = np.linspace(-truncation_m, 2.0 * truncation_m, _SAMPLES)
-    z = np.maximum(found[hit][:, None] + offsets, 1e-3).astype(np.float32)
-    rays = directions[hit].astype(np.float32)
-    return np.broadcast_to(origin.astype(np.float32), rays.shape).copy(), rays, z, hit
+    return first, crossing
+
+
+def _crossing(
+    sdf: SdfQuery, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"], near_m: float, far_m: float
+) -> Float64[np.ndarray, " n"]:
+    """Planar depth at which each ray passes from free to solid between two depths [m]; NaN where it does not."""
+    z = np.linspace(near_m, far_m, _PROBES)
+    values = sdf((origin + directions[:, None] * z[:, None]).reshape(-1, 3)).reshape(-1, _PROBES)
+    into = (values[:, :-1] > 0.0) & (values[:, 1:] <= 0.0)
+    found = into.any(axis=1)
+    interval: Int64[np.ndarray, " n"] = into.argmax(axis=1)
+    row = np.arange(len(values))
+    before, after = values[row, interval], values[row, interval + 1]
+    share = before / np.where(found, before - after, 1.0)
+    return np.where(found, z[interval] + share * (z[1] - z[0]), np.nan)

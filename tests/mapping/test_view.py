@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.view import view_samples
+from anm_mj.types import OCCUPIED
+
+SURFACE_X_M = 3.0
+
+
+@pytest.fixture
+def view(room):
+    """Looks along +x from x = 1."""
+    return room.observe(1.0, 1.5, 0.0, size=16)
+
+
+@pytest.fixture
+def all_occupied(view) -> OccupancyGrid:
+    grid = OccupancyGrid(OccupancyConfig())
+    grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
+    grid.set_state({**grid.get_state(), "state": np.full_like(grid.grid.state, OCCUPIED)})
+    return grid
+
+
+def plane(points):
+    return (SURFACE_X_M - points[:, 0]).astype(np.float32)
+
+
+def test_a_ray_through_occupied_voxels_goes_on_to_where_the_field_turns_solid(all_occupied, view):
+    _, _, z, hit = view_samples(all_occupied, plane, view.intrinsics, view.T_world_camera, 0.1)
+    assert hit.sum() > 100
+    centre = z[np.abs(z.mean(axis=1) - (SURFACE_X_M - 1.0)) < 0.05]
+    assert len(centre) > 100
+    np.testing.assert_allclose(centre.mean(axis=1), SURFACE_X_M - 1.0, atol=0.01)
+
+
+def test_a_ray_whose_field_has_no_surface_ends_at_the_first_voxel(all_occupied, view):
+    def free(points):
+        return np.ones(len(points), np.float32)
+
+    _, _, z, hit = view_samples(all_occupied, free, view.intrinsics, view.T_world_camera, 0.1)
+    assert hit.all()
+    assert z.max() < 0.5
+
+
+def test_a_ray_that_leaves_a_solid_behind_it_meets_no_surface_there(all_occupied, view):
+    def inverted(points):
+        return -plane(points)
+
+    _, _, z, _ = view_samples(all_occupied, inverted, view.intrinsics, view.T_world_camera, 0.1)
+    assert z.max() < 0.5
