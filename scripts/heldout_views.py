@@ -26,8 +26,9 @@ from anm_mj.frames import back_project
 from anm_mj.io.jsonable import write_json
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.revisit import ROBOT_PREFIX, explored_scene
 from anm_mj.robots import FOOTPRINT, make_robot
-from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.types import OCCUPIED, Observation, Pose2, VoxelGrid
 
@@ -41,8 +42,6 @@ SHOWN = 4
 """Views drawn in the picture: true and rendered colour, true and rendered depth."""
 SHOWN_DEPTH_M = 6.0
 """Depth that is drawn black [m]."""
-ROBOT_PREFIX = "robot/"
-"""What the names of the robot's joints begin with in a scene."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +64,7 @@ def main(run: Annotated[Path, tyro.conf.Positional], views: int = 20, seed: int 
         scene: The run's scene, where it lies now if it has moved.
     """
     record = read_run(run)
-    world = load_scene(scene or record.manifest["scene"])
-    if world.hash != record.manifest["scene_hash"]:
-        raise RunFolderError(f"{run} explored another scene than {world.folder}; give the right one by --scene.")
+    world = explored_scene(record, scene)
     neural_map = NeuralMap.load(record.folder.map)
     found, pictures = [], []
     for pose, seen, observed in islice(held_out_views(record, world, neural_map.occupancy, seed), views):

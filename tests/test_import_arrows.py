@@ -33,6 +33,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "config": _BASE | _STAGES,
     # Builds the robot that explore drives out of simulator, camera and drive.
     "robots": _BASE | {"config", "scene", "sim", "control"},
+    # Takes a finished run's pictures again.
+    "revisit": _BASE | {"io", "scene", "control", "robots"},
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"robots"},
     # Puts everything together for one run.
