@@ -7,7 +7,6 @@ Gazebo does.
 
 from __future__ import annotations
 
-import logging
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
@@ -27,8 +26,6 @@ from anm_mj.scene.importers.sdf_pose import Scope, numbers, pose_of, state_poses
 from anm_mj.scene.importers.sdf_shape import plane_part, shape_part
 from anm_mj.scene.part import Part, merge_geometry, transformed
 from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
-
-_logger = logging.getLogger(__name__)
 
 _FOLDER = "anm_mj_folder"
 """Attribute that remembers the folder of the file an element came from; relative paths start there."""
@@ -89,7 +86,7 @@ class _Reader:
         self._materials = Materials(folders, notes)
         self._meshes: dict[Path, list[Part]] = {}
         self._parts: list[Part] = []
-        self._grounds: list[tuple[Part, Look | None]] = []
+        self._grounds: list[tuple[Part, Look]] = []
 
     def read(self, file: Path) -> list[Part]:
         """Everything that can be drawn of a file's world, in world coordinates [m]."""
@@ -232,10 +229,10 @@ class _Reader:
         scale = np.diag(numbers(shape.find("scale"), 3, (1.0, 1.0, 1.0)))
         yield from (transformed(part, scale) for part in parts)
 
-    def _cut_ground(self, ground: Part, look: Look | None) -> list[Part]:
+    def _cut_ground(self, ground: Part, look: Look) -> list[Part]:
         """A ground plane cut to what stands on it, and lowered a little under a floor of the world's own."""
-        if look is None or not self._parts:
-            return [ground]
+        if not self._parts:
+            return [painted(ground, look)]
         vertices, faces = merge_geometry(self._parts)
         triangles = vertices[faces]
         low, high = triangles.reshape(-1, 3).min(axis=0)[:2], triangles.reshape(-1, 3).max(axis=0)[:2]
@@ -252,8 +249,7 @@ class _Reader:
         part = transformed(part, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
         share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
         # The texture keeps its size on the ground.
-        assert part.uv is not None
-        return [painted(replace(part, uv=part.uv * share), look)]
+        return [painted(replace(part, uv=None if part.uv is None else part.uv * share), look)]
 
 
 def _parse(file: Path) -> ET.Element:

@@ -53,11 +53,13 @@ def find_kind(src: Path, name: str = "auto") -> Kind:
         SceneError: if the source is missing, no kind has that name, or the source is of no kind.
     """
     if not os.path.exists(src):  # Unlike Path.exists, never an error.
-        raise SceneError(f"{src} does not exist: give the path of a mesh file, a Gazebo world or a data set's scene.")
+        raise SceneError(
+            f"{src} does not exist: give the path of a mesh file, a Gazebo world, a data set's scene or a floor plan."
+        )
     if name != "auto":
         named = next((kind for kind in KINDS if kind.name == name), None)
         if named is None:
-            raise SceneError(f"There is no kind {name!r}: give auto or one of {', '.join(kind_names())}.")
+            raise SceneError(f"There is no kind {name!r}: give auto, floorplan or one of {', '.join(kind_names())}.")
         return named
     try:
         found = next((kind for kind in KINDS if kind.matches(src)), None)
@@ -72,5 +74,5 @@ def find_kind(src: Path, name: str = "auto") -> Kind:
         )
     raise SceneError(
         f"{src} is not of a kind that can be imported: give a mesh file ({', '.join(MESH_SUFFIXES)}), a Gazebo world "
-        "(.world, .sdf) or a scene of a Habitat data set (.scene_instance.json)."
+        "(.world, .sdf), a scene of a Habitat data set (.scene_instance.json) or a floor plan (.json)."
     )
