@@ -69,10 +69,16 @@ class PlanningConfig:
     """Most stops in a tour that is searched for."""
     tour_width: int = 5
     """Tours kept at each depth of the search."""
-    discount_steps: float = 60.0
+    discount_steps: float = 100.0
     """Gain that is had only after this many steps counts 1/e [steps]."""
     min_gain_m2: float = 0.15
     """Expected new surface below which nothing is worth a step [m2]."""
+    poor_target_m2: float = 0.5
+    """A target that brought less new surface than this was not worth its way [m2]."""
+    patience_targets: int = 3
+    """After so many poor targets in a row nothing more is expected of small ones."""
+    large_gain_m2: float = 3.0
+    """A promise larger than this is looked into for as long again [m2]."""
     hysteresis: float = 1.25
     """A new target must score this many times the present one to replace it."""
     replan_steps: int = 8

@@ -52,7 +52,7 @@ class GainCaster:
             camera_height_m: height that places are looked from [m].
         """
         self.config = config
-        self.view = ViewGrid(rim_m=config.gain_range_m + 2 * BEYOND_M)
+        self.view = ViewGrid(config.gain_range_m + 2 * BEYOND_M, config.gain_range_m)
         self.camera_height_m = camera_height_m
         self._num_rays = config.num_azimuths * config.num_elevations
         edges = np.linspace(-MAX_SLOPE, MAX_SLOPE, config.num_elevations + 1)
@@ -103,6 +103,15 @@ class GainCaster:
         cells = np.unique(cells[self.view.state.ravel()[cells] == UNKNOWN])
         tries = self.view.tries.reshape(-1)
         tries[cells] = np.minimum(tries[cells] + 1, MAX_TRIES)
+
+    def give_up(self, cells: Int[np.ndarray, " n"]) -> None:
+        """Expect nothing more of unknown cells, given by flat index, and of those next to them."""
+        _, rows, cols = self.view.state.shape
+        near = np.arange(-1, 2)
+        offset = (near[:, None, None] * rows + near[:, None]) * cols + near
+        around = np.unique(cells[:, None] + offset.ravel()[None, :])
+        tries = self.view.tries.reshape(-1)
+        tries[around[(around >= 0) & (around < len(tries))]] = MAX_TRIES
 
     def patches(self, hit: Int32[np.ndarray, "*rays"]) -> Int[np.ndarray, "*rays"]:
         """The patch of space each cell belongs to: views that meet the same patches show the same things."""
@@ -175,7 +184,9 @@ class GainCaster:
         dy = np.rint(np.sin(azimuth)[:, None, None] * self._rho_m / cell)
         dz = np.rint(self._slope[None, :, None] * self._rho_m / cell)
         level = math.floor((self.camera_height_m - self.view.origin_m[2]) / cell)
-        dz = np.clip(dz, -level, layers - 1 - level)
+        # Steep rays end in the floor's own layer or in the highest one there is.
+        floor = max(math.floor(-self.view.origin_m[2] / cell), 0)
+        dz = np.clip(dz, floor - level, layers - 1 - level)
         self._offset = ((dz * rows + dy) * cols + dx).astype(np.int32).reshape(self._num_rays * len(self._rho_m))
         self._row_of.clear()
 

@@ -1,9 +1,10 @@
 """The map that a robot moving in the plane needs: what its body would touch, what it would not, what nobody knows.
 
 A column of the occupancy grid over the body's heights is occupied where anything was hit, free where enough of it was
-seen through, unknown elsewhere. Near surfaces the neural map sharpens it: the minimum of the SDF over the heights
-(paper, footnote 1) says where within a cell the surface lies. A sign that the field only extrapolates never opens a
-way: the SDF is asked next to observed surface alone.
+seen through, unknown elsewhere. Where the view goes through to below the floor there is none, as beyond a door that
+leads out of the model, and the column counts as occupied. Near surfaces the neural map sharpens it: the minimum of the
+SDF over the heights (paper, footnote 1) says where within a cell the surface lies. A sign that the field only
+extrapolates never opens a way: the SDF is asked next to observed surface alone.
 
 The map is kept up, not made anew: an update touches the part that views from where the robot has been since the last
 one can have changed, so that its cost does not grow with the scene.
@@ -30,6 +31,8 @@ MAX_CLEARANCE_M = 1.2
 """Larger clearances are given as this [m]: a body has no use for more, and near ones can be kept up locally."""
 MAX_DEPTH_M = 0.2
 """Clearance inside of obstacles and the unknown is given down to minus this [m]."""
+NO_FLOOR_M = 0.1
+"""A column that is seen free from z = 0 down to this depth has no floor [m]."""
 _HOLE_REACH_CELLS = 20
 """Unknown patches are followed this far beyond what changed, to see whether they are small and enclosed."""
 
@@ -126,6 +129,10 @@ class TopDownMapper:
         body = grid.state[z0:z1, window[0], window[1]]
         self._layers.num_free[window] = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
         self._layers.hit[window] = body.max(axis=0, initial=UNKNOWN) == OCCUPIED
+        deep, floor = (math.floor((z - grid.origin_m[2]) / grid.resolution_m + 1e-6) for z in (-NO_FLOOR_M, 0.0))
+        if deep >= 0:
+            below = grid.state[deep : floor + 1, window[0], window[1]]
+            self._layers.hit[window] |= (below == FREE).all(axis=0)
 
     def _column_state(self, grid: VoxelGrid, window: Window) -> Int8[np.ndarray, "rows cols"]:
         layers = self._layers

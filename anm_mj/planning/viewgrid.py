@@ -27,13 +27,15 @@ USUAL_SHARE = 0.02
 class ViewGrid:
     """Tri-state cells ``[layer, row, col]`` with how near each surface was seen from and how often it was looked at."""
 
-    def __init__(self, rim_m: float) -> None:
+    def __init__(self, rim_m: float, near_m: float) -> None:
         """Start empty.
 
         Args:
             rim_m: width of the rim of unknown around what was observed [m].
+            near_m: surface seen from farther does not count as seen [m].
         """
         self.rim_m = rim_m
+        self.near_m = near_m
         self.cell_m = 0.0
         self.origin_m = np.zeros(3)
         """World x, y, z of the outer corner of cell [0, 0, 0]."""
@@ -44,6 +46,8 @@ class ViewGrid:
         """Views that had each cell in sight and left it unknown."""
         self.layer_share: Float32[np.ndarray, " layers"] = np.zeros(0, np.float32)
         """How likely it is that what is unknown in a layer holds surface: from how much of the known part does."""
+        self.seen_m2 = 0.0
+        """How much surface was seen from near enough, each cell counting with one face [m2]: how far exploration is."""
         self.epoch = 0
         """Changes whenever the array does, so that flat indices into it are no longer valid."""
 
@@ -86,6 +90,10 @@ class ViewGrid:
         pooled_seen[occupied] = nearest
         skin = partly & _next_to(pooled == OCCUPIED)
         pooled[skin], pooled_seen[skin] = OCCUPIED, 0.0
+        face_m2 = self.cell_m**2
+        self.seen_m2 += face_m2 * (
+            _num_near(pooled_seen, self.near_m) - _num_near(self.seen_range_m[where], self.near_m)
+        )
         self.state[where], self.seen_range_m[where] = pooled, pooled_seen
         num_free = np.count_nonzero(pooled == FREE, axis=(1, 2))
         num_occupied = np.bincount(occupied[0], minlength=len(pooled))
@@ -141,6 +149,11 @@ class ViewGrid:
         self.layer_share = np.ones(new_shape[0], np.float32)
         self.origin_m = self.origin_m + new_low * cell
         self.epoch += 1
+
+
+def _num_near(seen_range_m: Float32[np.ndarray, "layers rows cols"], near_m: float) -> int:
+    """Cells with surface seen from within a distance; the unseen skin, which is noted as 0, does not count."""
+    return int(np.count_nonzero((seen_range_m > 0.0) & (seen_range_m <= near_m)))
 
 
 def _pooled(

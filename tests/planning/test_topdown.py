@@ -5,7 +5,7 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, VoxelGrid
-from tests.planning.worlds import BoxWorld, room
+from tests.planning.worlds import RESOLUTION_M, BoxWorld, room
 
 BODY = Footprint(0.18, 0.05, 1.35)
 
@@ -82,3 +82,38 @@ def test_a_place_that_blocked_the_robot_is_an_obstacle_from_then_on():
     mapper.add_blocked(np.array([2.0, 2.0]))
     topdown = mapper.update(world.occupancy, world.sdf, Pose2(1, 1, 0))
     assert state_at(topdown, 2.0, 2.0) == OCCUPIED
+
+
+def test_a_place_without_a_floor_is_no_way():
+    world = room(4, 3)
+    below = np.full((4, *world.occupancy.state.shape[1:]), UNKNOWN, np.int8)
+    below[:, 10:40, 50:60] = FREE  # Seen through, down to 0.2 m below the floor.
+    state = np.concatenate([below, world.occupancy.state])
+    state[4, :, :50] = OCCUPIED
+    seen = np.full(state.shape, np.inf, np.float32)
+    grid = VoxelGrid(state, seen, np.array([0.0, 0.0, -0.2]), RESOLUTION_M)
+    topdown = TopDownMapper(PlanningConfig(), BODY).update(grid, world.sdf, Pose2(1, 1, 0))
+    assert state_at(topdown, 2.75, 1.0) == OCCUPIED
+    assert state_at(topdown, 1.0, 1.5) == FREE
+
+
+def test_a_map_kept_up_step_by_step_is_the_map_made_at_once():
+    rng = np.random.default_rng(2)
+    world = room(14, 9, boxes=[(5, 0.2, 5.2, 6), (9, 3, 9.3, 9.2)])
+    whole = world.occupancy.state.copy()
+    world.occupancy.state[:] = UNKNOWN
+    places = [Pose2(1.5 + 0.3 * i, 1.0 + 0.2 * i, 0.0) for i in range(30)]
+    kept = TopDownMapper(PlanningConfig(), BODY)
+    for pose in places:
+        # What lies within sight of the robot becomes known, at random.
+        row, col = (slice(max(round((c - 4) * 20), 0), round((c + 4) * 20)) for c in (pose.y_m, pose.x_m))
+        known = rng.random(whole[:, row, col].shape) < 0.5
+        world.occupancy.state[:, row, col][known] = whole[:, row, col][known]
+        kept.visit(pose.xy_m)
+        topdown = kept.update(world.occupancy, world.sdf, pose)
+    fresh = TopDownMapper(PlanningConfig(), BODY)
+    fresh.trail_xy_m = [pose.xy_m for pose in places]
+    fresh._new_trail_xy_m = list(fresh.trail_xy_m)
+    at_once = fresh.update(world.occupancy, world.sdf, places[-1])
+    assert np.array_equal(topdown.state, at_once.state)
+    assert np.allclose(topdown.clearance_m, at_once.clearance_m, atol=1e-5)

@@ -16,9 +16,10 @@ from jaxtyping import Bool, Float, Int
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gain import GainCaster, view_sums
+from anm_mj.planning.ledger import Ledger
 from anm_mj.planning.paths import path_steps
 from anm_mj.planning.stages import Situation, Stages
-from anm_mj.planning.tour import Places, Tour, TourSearch
+from anm_mj.planning.tour import NUM_AZIMUTHS, SIDE, Places, Tour, TourSearch
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -62,7 +63,7 @@ class Gvg:
         self._stages = Stages(config, footprint)
         self._caster: GainCaster | None = None
         self._bootstrapped = False
-        self._target_xy_m: Float[np.ndarray, 2] | None = None
+        self._ledger = Ledger(config)
         self._remembered: dict[tuple[int, int], Float[np.ndarray, " azimuths"]] = {}
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
@@ -77,6 +78,8 @@ class Gvg:
                 self._caster = GainCaster(self.config, now.camera_height_m)
             self._caster.view.update(mapper.occupancy, *self._stages.topdown.changed_xy_m)
             self._caster.note_view(now.pose)
+            if self._ledger.is_done(now.pose):
+                self._settle(self._caster)
             options = self._options(now, self._caster, fresh=False)
             if options.gain_m2.max() < self.config.min_gain_m2:
                 # Before nothing is said to be left, no place may be judged by what it was worth long ago.
@@ -89,7 +92,11 @@ class Gvg:
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and give the present target up."""
         self._stages.blocked(pose, action)
-        self._target_xy_m = None
+        self._ledger.target_xy_m = None
+
+    def _settle(self, caster: GainCaster) -> None:
+        """Hold what the present target brought against what it promised."""
+        caster.give_up(self._ledger.settle(caster.view.seen_m2, caster.view.epoch))
 
     def _options(self, now: Situation, caster: GainCaster, *, fresh: bool) -> _Options:
         reachable = np.isfinite(now.reach.distance_m)
@@ -150,10 +157,7 @@ class Gvg:
             return self._stop(now, options)
         hit, worth = caster.rays(options.xy_m[short])
         places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
-        preferred = np.ones(len(short))
-        if self._target_xy_m is not None:
-            kept = np.linalg.norm(places.xy_m - self._target_xy_m, axis=1) < self.config.candidate_spacing_m
-            preferred[kept] = self.config.hysteresis
+        preferred = np.array([self.config.hysteresis if self._ledger.is_target(xy) else 1.0 for xy in places.xy_m])
         search = TourSearch(places, now.reach, discount_steps=self.config.discount_steps, preferred=preferred)
         heading = round(now.pose.yaw_rad / TURN_STEP_RAD) % self.config.num_azimuths
         tours = search.best(heading, depth=self.config.tour_depth, width=self.config.tour_width)
@@ -163,8 +167,10 @@ class Gvg:
             path = np.zeros((0, 2)) if first.place == 0 else now.reach.path_to(int(places.vertex[first.place]))
             if first.place and not len(path):
                 continue
-            yaw = first.heading * TURN_STEP_RAD
-            return self._go(now, tour, places, path, yaw, candidates)
+            if self._ledger.is_exhausted(first.gain_m2):
+                return self._stop(now, options)
+            expected = _expected(hit[first.place], worth[first.place], first.heading)
+            return self._go(now, tour, places, path, candidates, expected, caster)
         return self._stop(now, options)
 
     def _candidates(self, places: Places, tours: list[Tour]) -> tuple[Candidate, ...]:
@@ -181,15 +187,17 @@ class Gvg:
         tour: Tour,
         places: Places,
         path: Float[np.ndarray, "k 2"],
-        yaw: float,
         candidates: tuple[Candidate, ...],
+        expected: Int[np.ndarray, " n"],
+        caster: GainCaster,
     ) -> Plan:
         first = tour.stops[0]
-        xy = places.xy_m[first.place]
-        kept = (
-            self._target_xy_m is not None and np.linalg.norm(self._target_xy_m - xy) < self.config.candidate_spacing_m
-        )
-        self._target_xy_m = xy
+        xy, yaw = places.xy_m[first.place], first.heading * TURN_STEP_RAD
+        view = caster.view
+        kept = self._ledger.is_target(xy)
+        if not kept:
+            self._settle(caster)
+            self._ledger.open(xy, yaw, first.gain_m2, view.seen_m2, expected, view.epoch)
         cost = path_steps(path, now.pose.yaw_rad, yaw)
         total = sum(stop.gain_m2 for stop in tour.stops)
         reason = (
@@ -209,7 +217,13 @@ class Gvg:
 
     def _stop(self, now: Situation, options: _Options) -> Plan:
         best = float(options.gain_m2.max())
-        if len(options.vertex) == 1 and options.unreachable:
+        if self._ledger.is_exhausted(best):
+            stop = StopReason.COMPLETE
+            reason = (
+                f"the last {self._ledger.poor_in_a_row} targets added under {self.config.poor_target_m2:g} m2 each, "
+                f"and the best of {len(options.vertex)} reachable places promises {best:.2f}"
+            )
+        elif len(options.vertex) == 1 and options.unreachable:
             stop = StopReason.NO_REACHABLE_TARGET
             reason = f"no way leads to any of {options.unreachable} vertices"
         else:
@@ -223,3 +237,10 @@ class Gvg:
             graph=now.graph,
             stage_ms=now.watch.ms,
         )
+
+
+def _expected(hit: Int[np.ndarray, " rays"], worth: Float[np.ndarray, " rays"], heading: int) -> Int[np.ndarray, " n"]:
+    """The cells that the view along an azimuth sector is expected to show."""
+    sectors = np.arange(heading - SIDE, heading + SIDE + 1) % NUM_AZIMUTHS
+    cells = hit.reshape(NUM_AZIMUTHS, -1)[sectors]
+    return cells[worth.reshape(NUM_AZIMUTHS, -1)[sectors] > 0.0].astype(np.int64)
