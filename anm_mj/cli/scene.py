@@ -13,13 +13,15 @@ def add_scene(commands: Any) -> None:
     """Add ``scene`` and its actions to the commands of the program."""
     scene = commands.add_parser("scene", help="import scenes and list them")
     actions = scene.add_subparsers(required=True, metavar="ACTION")
-    imported = actions.add_parser("import", help="turn a mesh file, a Gazebo world or a scan into a scene folder")
+    imported = actions.add_parser(
+        "import", help="turn a mesh, a Gazebo world, a scan or a floor plan into a scene folder"
+    )
     imported.add_argument("src", type=Path, metavar="SRC", help="a file or a scene's folder (docs/scenes.md)")
     imported.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
     imported.add_argument(
         "--kind",
         default="auto",
-        help="what SRC is: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, mesh or auto",
+        help="what SRC is: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, floorplan, mesh",
     )
     imported.add_argument(
         "--up", choices=("x", "y", "z", "auto"), default="auto", help="axis that points up in SRC (default: found)"
@@ -36,6 +38,7 @@ def add_scene(commands: Any) -> None:
         metavar="DIR",
         help="a folder of models that SRC refers to; may be given several times",
     )
+    imported.add_argument("--no-furniture", action="store_true", help="leave the rooms of a floor plan empty")
     imported.set_defaults(command=_scene_import)
     generated = actions.add_parser("generate", help="make a furnished building out of nothing")
     generated.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
@@ -62,6 +65,7 @@ def _scene_import(parsed: argparse.Namespace) -> int:
         licence=parsed.licence,
         source=parsed.source,
         model_paths=parsed.model_path,
+        furniture=not parsed.no_furniture,
     )
     size = scene.bounds_m[1] - scene.bounds_m[0]
     start = scene.starts[0]

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.floorplan import import_floorplan, is_floorplan
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.importers.content import Content
 from anm_mj.scene.importers.kinds import find_kind
@@ -43,8 +44,9 @@ def import_scene(
     licence: str | None = None,
     source: str | None = None,
     model_paths: Sequence[Path] = (),
+    furniture: bool = True,
 ) -> Scene:
-    """Make the scene folder ``out`` from a mesh file, a Gazebo world or a scene of a known data set.
+    """Make the scene folder ``out`` from a mesh file, a Gazebo world, a scene of a known data set or a floor plan.
 
     The scene is turned to z up, scaled to metres and lowered onto its floor; x and y stay where they are. What was
     found or given is logged in one line and written into scene.toml; what had to be left out is logged in one sentence
@@ -53,13 +55,14 @@ def import_scene(
     Args:
         src: The file, or the folder of a scene of a known layout.
         out: The folder to make; a scene folder already there is replaced.
-        kind: What ``src`` is (:data:`anm_mj.scene.importers.kinds.KINDS`), or "auto" to find it.
+        kind: What ``src`` is (:data:`anm_mj.scene.importers.kinds.KINDS` or "floorplan"), or "auto" to find it.
         up: The source's up axis, or "auto" to find it.
         scale: Metres per unit of the source, or None to find it: fixed by the kind, or among m, cm and mm by size.
         name: Name of the scene; the name of ``out`` by default.
         licence: Licence of the source; by default the data set's, or "unknown".
         source: Where the source came from; by default the data set and the file.
         model_paths: Folders that hold models which the source refers to.
+        furniture: False to leave the rooms of a floor plan empty.
 
     Raises:
         SceneError: if the source cannot be used, or the folder cannot be written.
@@ -70,6 +73,8 @@ def import_scene(
     if up not in ("x", "y", "z", "auto"):
         raise SceneError(f"There is no up axis {up!r}: give x, y, z or auto.")
     check_destination(out)
+    if kind == "floorplan" or (kind == "auto" and is_floorplan(src)):
+        return import_floorplan(src, out, name=name, licence=licence, source=source, furniture=furniture)
     found = find_kind(src, kind)
     notes = Notes()
     content = found.read(src, list(model_paths), notes)

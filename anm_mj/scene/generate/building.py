@@ -60,6 +60,16 @@ class WindowPlan:
     z_high_m: float
 
 
+@dataclass(frozen=True)
+class GivenWindow:
+    """A window of a floor plan, by the ends of its opening in the world."""
+
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+    z_low_m: float
+    z_high_m: float
+
+
 @dataclass(frozen=True, eq=False)
 class RoomWall:
     """One straight wall of a room with what is open in it."""
@@ -94,6 +104,8 @@ class Building:
     """"apartment" or "office": what the furniture is like."""
     ceiling_m: float = 2.6
     door_height_m: float = 2.05
+    windows: tuple[GivenWindow, ...] | None = None
+    """The windows, or None to put some into the outer walls."""
 
     def __post_init__(self) -> None:
         """Check the rooms."""

@@ -13,7 +13,7 @@ from anm_mj.scene.generate.pieces_home import curtains
 from anm_mj.scene.generate.placing import RoomSpace
 from anm_mj.scene.generate.recipes import pieces_for
 from anm_mj.scene.generate.style import Style, draw_style
-from anm_mj.scene.generate.windows import with_windows
+from anm_mj.scene.generate.windows import with_given_windows, with_windows
 
 _CURTAINED = ("living", "bedroom", "child", "dining", "library", "lounge")
 
@@ -50,7 +50,11 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     # Materials have a generator of their own, so that an emptied room looks the same.
     style = draw_style(room.kind, np.random.default_rng([seed, index, 1]))
     rng = np.random.default_rng([seed, index, 2])
-    walls = with_windows(building.walls[index], room.kind, building.ceiling_m, rng)
+    bare_walls = building.walls[index]
+    if building.windows is None:
+        walls = with_windows(bare_walls, room.kind, building.ceiling_m, rng)
+    else:
+        walls = with_given_windows(bare_walls, building.windows)
     grid = RoomGrid(room.floor, walls)
     if not furniture:
         return FurnishedRoom(room, walls, style, (), grid)

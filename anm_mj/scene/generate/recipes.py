@@ -125,7 +125,7 @@ def _corridor(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:
         home.shoes(s),
         home.plant(s, rng),
     ]
-    return [*pieces, *_pictures(2 + int(area / 8), s, rng)]
+    return [*pieces, *_pictures(min(8, 2 + int(area / 8)), s, rng)]
 
 
 def _office_corridor(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:
@@ -136,7 +136,7 @@ def _office_corridor(area: float, s: Style, rng: np.random.Generator) -> list[Ch
         home.plant(s, rng),
         home.plant(s, rng),
     ]
-    return [*pieces, home.basket(s, rng), *_pictures(2 + int(area / 8), s, rng)]
+    return [*pieces, home.basket(s, rng), *_pictures(min(8, 2 + int(area / 8)), s, rng)]
 
 
 def _office(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:

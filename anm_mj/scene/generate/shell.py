@@ -80,8 +80,8 @@ def add_level(surface: Surface, outline: shapely.Polygon, z_m: float, material: 
             surface.add(piece)
             continue
         triangles = (_triangulated(tile) - (x0, y0)) / (x1 - x0, y1 - y0)
-        # Seen from below, s runs along y: exchanging the two turns the triangles round as it has to.
-        surface.add(piece, triangles if up else triangles[:, :, ::-1])
+        # Seen from below, s runs along y, which turns the triangles round: they are turned back.
+        surface.add(piece, triangles if up else triangles[:, ::-1, ::-1])
 
 
 def _tiles(outline: shapely.Polygon) -> list[shapely.Polygon]:
