@@ -1,0 +1,143 @@
+"""Explores by velocities in place of discrete actions: a policy's paths under pure pursuit, its headings by look-at.
+
+    python scripts/continuous_control.py home --steps 200 --drive physics
+
+The budget is the same: the way driven and the angles turned are counted in units of a forward step and of a turn, and
+the map gets one observation per unit. The controller (anm_mj/control/pursuit.py) sees the robot's ``drive`` and
+``look_at`` only, so that a controller of your own, or a real robot, can sit in its place.
+"""
+
+import math
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import tyro
+
+from anm_mj.config import make_config
+from anm_mj.control.pursuit import Pursuit
+from anm_mj.evaluation.curve import CompletionCurve
+from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.planning.policies.make import make_policy, policy_class
+from anm_mj.robots import make_robot
+from anm_mj.scene.folder import load_scene
+from anm_mj.types import TURN_STEP_RAD, Action, MotionResult, Observation, Plan, Twist
+
+if TYPE_CHECKING:
+    from anm_mj.sim.robot import SimRobot
+
+PERIOD_S = 0.1
+"""Time between two velocities [s]."""
+LOOK_M = 2.0
+"""A heading to look along is a point so far ahead [m]."""
+
+
+class Budget:
+    """Counts motion in units of discrete actions, and observes once per unit."""
+
+    def __init__(self, robot: "SimRobot", mapper: NeuralMap, truth: GroundTruth, steps: int):
+        self.robot, self.mapper, self.curve, self.steps = robot, mapper, CompletionCurve(truth), steps
+        self.spent, self.collisions, self._frames = 0.0, 0, 0
+        self.observation = self.perceive()
+
+    def perceive(self) -> Observation:
+        """Look, learn and keep count of what has been seen."""
+        seen = self.robot.observe()
+        self.mapper.integrate(seen)
+        self.curve.frame(self._frames, reduce_depth(seen.depth_m), seen.intrinsics, seen.T_world_camera, seen.pose)
+        self._frames += 1
+        self.observation = seen
+        return seen
+
+    def pay(self, result: MotionResult) -> None:
+        """Take a motion from the budget."""
+        before = math.floor(self.spent)
+        # A refused motion has its price too, as a refused action has.
+        self.spent += max(result.equivalent_steps, float(result.collided))
+        self.collisions += result.collided
+        if math.floor(self.spent) > before:
+            self.perceive()
+
+    @property
+    def left(self) -> bool:
+        """Whether anything is left of it."""
+        return self.spent < self.steps
+
+
+def main(
+    scene: Annotated[str, tyro.conf.Positional] = "home",
+    steps: int = 200,
+    drive: str = "physics",
+    policy: str = "gvg",
+    image_px: int = 256,
+    seed: int = 0,
+) -> None:
+    """Explore continuously and print how much was seen.
+
+    Args:
+        scene: name or folder of a scene.
+        steps: budget, in units of discrete actions.
+        drive: kinematic or physics.
+        policy: decides where to go.
+        image_px: width and height of the pictures [px].
+        seed: of map and policy.
+    """
+    config = make_config("quick", [], scene=scene, policy=policy, drive=drive, seed=seed)
+    world = load_scene(scene)
+    with make_robot(world, drive=drive, image_px=image_px) as robot:
+        mapper = NeuralMap(config.mapping, seed=seed, device="cpu")
+        planner = make_policy(policy_class(policy), config.planning, robot.footprint, seed)
+        budget = Budget(robot, mapper, GroundTruth.sample(*world.triangles()), steps)
+        while budget.left:
+            plan = planner.plan(mapper, budget.observation)
+            if plan.stop is not None:
+                break
+            collisions = budget.collisions
+            carry_out(plan, budget)
+            if budget.collisions > collisions:
+                planner.blocked(budget.observation.pose, Action.MOVE_FORWARD)
+        budget.curve.last()
+        seen = budget.curve.rows[-1].completion_ratio
+        print(
+            f"{seen:.1f} % seen in {budget.spent:.0f} of {steps} units, {budget.curve.path_m:.1f} m, "
+            f"{robot.data.time:.0f} s, {budget.collisions} collisions."
+        )
+
+
+def carry_out(plan: Plan, budget: Budget) -> None:
+    """Do what a plan asks for, until it is done, something is in the way, or the budget is spent."""
+    robot, start = budget.robot, budget.spent
+    for action in plan.actions:
+        if not budget.left:
+            return
+        turn_rad = {Action.TURN_LEFT: TURN_STEP_RAD, Action.TURN_RIGHT: -TURN_STEP_RAD}.get(action)
+        if turn_rad is None:
+            budget.pay(robot.drive(Twist(0.325, 0.0), 0.2))
+        else:
+            budget.pay(robot.look_at(ahead_of(robot, robot.pose.yaw_rad + turn_rad)))
+    pursuit = Pursuit(plan.path_xy_m) if len(plan.path_xy_m) > 1 else None
+    while pursuit is not None and budget.left:
+        twist = pursuit.twist(robot.pose)
+        if twist is None:
+            break
+        result = robot.drive(twist, PERIOD_S)
+        budget.pay(result)
+        if result.collided or (plan.valid_steps and budget.spent - start > plan.valid_steps):
+            return
+    for heading_rad in plan.headings_rad:
+        if not budget.left:
+            return
+        budget.pay(robot.look_at(ahead_of(robot, heading_rad)))
+
+
+def ahead_of(robot: "SimRobot", heading_rad: float) -> np.ndarray:
+    """A point that a heading leads to."""
+    pose = robot.pose
+    return np.array(
+        [pose.x_m + LOOK_M * math.cos(heading_rad), pose.y_m + LOOK_M * math.sin(heading_rad), 1.0], dtype=float
+    )
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

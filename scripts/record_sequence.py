@@ -1,0 +1,75 @@
+"""Lets a simulated robot explore and keeps what its camera saw as a recorded sequence (format: anm_mj/io/sequence.py).
+
+python scripts/record_sequence.py home /tmp/walk --steps 200
+python scripts/recorded_sequence.py /tmp/walk --out /tmp/map
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from anm_mj.config import make_config
+from anm_mj.explore import explore
+from anm_mj.io.sequence import SequenceWriter
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.planning.policies.make import make_policy, policy_class
+from anm_mj.robots import make_robot
+from anm_mj.scene.folder import load_scene
+from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2
+from anm_mj.viz.viewer import NullViewer
+
+
+class SequenceRecorder:
+    """A recorder of runs that keeps the pictures, and nothing else."""
+
+    def __init__(self, path: Path):
+        self._writer = SequenceWriter(path)
+
+    def observation(self, observation: Observation) -> None:
+        """Keep it."""
+        self._writer.write(observation)
+
+    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
+        """What was done is no part of a sequence."""
+
+    def plan(self, step: int, plan: Plan) -> None:
+        """Nor is what was decided."""
+
+
+def main(
+    scene: Annotated[str, tyro.conf.Positional],
+    out: Annotated[Path, tyro.conf.Positional],
+    steps: int = 200,
+    policy: str = "gvg",
+    drive: str = "kinematic",
+    image_px: int = 256,
+    seed: int = 0,
+) -> None:
+    """Explore and record.
+
+    Args:
+        scene: name or folder of a scene.
+        out: new folder of the sequence.
+        steps: number of actions; the sequence has one frame more.
+        policy: decides where to go.
+        drive: kinematic or physics.
+        image_px: width and height of the pictures [px].
+        seed: of map and policy.
+    """
+    config = make_config("quick", [], scene=scene, policy=policy, steps=steps, drive=drive, seed=seed)
+    recorder = SequenceRecorder(out)
+    with make_robot(load_scene(scene), drive=drive, image_px=image_px) as robot:
+        outcome = explore(
+            robot,
+            NeuralMap(config.mapping, seed=seed, device="cpu"),
+            make_policy(policy_class(policy), config.planning, robot.footprint, seed),
+            num_steps=steps,
+            recorder=recorder,
+            viewer=NullViewer(),
+        )
+    print(f"{outcome.num_steps + 1} frames in {out}; ended because {outcome.stop_reason}.")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

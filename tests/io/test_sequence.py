@@ -1,0 +1,84 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.sequence import SequenceWriter, base_pose, read_sequence
+from anm_mj.types import Intrinsics, Pose2
+from tests.box_room import observe
+
+CAMERA = Intrinsics.from_fov(16, 12, math.radians(60.0))
+
+
+@pytest.fixture
+def written(tmp_path):
+    seen = [observe(step, Pose2(0.1 * step, -0.2, 0.3 + 0.4 * step), CAMERA) for step in range(3)]
+    seen[1].depth_m[2, 3] = np.nan
+    writer = SequenceWriter(tmp_path / "walk")
+    for observation in seen:
+        writer.write(observation)
+    return tmp_path / "walk", seen
+
+
+def test_what_is_written_is_read_back(written):
+    path, seen = written
+    recorded = read_sequence(path)
+    assert len(recorded) == 3
+    for before, after in zip(seen, recorded.observations(), strict=True):
+        assert (after.step, after.time_s, after.intrinsics) == (before.step, before.time_s, CAMERA)
+        np.testing.assert_array_equal(after.rgb, before.rgb)
+        np.testing.assert_allclose(after.depth_m, before.depth_m, atol=0.00051, equal_nan=True)
+        np.testing.assert_allclose(after.T_world_camera, before.T_world_camera, atol=1e-7)
+        assert (after.pose.x_m, after.pose.y_m) == pytest.approx((before.pose.x_m, before.pose.y_m), abs=1e-7)
+        assert after.pose.yaw_rad == pytest.approx(before.pose.yaw_rad, abs=1e-7)
+
+
+def test_depth_may_be_arrays_in_metres_or_pictures_in_a_unit_of_their_own(written):
+    path, seen = written
+    np.save(path / "depth" / "000000.npy", seen[0].depth_m)
+    camera = json.loads((path / "camera.json").read_text()) | {"depth_unit_m": 0.0002}
+    (path / "camera.json").write_text(json.dumps(camera))
+    first, second, _ = read_sequence(path).observations()
+    np.testing.assert_array_equal(first.depth_m, seen[0].depth_m)
+    np.testing.assert_allclose(second.depth_m, seen[1].depth_m / 5, atol=0.0002, equal_nan=True)
+
+
+def test_a_camera_that_looks_straight_down_still_has_a_heading():
+    # x right, y down (backwards on the floor), z to the floor.
+    down = np.array([[0.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 0.0, 2.0], [0.0, 0.0, -1.0, 1.2], [0.0, 0.0, 0.0, 1.0]])
+    pose = base_pose(down)
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((1.0, 2.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("camera.json", "{", "is not a recorded sequence"),
+        ("camera.json", '{"width": 3}', "is not a recorded sequence"),
+        ("poses.tum", "0 1 2 3\n", "eight numbers"),
+        ("poses.tum", "0 1 2 3 0 0 0 x\n", "is not a recorded sequence"),
+        ("rgb/000001.png", "no picture", "000001.png cannot be read"),
+        ("depth/000002.png", "no picture", "000002.png cannot be read"),
+    ],
+)
+def test_a_damaged_sequence_is_refused_with_the_file_named(written, name, content, message):
+    path, _ = written
+    (path / name).write_text(content)
+    with pytest.raises(RunFolderError, match=message):
+        list(read_sequence(path).observations())
+
+
+def test_pictures_of_another_size_than_the_camera_says_are_refused(written):
+    path, _ = written
+    Image.new("RGB", (4, 4)).save(path / "rgb" / "000000.png")
+    with pytest.raises(RunFolderError, match=r"Frame 0 .* colour of \(4, 4\)"):
+        next(read_sequence(path).observations())
+
+
+def test_a_folder_that_holds_something_is_not_written_into(tmp_path):
+    (tmp_path / "thesis.tex").write_text("important")
+    with pytest.raises(RunFolderError, match="not empty"):
+        SequenceWriter(tmp_path)
