@@ -1,0 +1,124 @@
+"""``anm-mj scene check``: whether a robot can use a scene, and what is in it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from anm_mj.scene.check import SceneCheck
+    from anm_mj.types import Pose2
+
+UNUSABLE = 1
+"""Exit status when a robot cannot use the scene."""
+_MAX_ONE_SIDED = 0.001
+"""With more of the picture changed by leaving out what is seen from behind, nothing is left out."""
+
+
+def add_check(actions: Any) -> None:
+    """Add ``check`` to the actions of ``scene``."""
+    check = actions.add_parser("check", help="say whether the robot can use a scene, and draw a contact sheet")
+    check.add_argument("scene", metavar="SCENE", help="name from the catalogue or a scene folder")
+    check.add_argument(
+        "--out", type=Path, metavar="PNG", help="contact sheet (default: SCENE_check.png beside the scene's folder)"
+    )
+    check.set_defaults(command=_scene_check)
+
+
+def _scene_check(parsed: argparse.Namespace) -> int:
+    from anm_mj.scene.check import check_scene, draw_both_sides
+    from anm_mj.scene.check_sheet import write_sheet
+    from anm_mj.scene.folder import load_scene
+    from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
+    from anm_mj.sim.gl import select_backend
+
+    scene = load_scene(parsed.scene)
+    backend = select_backend()
+    from anm_mj.sim.views import SceneViews
+
+    check = check_scene(scene, DEFAULT_FOOTPRINT)
+    console = Console()
+    for line in describe(check):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+    views = SceneViews(scene, backend)
+    poses = _poses(check)
+    sides = views.sides(poses)
+    if sides is None:
+        console.print("one-sided walls: not looked for, because nothing can be drawn here", soft_wrap=True)
+    else:
+        mended = sides.one_sided_share > _MAX_ONE_SIDED and draw_both_sides(scene)
+        if mended:
+            scene = replace(scene, cull_face=False)
+            views = SceneViews(scene, backend)
+        says = " (mended: both sides are drawn from now on)" if mended else ""
+        drawn = "front sides are" if scene.cull_face else "both sides are"
+        console.print(
+            f"one-sided walls: leaving out back sides would change {sides.one_sided_share:.2%} of the picture; "
+            f"{drawn} drawn{says}\ncamera: {sides.exact_share:.3%} of pixels within 1 mm of an exact ray",
+            highlight=False,
+            soft_wrap=True,
+        )
+    out = parsed.out or scene.folder.resolve().with_name(f"{scene.folder.resolve().name}_check.png")
+    write_sheet(check, views.from_above(), views.from_within(poses[:6]), out)
+    console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
+    for problem in check.problems:
+        Console(stderr=True).print(f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+    return UNUSABLE if check.problems else 0
+
+
+def describe(check: SceneCheck) -> list[str]:
+    """What was found, a line each."""
+    scene = check.scene
+    size = scene.bounds_m[1] - scene.bounds_m[0]
+    megapixels = sum(width * height for width, height in check.texture_sizes_px) / 1e6
+    largest = max((max(pair) for pair in check.texture_sizes_px), default=0)
+    floor = "none found" if check.floor_m is None else f"at {check.floor_m:+.3f} m"
+    lines = [
+        f"{scene.name}: {scene.num_triangles:,} triangles, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} m",
+        f"textures: {len(check.texture_sizes_px)}, {megapixels:.1f} megapixels, the largest {largest} px",
+        f"floor: {floor}, {'with' if scene.has_ceiling else 'no'} ceiling",
+    ]
+    if check.area is not None and check.plan is not None:
+        cells = np.bincount(check.area.component.ravel())[1:]
+        others_m2 = cells[1:].sum() * check.area.grid.resolution_m**2
+        holes = ", ".join(f"{m2:.2f} m2 at ({x:g}, {y:g})" for x, y, m2 in check.holes[:5])
+        lines.append(f"holes in the floor: {len(check.holes)}{f' ({holes})' if holes else ''}")
+        lines.append(
+            f"navigable: {check.area.area_m2:.1f} m2 in one piece"
+            + (f", {others_m2:.1f} m2 in {len(cells) - 1} pieces cut off from it" if len(cells) > 1 else "")
+        )
+        rooms = ", ".join(f"{m2:.1f}" for m2 in check.plan.area_m2)
+        known = "" if scene.rooms is None else f" (the scene says {scene.rooms})"
+        lines.append(f"rooms: {len(check.plan.area_m2)}{known}, of {rooms} m2")
+        lines.append(f"doors: {len(check.plan.doors)}")
+        for door in check.plan.doors:
+            fits = "the robot fits" if door.fits else "too narrow for the robot"
+            lines.append(
+                f"  {door.rooms[0]} - {door.rooms[1]} at ({door.xy_m[0]:.2f}, {door.xy_m[1]:.2f}): "
+                f"{door.width_m:.2f} m, {fits}"
+            )
+    starts = ", ".join(f"({p.x_m:g}, {p.y_m:g}, {math.degrees(p.yaw_rad):g})" for p in check.clear_starts)
+    lines.append(f"starts: {len(check.clear_starts)} clear{f': {starts}' if starts else ''}")
+    if check.blocked_starts:
+        blocked = ", ".join(f"({p.x_m:g}, {p.y_m:g})" for p in check.blocked_starts)
+        lines.append(f"blocked starts: {blocked}")
+    return lines
+
+
+def _poses(check: SceneCheck) -> tuple[Pose2, ...]:
+    """Ten places to look from: the starts, and the starts again turned about; else the middle of the scene."""
+    from anm_mj.frames import move_pose
+    from anm_mj.types import Pose2
+
+    starts = check.clear_starts or check.scene.starts
+    if not starts:
+        x, y = check.scene.bounds_m[:, :2].mean(axis=0)
+        starts = (Pose2(float(x), float(y), 0.0),)
+    return tuple(move_pose(starts[i % len(starts)], 0.0, math.radians(75.0) * (i // len(starts))) for i in range(10))
