@@ -1,4 +1,4 @@
-"""``anm-mj scene``: make, import and list scenes."""
+"""``anm-mj scene``: make, import, check and list scenes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+
+from anm_mj.cli.scene_check import add_check
 
 
 def add_scene(commands: Any) -> None:
@@ -49,6 +51,7 @@ def add_scene(commands: Any) -> None:
     )
     generated.add_argument("--name", help="name of the scene (default: the folder's)")
     generated.set_defaults(command=_scene_generate)
+    add_check(actions)
     actions.add_parser("list", help="the scenes that can be named").set_defaults(command=_scene_list)
 
 
