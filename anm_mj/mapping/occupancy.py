@@ -107,13 +107,17 @@ class OccupancyGrid:
         inverse = np.float32(1.0 / self.config.voxel_m)
         scaled = (rays[pick][hit] * hit_depth[:, None]) @ (rotation.T * inverse) + position * inverse
         voxels = np.rint(scaled).astype(np.int64)
-        box_low, box_high = self._view_box(depth_m, rays, rotation, position)
-        low, high = box_low, box_high
+        low, high = self._view_box(depth_m, rays, rotation, position, 0.0)
         if len(voxels):
             low = np.minimum(low, voxels.min(axis=0))
             high = np.maximum(high, voxels.max(axis=0))
         self._grow(low, high)
-        self._carve(depth_m, intrinsics, rotation, position, box_low, box_high)
+        # What is seen of the sky frees the space that the grid has, but the grid does not grow into the sky.
+        missing_m = self.config.carve_range_m if self.config.no_depth_is_free else 0.0
+        low, high = self._view_box(depth_m, rays, rotation, position, missing_m)
+        low = np.maximum(low, self._corner)
+        high = np.minimum(high, self._corner + self._state.shape[::-1] - 1)
+        self._carve(depth_m, intrinsics, rotation, position, low, high)
         self._mark(voxels, hit_depth)
 
     def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
@@ -172,11 +176,14 @@ class OccupancyGrid:
         rays: Float32[np.ndarray, "h w 3"],
         rotation: Float32[np.ndarray, "3 3"],
         position: Float32[np.ndarray, "3"],
+        missing_m: float,
     ) -> tuple[Int64[np.ndarray, "3"], Int64[np.ndarray, "3"]]:
-        """Lowest and highest voxel that the view may carve: the box about the camera and all ray ends in range."""
-        missing = self.config.carve_range_m if self.config.no_depth_is_free else 0.0
+        """Lowest and highest voxel of the box about the camera and all ray ends within the carving range.
+
+        Rays without depth end at ``missing_m``.
+        """
         # Every fourth pixel tells the box to within a voxel or two, and what sticks out is carved by another frame.
-        reach = np.nan_to_num(depth_m[::4, ::4], nan=missing, posinf=missing).clip(0.0, self.config.carve_range_m)
+        reach = np.nan_to_num(depth_m[::4, ::4], nan=missing_m, posinf=missing_m).clip(0.0, self.config.carve_range_m)
         ends = (rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ rotation.T
         low = np.minimum(ends.min(axis=0), 0.0) + position
         high = np.maximum(ends.max(axis=0), 0.0) + position

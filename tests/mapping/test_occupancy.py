@@ -162,3 +162,15 @@ def test_footprint_minima_double_their_reach():
 def test_an_impossible_setting_is_refused_with_its_value():
     with pytest.raises(MapError, match="limit is 200"):
         OccupancyConfig(limit=200)
+
+
+def test_the_sky_frees_space_without_making_the_grid_grow():
+    open_room = Room(ceiling=False)
+    grid = OccupancyGrid(OccupancyConfig())
+    for yaw in (0.0, 1.5, 3.0, 4.5):
+        view = open_room.observe(1.5, 1.5, yaw, size=64)
+        grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
+    top_m = grid.grid.origin_m[2] + grid.grid.state.shape[0] * grid.grid.resolution_m
+    # Walls are 2.4 m high; blocks of 0.8 m are added as a whole.
+    assert 2.4 <= top_m < 4.0
+    assert grid.state_at(np.array([[3.2, 1.5, 2.35]]))[0] == FREE
