@@ -267,6 +267,18 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Unseen:
+    """A patch of space that a run leaves unknown although it borders on what is known to be free."""
+
+    centre_m: Float[np.ndarray, "3"]
+    """World x, y, z [m]."""
+    area_m2: float
+    """Of the border between the free and the unknown [m2]."""
+    why: str
+    """``unreachable``, ``too narrow a way``, ``too high`` or ``hidden`` (in reach, but no view ever showed it)."""
+
+
+@dataclass(frozen=True)
 class Plan:
     """A policy's decision: where to go and look, or why to stop."""
 
@@ -281,6 +293,8 @@ class Plan:
     valid_steps: int = 0
     """Decide anew after this many steps even when the target has not been reached; 0 = not before."""
     stop: StopReason | None = None
+    unseen: tuple[Unseen, ...] = ()
+    """With a stop: what is left, largest first."""
     candidates: tuple[Candidate, ...] = ()
     topdown: TopDownMap | None = None
     graph: VoronoiGraph | None = None

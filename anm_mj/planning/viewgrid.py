@@ -88,7 +88,7 @@ class ViewGrid:
             np.minimum(nearest, seen[at], out=nearest)
         pooled_seen = np.full(pooled.shape, np.inf, np.float32)
         pooled_seen[occupied] = nearest
-        skin = partly & _next_to(pooled == OCCUPIED)
+        skin = partly & next_to(pooled == OCCUPIED)
         pooled[skin], pooled_seen[skin] = OCCUPIED, 0.0
         face_m2 = self.cell_m**2
         self.seen_m2 += face_m2 * (
@@ -174,7 +174,7 @@ def _pooled(
     return pooled, unknown & (num_unknown < POOL**3)
 
 
-def _next_to(mask: Bool[np.ndarray, "layers rows cols"]) -> Bool[np.ndarray, "layers rows cols"]:
+def next_to(mask: Bool[np.ndarray, "layers rows cols"]) -> Bool[np.ndarray, "layers rows cols"]:
     """Cells with a face neighbour in the mask."""
     grown = mask.copy()
     grown[1:] |= mask[:-1]

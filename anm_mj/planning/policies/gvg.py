@@ -20,6 +20,7 @@ from anm_mj.planning.ledger import Ledger
 from anm_mj.planning.paths import path_steps
 from anm_mj.planning.stages import Situation, Stages
 from anm_mj.planning.tour import NUM_AZIMUTHS, SIDE, Places, Tour, TourSearch
+from anm_mj.planning.unseen import unseen_patches
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -154,7 +155,7 @@ class Gvg:
     def _choose(self, now: Situation, options: _Options, caster: GainCaster) -> Plan:
         short = self._shortlist(options)
         if options.gain_m2.max() < self.config.min_gain_m2:
-            return self._stop(now, options)
+            return self._stop(now, options, caster)
         hit, worth = caster.rays(options.xy_m[short])
         places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
         preferred = np.array([self.config.hysteresis if self._ledger.is_target(xy) else 1.0 for xy in places.xy_m])
@@ -168,10 +169,10 @@ class Gvg:
             if first.place and not len(path):
                 continue
             if self._ledger.is_exhausted(first.gain_m2):
-                return self._stop(now, options)
+                return self._stop(now, options, caster)
             expected = _expected(hit[first.place], worth[first.place], first.heading)
             return self._go(now, tour, places, path, candidates, expected, caster)
-        return self._stop(now, options)
+        return self._stop(now, options, caster)
 
     def _candidates(self, places: Places, tours: list[Tour]) -> tuple[Candidate, ...]:
         """The first stops of the tours found, each once, with the worth of its best tour."""
@@ -215,7 +216,7 @@ class Gvg:
             stage_ms=now.watch.ms,
         )
 
-    def _stop(self, now: Situation, options: _Options) -> Plan:
+    def _stop(self, now: Situation, options: _Options, caster: GainCaster) -> Plan:
         best = float(options.gain_m2.max())
         if self._ledger.is_exhausted(best):
             stop = StopReason.COMPLETE
@@ -233,6 +234,14 @@ class Gvg:
             reason,
             np.zeros((0, 2)),
             stop=stop,
+            unseen=unseen_patches(
+                caster.view,
+                now.topdown,
+                now.pose,
+                safe_m=now.reach.safe_m,
+                range_m=self.config.gain_range_m,
+                camera_height_m=now.camera_height_m,
+            ),
             topdown=now.topdown,
             graph=now.graph,
             stage_ms=now.watch.ms,
