@@ -115,6 +115,12 @@ def sample_frame(observation: Observation, count: int, rng: np.random.Generator)
     )
 
 
+def part(rays: RayBatch, start: int, count: int) -> RayBatch:
+    """So many rays of a batch from one on; views, not copies."""
+    rows = slice(start, start + count)
+    return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
+
+
 def concatenate(a: RayBatch, b: RayBatch) -> RayBatch:
     """Both batches as one."""
     return RayBatch(

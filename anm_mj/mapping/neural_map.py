@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,11 @@ import trimesh
 from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.backends.backend import MapperBackend, StepLosses
+from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig, config_from_dict
 from anm_mj.mapping.encoding import doubled_table
-from anm_mj.mapping.keyframes import KeyframeStore, concatenate, sample_frame
+from anm_mj.mapping.keyframes import KeyframeStore, RayBatch, concatenate, part, sample_frame
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.surface import SurfaceExtractor
@@ -28,6 +29,8 @@ from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfacePoints, Voxe
 
 _FORMAT = "anm-mj map 2"
 """Marks a checkpoint of ours, and its version."""
+_DRAWN_TOGETHER = 10
+"""Iterations whose rays are drawn in one go, because the price of a draw hardly depends on its size."""
 
 
 class NeuralMap:
@@ -83,8 +86,9 @@ class NeuralMap:
             num_iterations = schedule.iterations
         self._num_frames += 1
         loss = math.nan
-        for _ in range(num_iterations):
-            losses = self._train(observation, first=first)
+        for rays in self._batches(observation, num_iterations, first=first):
+            corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
+            losses = self.backend.step(rays, int(self._rng.integers(1 << 32)), corner)
             loss = losses.total
             if not math.isfinite(loss):
                 raise MapError(
@@ -216,15 +220,19 @@ class NeuralMap:
             self.backend = make_backend(self.config, seed=self.seed, device=self._device)
             self.backend.set_state(state)
 
-    def _train(self, observation: Observation, *, first: bool) -> StepLosses:
-        """One iteration on rays of the keyframes and, after the first, of the frame at hand."""
+    def _batches(self, observation: Observation, count: int, *, first: bool) -> Iterator[RayBatch]:
+        """Rays of the keyframes and, after the first frame, of the one at hand, for so many iterations."""
         schedule = self.config.schedule
-        rays = self._keyframes.sample(schedule.num_rays, self._rng)
-        if not first:
-            num_current = max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
-            rays = concatenate(rays, sample_frame(observation, num_current, self._rng))
-        corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
-        return self.backend.step(rays, int(self._rng.integers(1 << 32)), corner)
+        num_replayed = schedule.num_rays
+        num_current = 0 if first else max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
+        for start in range(0, count, _DRAWN_TOGETHER):
+            together = min(_DRAWN_TOGETHER, count - start)
+            replayed = self._keyframes.sample(together * num_replayed, self._rng)
+            current = sample_frame(observation, together * num_current, self._rng)
+            for k in range(together):
+                yield concatenate(
+                    part(replayed, k * num_replayed, num_replayed), part(current, k * num_current, num_current)
+                )
 
     def _smoothness_corner(self) -> Float[np.ndarray, "3"]:
         """A random place for the smoothness lattice within the box that was fused so far, or about its middle."""
