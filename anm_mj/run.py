@@ -12,7 +12,8 @@ from pathlib import Path
 
 from anm_mj.config import RunConfig, default_steps
 from anm_mj.evaluation.metrics import Metrics
-from anm_mj.evaluation.scene_truth import mount_of, scene_truth
+from anm_mj.evaluation.oracle import Oracle
+from anm_mj.evaluation.scene_truth import mount_of, reachable_floor, scene_truth
 from anm_mj.explore import Progress, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
@@ -24,6 +25,9 @@ from anm_mj.scene.folder import load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Pose2
 from anm_mj.viz.viewer import NullViewer
+
+ORACLE = "oracle"
+"""Name of the policy that knows the scene; it is no plug-in, because no plug-in is told the truth."""
 
 
 def run(
@@ -50,7 +54,7 @@ def run(
             then, but for an error in the loop itself.
     """
     begin = time.perf_counter()
-    policy_type = policy_class(config.policy)
+    policy_type = None if config.policy == ORACLE else policy_class(config.policy)
     scene = load_scene(config.scene)
     steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
     backend = select_backend()
@@ -73,7 +77,9 @@ def run(
         pose=config.pose,
         seed=config.seed,
     ) as robot:
-        policy = make_policy(policy_type, config.planning, robot.footprint, config.seed)
+        policy = (
+            None if policy_type is None else make_policy(policy_type, config.planning, robot.footprint, config.seed)
+        )
         folder = RunFolder.create(out, scene.name, config.policy)
         facts = RunFacts(
             config.scene,
@@ -93,6 +99,8 @@ def run(
         first = robot.observe()
         mount = mount_of(first.intrinsics, first.T_world_camera, first.pose)
         truth = scene_truth(scene, robot.footprint, mount, first.pose, on_survey)
+        if policy is None:
+            policy = Oracle(truth, reachable_floor(scene, robot.footprint, first.pose), mount)
         with RunRecorder(folder, truth) as recorder:
             outcome = explore(
                 robot,

@@ -17,9 +17,8 @@ from anm_mj.bench.job import Job
 from anm_mj.bench.sweep import BenchError
 from anm_mj.io.jsonable import jsonable
 from anm_mj.io.read_run import read_json
+from anm_mj.run import ORACLE
 
-ORACLE = "oracle"
-"""The policy that the others' steps are compared with."""
 LEVELS = (90, 95, 99)
 """Shares of the observable surface whose first steps are reported [%]."""
 TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
