@@ -20,7 +20,7 @@ from anm_mj.scene.raster import clip_to_slab, distance_cells, label_components, 
 
 WALL_SLICE_M = (1.5, 1.9)
 """Heights between which the walls are looked for [m]."""
-DOOR_MAX_M = 1.3
+DOOR_MAX_M = 1.6
 """What is wider is an opening within one room [m]."""
 _DOOR_MIN_M = 0.3
 """What is narrower is a slit [m]."""
