@@ -30,15 +30,15 @@ def bookcase(
         z = 0.06 + k * pitch
         pieces.append(box((-x + side, -depth_m, z), (x - side, -0.012, z + side), wood, "-x +x +y"))
     for k in range(num_shelves):
-        pieces.append(_row_of_books(rng, -x + side, x - side, 0.06 + k * pitch + side, pitch - side - 0.03, depth_m))
+        pieces.extend(_row_of_books(rng, -x + side, x - side, 0.06 + k * pitch + side, pitch - side - 0.03, depth_m))
     return join(*pieces)
 
 
 def _row_of_books(
     rng: np.random.Generator, left_m: float, right_m: float, z_m: float, room_m: float, depth_m: float
-) -> Quads:
-    """Books upright in groups, with gaps and here and there a lying pile."""
-    pieces = []
+) -> list[Quads]:
+    """Books upright in groups, with gaps and here and there a lying pile; perhaps none at all."""
+    pieces: list[Quads] = []
     cursor = left_m + 0.01
     while cursor < right_m - 0.06:
         if rng.random() < 0.22:
@@ -58,7 +58,7 @@ def _row_of_books(
         low, high = (cursor, -0.02 - deep, z_m), (cursor + thick, -0.02, z_m + tall)
         pieces.append(box(low, high, _SPINES[rng.integers(len(_SPINES))], "-z"))
         cursor += thick + 0.001
-    return join(*pieces)
+    return pieces
 
 
 def wardrobe(width_m: float, height_m: float, depth_m: float, body: Material, door: Material, knob: Material) -> Quads:

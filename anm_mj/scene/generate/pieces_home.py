@@ -38,7 +38,7 @@ def sofa_group(width_m: float, s: Style, rng: np.random.Generator) -> Piece:
             clutter.stack_of_books(books, seed).placed(-0.15 * width_m, -1.5, 25.0, 0.42),
             clutter.cup(s.colours[5]).placed(0.12 * width_m, -1.4, 0.0, 0.42),
             clutter.vase(s.colours[6], seed).placed(0.02, -1.6, 0.0, 0.42),
-            decor.rug_on_floor((width_m + 0.3, 1.5), s.colours[0], s.colours[7], s.colours[3]).placed(0.0, -1.5),
+            decor.rug_on_floor((width_m - 0.1, 1.5), s.colours[0], s.colours[7], s.colours[3]).placed(0.0, -1.5),
         )
 
     solids = ((-width_m / 2, -0.93, width_m / 2, -0.015), (-0.28 * width_m, -1.75, 0.28 * width_m, -1.25))
@@ -117,9 +117,10 @@ def bed(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
             pieces.append(tables.chest(0.44, 0.38, 0.5, 2, s.wood, s.wood).placed(x, -_GAP_M))
             pieces.append(decor.table_lamp(rgb("ffe0c2"), plain(s.colours[6])).placed(x, -0.2, 0.0, 0.5))
         pieces.append(clutter.stack_of_books(2, seed).placed(sides[-1] * (width_m / 2 + 0.2), -0.27, 60.0, 0.5))
-        pieces.append(
-            decor.rug_on_floor((width_m + 0.8, 1.2), s.colours[1], s.colours[4], s.colours[8]).placed(0.0, -1.7)
-        )
+        if len(sides) == 2:
+            # No wider than the bed and what stands beside it, so that it lies in the room wherever they fit.
+            rug = decor.rug_on_floor((width_m + 0.8, 1.2), s.colours[1], s.colours[4], s.colours[8])
+            pieces.append(rug.placed(0.0, -1.7))
         return join(*pieces)
 
     solids = [(-width_m / 2 - 0.02, -2.12, width_m / 2 + 0.02, -_GAP_M)]

@@ -87,7 +87,7 @@ def _study(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:
 
 def _library(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:
     pieces: list[Choice] = [home.armchair(s, rng), *(home.bookcase(s, rng) for _ in range(4)), _sofa(s, rng)]
-    return [*pieces, home.floor_lamp(), home.plant(s, rng), home.rug(s, (1.8, 1.3)), *_pictures(1, s, rng)]
+    return [*pieces, home.floor_lamp(), home.plant(s, rng), *_pictures(1, s, rng)]
 
 
 def _hobby(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:
