@@ -6,6 +6,7 @@ process, a torch that does not find its libraries.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import platform
@@ -185,8 +186,11 @@ def _graphics(backends: list[Check]) -> list[Check]:
     except RenderError as err:
         return [*backends, Check("pictures by", State.BAD, "nothing", str(err))]
     if chosen.name == "off":
-        advice = "MUJOCO_GL turns pictures off, and the robot is blind without: unset it."
-        return [*backends, Check("pictures by", State.BAD, "nothing", advice)]
+        advice = "Install what is missing above." if chosen.attempts else "MUJOCO_GL turns GL off: unset it."
+        if importlib.util.find_spec("embreex") is not None:
+            return [*backends, Check("pictures by", State.NOTE, "Embree's rays, without GL", advice)]
+        found = "MuJoCo's rays, tenths of a second each, one colour per mesh"
+        return [*backends, Check("pictures by", State.NOTE, found, f"{advice} Or pip install 'anm-mj[embree]'.")]
     # llvmpipe and softpipe are Mesa's renderers for machines without a GPU.
     software = "pipe" in chosen.renderer_string
     kind = "software, fast enough for 256 x 256 pixels" if software else "hardware"

@@ -25,7 +25,8 @@ _DEV_SCENES = Path(__file__).resolve().parents[1] / ".." / "shared" / "scenes" /
 
 try:
     # Sets MUJOCO_GL in the controlling process too, from which pytest-xdist's workers inherit it.
-    select_backend()
+    if select_backend().attempts and select_backend().name == "off":
+        pytest.exit("No GL back-end works here, which many tests need; anm-mj doctor says why.", returncode=1)
 except RenderError as err:
     pytest.exit(str(err), returncode=1)
 
