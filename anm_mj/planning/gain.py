@@ -9,7 +9,7 @@ Panoramas are remembered as the cell each ray meets. What a ray is worth is look
 anew only where one of the cells its place meets has changed since.
 
 Some unknown can never be resolved: the inside of a hull with a slit, a cell that every view only grazes. What the robot
-has looked straight at and still does not know is noted, and after a few such views expected no more.
+has looked straight at and still does not know is expected from clearly nearer only.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32, UInt8
+from jaxtyping import Float, Float32, Int, Int32
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.viewgrid import ViewGrid
@@ -29,10 +29,10 @@ NEAREST_M = 0.25
 """Rays begin this far from the camera's axis [m]: the robot's own body is free."""
 BEYOND_M = 0.5
 """Surface behind the first unknown cell is expected this much farther on [m]."""
-MAX_TRIES = 3
-"""Unknown that stays unknown through this many views is expected no more."""
 NEARER = 0.75
 """A seen surface counts again only when it would be seen from this share of its former distance."""
+MUCH_NEARER = 0.6
+"""Unknown that a view left unknown counts again only from this share of that view's distance."""
 MIN_ROWS = 256
 """Places that there is room for at first."""
 NEVER_MET = -3
@@ -79,6 +79,25 @@ class GainCaster:
 
         Rays are ordered by azimuth, then by elevation. A place stands for the cell that it lies in.
         """
+        hit, worth, _ = self._rays(places_xy_m)
+        return hit, worth
+
+    def expectation(
+        self, place_xy_m: Float[np.ndarray, 2], sectors: Int[np.ndarray, " k"]
+    ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], float]:
+        """What a view over some azimuth sectors would show of the unknown.
+
+        Returns:
+            The unknown cells by flat index, their distances [m], and the worth of the whole view [m2].
+        """
+        hit, worth, rho_m = (a.reshape(self.config.num_azimuths, -1)[sectors] for a in self._rays(place_xy_m[None]))
+        counts = worth > 0.0
+        return hit[counts].astype(np.int64), rho_m[counts].astype(float), float(worth.sum())
+
+    def _rays(
+        self, places_xy_m: Float[np.ndarray, "n 2"]
+    ) -> tuple[Int32[np.ndarray, "n rays"], Float32[np.ndarray, "n rays"], Float32[np.ndarray, "n rays"]]:
+        """What each ray meets, what that is worth [m2], and how far away it is [m]."""
         self._follow_growth()
         xyz = np.column_stack([places_xy_m, np.full(len(places_xy_m), self.camera_height_m)])
         base = self.view.flat_index(xyz)
@@ -87,31 +106,31 @@ class GainCaster:
         changed = (state[self._hit[rows]] != self._met[rows]).any(axis=1)
         if changed.any():
             self._cast(np.unique(rows[changed]))
-        return self._hit[rows], self._worth(self._hit[rows], self._reach[rows])
+        hit, rho_m = self._hit[rows], self._rho_m.astype(np.float32)[self._reach[rows]]
+        return hit, self._worth(hit, rho_m), rho_m
 
     def note_view(self, pose: Pose2, fov_rad: float = math.pi / 2) -> None:
-        """Note what is still unknown in a view that the grid already holds, as tried once more.
+        """Note what is still unknown in a view that the grid already holds, as tried from there.
 
         Args:
             pose: where the robot stands and looks along.
             fov_rad: horizontal field of view [rad].
         """
-        hit, _ = self.rays(pose.xy_m[None])
+        hit, _, rho_m = self._rays(pose.xy_m[None])
         azimuth = np.arange(self.config.num_azimuths) * math.tau / self.config.num_azimuths
         off_axis = np.abs(np.mod(azimuth - pose.yaw_rad + math.pi, math.tau) - math.pi)
-        cells = hit.reshape(self.config.num_azimuths, -1)[off_axis < fov_rad / 2].ravel()
-        cells = np.unique(cells[self.view.state.ravel()[cells] == UNKNOWN])
-        tries = self.view.tries.reshape(-1)
-        tries[cells] = np.minimum(tries[cells] + 1, MAX_TRIES)
+        in_view = np.repeat(off_axis < fov_rad / 2, self.config.num_elevations)
+        self.give_up(hit[0, in_view], rho_m[0, in_view])
 
-    def give_up(self, cells: Int[np.ndarray, " n"]) -> None:
-        """Expect nothing more of unknown cells, given by flat index, and of those next to them."""
-        _, rows, cols = self.view.state.shape
-        near = np.arange(-1, 2)
-        offset = (near[:, None, None] * rows + near[:, None]) * cols + near
-        around = np.unique(cells[:, None] + offset.ravel()[None, :])
-        tries = self.view.tries.reshape(-1)
-        tries[around[(around >= 0) & (around < len(tries))]] = MAX_TRIES
+    def give_up(self, cells: Int[np.ndarray, " n"], rho_m: Float[np.ndarray, " n"]) -> None:
+        """Expect what is still unknown of some cells from clearly nearer than ``rho_m`` only.
+
+        Args:
+            cells: flat indices into the view grid.
+            rho_m: distance they were looked at from, or should have been [m].
+        """
+        unknown = self.view.state.ravel()[cells] == UNKNOWN
+        np.minimum.at(self.view.tried_from_m.reshape(-1), cells[unknown], rho_m[unknown].astype(np.float32))
 
     def patches(self, hit: Int32[np.ndarray, "*rays"]) -> Int[np.ndarray, "*rays"]:
         """The patch of space each cell belongs to: views that meet the same patches show the same things."""
@@ -155,15 +174,14 @@ class GainCaster:
             self._hit[row], self._reach[row], self._met[row] = hit, first, state[hit]
 
     def _worth(
-        self, hit: Int32[np.ndarray, "n rays"], reach: UInt8[np.ndarray, "n rays"]
+        self, hit: Int32[np.ndarray, "n rays"], rho: Float32[np.ndarray, "n rays"]
     ) -> Float32[np.ndarray, "n rays"]:
         what = self.view.state.ravel()[hit]
-        rho = self._rho_m.astype(np.float32)[reach]
         limit = np.float32(self.config.gain_range_m)
         worth = np.minimum(rho + np.float32(BEYOND_M), limit) ** 2
         _, rows, cols = self.view.state.shape
         worth *= self.view.layer_share[hit // (rows * cols)]
-        worth[(what != UNKNOWN) | (self.view.tries.ravel()[hit] >= MAX_TRIES)] = 0.0
+        worth[(what != UNKNOWN) | (rho >= MUCH_NEARER * self.view.tried_from_m.ravel()[hit])] = 0.0
         surface = np.nonzero(what == OCCUPIED)
         seen = self.view.seen_range_m.ravel()[hit[surface]]
         near = rho[surface]

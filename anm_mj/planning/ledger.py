@@ -2,13 +2,13 @@
 
 A panorama may promise what no view ever shows: space behind a window, a gap that only one place looks through. The
 robot would be sent there again and again. When it turns from a target to another, what it has come to see in between
-is compared with what was promised. If that was next to nothing, the unknown that made the promise is given up.
+is compared with what was promised. If that was next to nothing, what made the promise is expected from nearer only.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
@@ -16,6 +16,8 @@ from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Pose2
 
 KEPT_SHARE = 0.25
 """A promise was kept if at least this share of it came true."""
+STANDING_SHARE = 0.5
+"""A promise still stands as long as the view there is expected to show this share of it."""
 
 
 class Ledger:
@@ -28,11 +30,11 @@ class Ledger:
         """Targets in a row that brought less than ``poor_target_m2``."""
         self.target_xy_m: Float[np.ndarray, 2] | None = None
         """Where the robot is sent; None before the first target and after an obstacle."""
-        self._yaw_rad = 0.0
-        self._promised_m2 = 0.0
+        self.heading = 0
+        """Azimuth sector to look along there, of 10 degrees each."""
+        self.promised_m2 = 0.0
+        """New surface expected there when the robot set out [m2]."""
         self._seen_before_m2 = 0.0
-        self._cells = np.zeros(0, np.int64)
-        self._epoch = -1
 
     def is_target(self, xy_m: Float[np.ndarray, 2]) -> bool:
         """Whether a place is the present target: vertices move a little with every new frame."""
@@ -45,49 +47,40 @@ class Ledger:
         if self.target_xy_m is None:
             return False
         there = float(np.linalg.norm(self.target_xy_m - pose.xy_m)) < 2 * ARRIVED_M
-        return there and abs(wrap_angle(self._yaw_rad - pose.yaw_rad)) < TURN_STEP_RAD
+        return there and abs(wrap_angle(self.heading * TURN_STEP_RAD - pose.yaw_rad)) < TURN_STEP_RAD
 
-    def settle(self, seen_m2: float, epoch: int) -> Int[np.ndarray, " n"]:
+    def settle(self, seen_m2: float, still_m2: float, pose: Pose2) -> bool:
         """Close the account of the present target.
+
+        A target that the robot turns from on the way, while it promises as much as ever, is no failure.
 
         Args:
             seen_m2: surface seen so far [m2].
-            epoch: of the view grid.
+            still_m2: what the view there promises now [m2].
+            pose: where the robot stands.
 
         Returns:
-            The unknown cells, by flat index, that promised what did not come true.
+            Whether the promise failed.
         """
-        if self.target_xy_m is None:
-            return np.zeros(0, np.int64)
+        done = self.is_done(pose)
         self.target_xy_m = None
+        if not done and still_m2 >= STANDING_SHARE * self.promised_m2:
+            return False
         brought = seen_m2 - self._seen_before_m2
         self.poor_in_a_row = self.poor_in_a_row + 1 if brought < self.config.poor_target_m2 else 0
-        if brought >= KEPT_SHARE * self._promised_m2 or epoch != self._epoch:
-            return np.zeros(0, np.int64)
-        return self._cells
+        return brought < KEPT_SHARE * self.promised_m2
 
-    def open(
-        self,
-        xy_m: Float[np.ndarray, 2],
-        yaw_rad: float,
-        promised_m2: float,
-        seen_m2: float,
-        cells: Int[np.ndarray, " n"],
-        epoch: int,
-    ) -> None:
+    def open(self, xy_m: Float[np.ndarray, 2], heading: int, promised_m2: float, seen_m2: float) -> None:
         """Set out for a target.
 
         Args:
             xy_m: where it lies [m].
-            yaw_rad: heading to look along there.
+            heading: azimuth sector to look along there.
             promised_m2: new surface expected [m2].
             seen_m2: surface seen so far [m2].
-            cells: unknown cells, by flat index, that are expected to come into view there.
-            epoch: of the view grid that the indices belong to.
         """
-        self.target_xy_m, self._yaw_rad = xy_m, yaw_rad
-        self._promised_m2, self._seen_before_m2 = promised_m2, seen_m2
-        self._cells, self._epoch = cells, epoch
+        self.target_xy_m, self.heading = xy_m, heading
+        self.promised_m2, self._seen_before_m2 = promised_m2, seen_m2
 
     def is_exhausted(self, promised_m2: float) -> bool:
         """Whether the last targets brought so little that one which promises this much is not worth its way."""

@@ -67,6 +67,8 @@ class _State:
     place: int
     heading: int
     steps: float
+    factor: float
+    """On the worth of all that is gained, from the place the tour begins at."""
     shown: Bool[np.ndarray, " patches"]
 
 
@@ -100,7 +102,7 @@ class TourSearch:
             depth: most stops in a tour.
             width: tours kept at each depth.
         """
-        beam = [_State(Tour((), 0.0), 0, heading, 0.0, np.zeros(self._num_patches, bool))]
+        beam = [_State(Tour((), 0.0), 0, heading, 0.0, 1.0, np.zeros(self._num_patches, bool))]
         found: list[Tour] = []
         for _ in range(depth):
             grown = [child for state in beam for child in self._expand(state, 2 * width)]
@@ -128,8 +130,7 @@ class TourSearch:
         late = state.steps + steps
         added = gain * np.exp(-late / self._discount_steps)
         added[steps < 0.5] = 0.0
-        if not state.tour.stops:
-            added *= self._preferred[:, None]
+        added *= state.factor if state.tour.stops else self._preferred[:, None]
         turn = added.argmax(axis=1)
         rows = np.arange(len(turn))
         value = added[rows, turn]
@@ -157,10 +158,10 @@ class TourSearch:
             self._show(shown, place, int(self._arrive[state.place, place]), heading)
         else:
             self._show(shown, place, state.heading, heading)
-        factor = self._preferred[place] if not state.tour.stops else 1.0
+        factor = state.factor if state.tour.stops else float(self._preferred[place])
         value = state.tour.value + gain * math.exp(-late / self._discount_steps) * factor
         stops = (*state.tour.stops, Stop(place, heading, gain, late))
-        return _State(Tour(stops, float(value)), place, heading, late, shown)
+        return _State(Tour(stops, float(value)), place, heading, late, factor, shown)
 
     def _show(self, shown: Bool[np.ndarray, " patches"], place: int, start: int, end: int) -> None:
         """Mark what a turn at a place sweeps over."""

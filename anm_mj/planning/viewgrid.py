@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Int8
 
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 
@@ -25,7 +25,7 @@ USUAL_SHARE = 0.02
 
 
 class ViewGrid:
-    """Tri-state cells ``[layer, row, col]`` with how near each surface was seen from and how often it was looked at."""
+    """Tri-state cells ``[layer, row, col]`` with how near each was seen from."""
 
     def __init__(self, rim_m: float, near_m: float) -> None:
         """Start empty.
@@ -42,8 +42,8 @@ class ViewGrid:
         shape = (0, 0, 0)
         self.state: Int8[np.ndarray, "layers rows cols"] = np.zeros(shape, np.int8)
         self.seen_range_m: Float32[np.ndarray, "layers rows cols"] = np.zeros(shape, np.float32)
-        self.tries: UInt8[np.ndarray, "layers rows cols"] = np.zeros(shape, np.uint8)
-        """Views that had each cell in sight and left it unknown."""
+        self.tried_from_m: Float32[np.ndarray, "layers rows cols"] = np.zeros(shape, np.float32)
+        """Nearest distance from which a view had each cell in sight and left it unknown; +inf where none had."""
         self.layer_share: Float32[np.ndarray, " layers"] = np.zeros(0, np.float32)
         """How likely it is that what is unknown in a layer holds surface: from how much of the known part does."""
         self.seen_m2 = 0.0
@@ -138,7 +138,7 @@ class ViewGrid:
         for name, fill, kind in (
             ("state", UNKNOWN, np.int8),
             ("seen_range_m", np.inf, np.float32),
-            ("tries", 0, np.uint8),
+            ("tried_from_m", np.inf, np.float32),
         ):
             new = np.full(new_shape, fill, kind)
             if shape.all():

@@ -5,30 +5,37 @@ from anm_mj.planning.ledger import Ledger
 from anm_mj.types import Pose2
 
 CONFIG = PlanningConfig()
-CELLS = np.array([3, 5])
+THERE, ELSEWHERE = Pose2(1.0, 2.0, 0.0), Pose2(5.0, 2.0, 0.0)
 
 
 def ledger_for(promised_m2):
     ledger = Ledger(CONFIG)
-    ledger.open(np.array([1.0, 2.0]), 0.0, promised_m2, 100.0, CELLS, 1)
+    ledger.open(np.array([1.0, 2.0]), 0, promised_m2, 100.0)
     return ledger
 
 
-def test_a_promise_that_fails_gives_up_what_made_it_and_one_that_holds_does_not():
-    assert np.array_equal(ledger_for(8.0).settle(100.1, 1), CELLS)
-    assert len(ledger_for(8.0).settle(106.0, 1)) == 0
-    assert len(ledger_for(8.0).settle(100.1, 2)) == 0  # The grid was laid out anew: the indices mean nothing now.
+def test_a_promise_fails_when_it_comes_to_nothing_there_or_vanishes_on_the_way():
+    assert ledger_for(8.0).settle(100.1, 8.0, THERE)
+    assert ledger_for(8.0).settle(100.1, 0.5, ELSEWHERE)
+    assert not ledger_for(8.0).settle(106.0, 0.0, THERE)
+
+
+def test_a_target_left_on_the_way_while_its_promise_stands_counts_for_nothing():
+    ledger = ledger_for(8.0)
+    assert not ledger.settle(100.0, 7.0, ELSEWHERE)
+    assert ledger.poor_in_a_row == 0
+    assert ledger.target_xy_m is None
 
 
 def test_poor_targets_in_a_row_exhaust_small_promises_first():
     ledger = Ledger(CONFIG)
     for n in range(1, 2 * CONFIG.patience_targets + 1):
-        ledger.open(np.zeros(2), 0.0, 1.0, 100.0, CELLS, 1)
-        ledger.settle(100.0, 1)
+        ledger.open(THERE.xy_m, 0, 1.0, 100.0)
+        ledger.settle(100.0, 1.0, THERE)
         assert ledger.is_exhausted(0.5) == (n >= CONFIG.patience_targets)
         assert ledger.is_exhausted(2 * CONFIG.large_gain_m2) == (n >= 2 * CONFIG.patience_targets)
-    ledger.open(np.zeros(2), 0.0, 1.0, 100.0, CELLS, 1)
-    ledger.settle(102.0, 1)
+    ledger.open(THERE.xy_m, 0, 1.0, 100.0)
+    ledger.settle(102.0, 0.0, THERE)
     assert not ledger.is_exhausted(0.5)
 
 

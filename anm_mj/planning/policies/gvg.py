@@ -37,6 +37,8 @@ from anm_mj.types import (
 
 HERE = -1
 """Stands for the robot's own place among the candidate vertices."""
+IN_VIEW = np.arange(-SIDE, SIDE + 1)
+"""Azimuth sectors that a view takes in, counted from the one it looks along."""
 MAX_TOURS = 8
 """Best tours whose first path is worked out before one is taken."""
 
@@ -80,7 +82,7 @@ class Gvg:
             self._caster.view.update(mapper.occupancy, *self._stages.topdown.changed_xy_m)
             self._caster.note_view(now.pose)
             if self._ledger.is_done(now.pose):
-                self._settle(self._caster)
+                self._settle(now, self._caster)
             options = self._options(now, self._caster, fresh=False)
             if options.gain_m2.max() < self.config.min_gain_m2:
                 # Before nothing is said to be left, no place may be judged by what it was worth long ago.
@@ -95,9 +97,14 @@ class Gvg:
         self._stages.blocked(pose, action)
         self._ledger.target_xy_m = None
 
-    def _settle(self, caster: GainCaster) -> None:
+    def _settle(self, now: Situation, caster: GainCaster) -> None:
         """Hold what the present target brought against what it promised."""
-        caster.give_up(self._ledger.settle(caster.view.seen_m2, caster.view.epoch))
+        xy = self._ledger.target_xy_m
+        if xy is None:
+            return
+        cells, rho_m, still_m2 = caster.expectation(xy, (self._ledger.heading + IN_VIEW) % NUM_AZIMUTHS)
+        if self._ledger.settle(caster.view.seen_m2, still_m2, now.pose):
+            caster.give_up(cells, rho_m)
 
     def _options(self, now: Situation, caster: GainCaster, *, fresh: bool) -> _Options:
         reachable = np.isfinite(now.reach.distance_m)
@@ -170,8 +177,7 @@ class Gvg:
                 continue
             if self._ledger.is_exhausted(first.gain_m2):
                 return self._stop(now, options, caster)
-            expected = _expected(hit[first.place], worth[first.place], first.heading)
-            return self._go(now, tour, places, path, candidates, expected, caster)
+            return self._go(now, tour, places, path, candidates, caster)
         return self._stop(now, options, caster)
 
     def _candidates(self, places: Places, tours: list[Tour]) -> tuple[Candidate, ...]:
@@ -189,16 +195,14 @@ class Gvg:
         places: Places,
         path: Float[np.ndarray, "k 2"],
         candidates: tuple[Candidate, ...],
-        expected: Int[np.ndarray, " n"],
         caster: GainCaster,
     ) -> Plan:
         first = tour.stops[0]
         xy, yaw = places.xy_m[first.place], first.heading * TURN_STEP_RAD
-        view = caster.view
         kept = self._ledger.is_target(xy)
         if not kept:
-            self._settle(caster)
-            self._ledger.open(xy, yaw, first.gain_m2, view.seen_m2, expected, view.epoch)
+            self._settle(now, caster)
+            self._ledger.open(xy, first.heading, first.gain_m2, caster.view.seen_m2)
         cost = path_steps(path, now.pose.yaw_rad, yaw)
         total = sum(stop.gain_m2 for stop in tour.stops)
         reason = (
@@ -246,10 +250,3 @@ class Gvg:
             graph=now.graph,
             stage_ms=now.watch.ms,
         )
-
-
-def _expected(hit: Int[np.ndarray, " rays"], worth: Float[np.ndarray, " rays"], heading: int) -> Int[np.ndarray, " n"]:
-    """The cells that the view along an azimuth sector is expected to show."""
-    sectors = np.arange(heading - SIDE, heading + SIDE + 1) % NUM_AZIMUTHS
-    cells = hit.reshape(NUM_AZIMUTHS, -1)[sectors]
-    return cells[worth.reshape(NUM_AZIMUTHS, -1)[sectors] > 0.0].astype(np.int64)
