@@ -56,6 +56,7 @@ def add_scene(commands: Any) -> None:
 
 
 def _scene_import(parsed: argparse.Namespace) -> int:
+    from anm_mj.scene.folder import remember_folder
     from anm_mj.scene.importer import import_scene
 
     scene = import_scene(
@@ -70,6 +71,7 @@ def _scene_import(parsed: argparse.Namespace) -> int:
         model_paths=parsed.model_path,
         furniture=not parsed.no_furniture,
     )
+    remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
     start = scene.starts[0]
     Console().print(
@@ -82,9 +84,11 @@ def _scene_import(parsed: argparse.Namespace) -> int:
 
 
 def _scene_generate(parsed: argparse.Namespace) -> int:
+    from anm_mj.scene.folder import remember_folder
     from anm_mj.scene.generate.scene import generate_scene
 
     scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name)
+    remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
     Console().print(
         f"{scene.name}: {scene.rooms} rooms, {size[0]:.1f} x {size[1]:.1f} m, {scene.num_triangles} triangles. "

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.folder import Scene, read_scene_folder, scene_folders, scene_roots
+from anm_mj.scene.folder import Scene, known_scenes, read_scene_folder, scene_folders
 
 _logger = logging.getLogger(__name__)
 
 
 def list_scenes() -> list[Scene]:
-    """All scenes that can be named: the repository's own and the user's, by name.
+    """All scenes that can be named, by name: the project's own, the user's, imported ones, those in this folder.
 
-    A user's scene hides one of the repository with the same folder name. A folder that cannot be read is reported in
-    the log and left out.
+    A scene of the current folder hides others of the same folder name, as it does when it is named. A folder that
+    cannot be read is reported in the log and left out.
     """
-    folders = {folder.name: folder for root in scene_roots() for folder in scene_folders(root)}
+    folders = known_scenes() | {folder.name: folder for folder in scene_folders(Path.cwd())}
     scenes = []
     for name in sorted(folders):
         try:

@@ -9,8 +9,10 @@ geometry.npz   vertices (V, 3) float32 in the world [m] and faces (F, 3) int32: 
 from __future__ import annotations
 
 import functools
+import logging
 import math
 import os
+import tempfile
 import tomllib
 import zipfile
 import zlib
@@ -29,6 +31,10 @@ if TYPE_CHECKING:
 
 TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
 """Names of what a scene folder holds."""
+INDEX = "imported.txt"
+"""File in the user's scenes folder that lists scenes elsewhere, one path a line."""
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +91,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     path = Path(name_or_path)
     # A folder beside the user that merely has a scene's name, as /home has, is no reason to pass the catalogue by.
     if isinstance(name_or_path, str) and path.name == name_or_path and not os.path.isfile(path / TOML):
-        known = {entry.name: entry for root in scene_roots() for entry in scene_folders(root)}
+        known = known_scenes()
         if name_or_path not in known and os.path.isdir(path):
             return read_scene_folder(path)
         if name_or_path not in known:
@@ -98,11 +104,52 @@ def load_scene(name_or_path: str | Path) -> Scene:
     return read_scene_folder(path)
 
 
+def known_scenes() -> dict[str, Path]:
+    """The folders of all scenes that can be named, wherever the user stands.
+
+    Of scenes with the same folder name, one in the user's scenes folder comes before one of the project, and that
+    before one that was imported to some other place.
+    """
+    folders = [*remembered_folders(), *(folder for root in scene_roots() for folder in scene_folders(root))]
+    return {folder.name: folder for folder in folders}
+
+
 def scene_roots() -> list[Path]:
-    """Folders whose subfolders are scenes: the repository's own, then the user's (ANM_MJ_SCENES overrides it)."""
+    """Folders whose subfolders are scenes: the project's own, then the user's."""
+    return [Path(__file__).resolve().parents[2] / "scenes", _user_root()]
+
+
+def _user_root() -> Path:
+    """The folder of the user's scenes (ANM_MJ_SCENES overrides it)."""
     data_home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
-    user = os.environ.get("ANM_MJ_SCENES") or Path(data_home) / "anm_mj" / "scenes"
-    return [Path(__file__).resolve().parents[2] / "scenes", Path(user).expanduser()]
+    return Path(os.environ.get("ANM_MJ_SCENES") or Path(data_home) / "anm_mj" / "scenes").expanduser()
+
+
+def remembered_folders() -> list[Path]:
+    """Scene folders that were made elsewhere and are still there, the latest last; none if that cannot be read."""
+    try:
+        lines = (_user_root() / INDEX).read_text(encoding="utf-8").splitlines()
+        return [Path(line) for line in lines if line and (Path(line) / TOML).is_file()]
+    except (OSError, UnicodeDecodeError):
+        return []
+
+
+def remember_folder(folder: Path) -> None:
+    """Note where a scene was made, so that it can be named from anywhere.
+
+    What lies in the system's temporary folder is not noted. A note that cannot be written is no reason to fail: the
+    scene can still be given by its path.
+    """
+    folder = folder.resolve()
+    root, temporary = _user_root(), Path(tempfile.gettempdir()).resolve()
+    if temporary in folder.parents or folder.parent in [place.resolve() for place in scene_roots()]:
+        return
+    kept = [place for place in remembered_folders() if place != folder]
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        (root / INDEX).write_text("".join(f"{place}\n" for place in [*kept, folder]), encoding="utf-8")
+    except OSError as err:
+        _logger.info("%s is not noted among the scenes (%s)", folder, err.strerror)
 
 
 def scene_folders(root: Path) -> list[Path]:
