@@ -16,8 +16,10 @@ _MAX_DEPTH_M = 12.0
 """Planar depth at which the search for a surface ends [m]."""
 _STRIDE = 0.6
 """Steps of the search, in voxel edges."""
-_PROBES = 5
-"""Places at which the field is asked for its sign about an occupied voxel."""
+_REACH = 0.9
+"""How far about a place in an occupied voxel the field's surface may lie, in voxel edges."""
+_PROBES = 9
+"""Places within that reach at which the field is asked for its sign."""
 
 
 def view_samples(
@@ -70,13 +72,13 @@ def _search(
     first = np.full(len(directions), np.nan)
     crossing = np.full(len(directions), np.nan)
     searching = np.arange(len(directions))
-    step = occupancy.config.voxel_m * _STRIDE
+    step, reach = occupancy.config.voxel_m * _STRIDE, occupancy.config.voxel_m * _REACH
     for z in np.arange(step, _MAX_DEPTH_M, step):
         occupied = searching[occupancy.state_at(origin + directions[searching] * z) == OCCUPIED]
         if not len(occupied):
             continue
         first[occupied] = np.fmin(first[occupied], z)
-        crossing[occupied] = _crossing(sdf, origin, directions[occupied], z - step, z + step)
+        crossing[occupied] = _crossing(sdf, origin, directions[occupied], z - reach, z + reach)
         searching = np.setdiff1d(searching, occupied[np.isfinite(crossing[occupied])], assume_unique=True)
         if not len(searching):
             break
