@@ -41,8 +41,6 @@ FREE_M = 0.12
 """The random drive turns away from what is nearer ahead than this [m]."""
 ROOM_M = 0.04
 """The random drive of the physics drive keeps so much farther from everything than it must [m]."""
-PUSH_N = 60.0
-"""About six tenths of the robot's weight."""
 PUSH_S = 1.0
 NEAR_M = 0.3
 """Pushes begin at most so far from an obstacle [m]."""
@@ -70,6 +68,7 @@ def main(
     actions: int = 1000,
     triangles: int = 1_000_000,
     pushes: int = 24,
+    push_n: float = 30.0,
     replay: Path | None = None,
     out: Path | None = None,
 ) -> None:
@@ -80,6 +79,7 @@ def main(
         actions: number of mixed actions.
         triangles: at least so many for the kinematic drive.
         pushes: directions to push from.
+        push_n: force of a push, held for a second [N]; the robot weighs 94 N.
         replay: run folder whose actions are repeated in both drives, in place of everything else.
         out: JSON file for the figures.
     """
@@ -88,7 +88,7 @@ def main(
     else:
         world = load_scene(scene)
         figures = [*physics_figures(world, actions), *kinematic_figures(world, actions, triangles)]
-        figures += push_figures(world, pushes)
+        figures += push_figures(world, pushes, push_n)
     for figure in figures:
         verdict = "" if math.isinf(figure.bound) else "within" if figure.value <= figure.bound else "ABOVE"
         bound = "" if math.isinf(figure.bound) else f"  ({verdict} {figure.bound:g})"
@@ -172,7 +172,7 @@ def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure
     ]
 
 
-def push_figures(world: Scene, pushes: int) -> list[Figure]:
+def push_figures(world: Scene, pushes: int, push_n: float) -> list[Figure]:
     """How far pushes get the robot into obstacles, and how far they tilt it."""
     rng = np.random.default_rng(1)
     upright, inside_m, entered, pushed = 1.0, 0.0, 0, 0
@@ -194,7 +194,7 @@ def push_figures(world: Scene, pushes: int) -> list[Figure]:
             pushed += 1
             robot.restart(start)
             for _ in range(round(PUSH_S / robot.model.opt.timestep)):
-                robot.data.xfrc_applied[root, :2] = PUSH_N * math.cos(towards), PUSH_N * math.sin(towards)
+                robot.data.xfrc_applied[root, :2] = push_n * math.cos(towards), push_n * math.sin(towards)
                 mujoco.mj_step(robot.model, robot.data)
                 upright = min(upright, float(robot.data.body(root).xmat[8]))
                 sideways = [contact.dist for contact in robot.data.contact if abs(contact.frame[2]) < 0.5]
@@ -206,7 +206,7 @@ def push_figures(world: Scene, pushes: int) -> list[Figure]:
                 entered += core.collides(robot.pose)
     tilt_deg = math.degrees(math.acos(min(upright, 1.0)))
     return [
-        Figure(f"pushed {pushed} times with {PUSH_N:g} N: largest tilt", tilt_deg, 15.0, "deg"),
+        Figure(f"pushed {pushed} times with {push_n:g} N: largest tilt", tilt_deg, 15.0, "deg"),
         Figure("pushed: deepest into an obstacle box, for a moment", 1e3 * inside_m, 20.0, "mm"),
         Figure("pushed: times that a wall stood inside the robot", entered, 0.0, ""),
     ]

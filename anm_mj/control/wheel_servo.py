@@ -6,6 +6,8 @@ the wheels' highest speed and the distance to obstacles are inequalities.
 
 from __future__ import annotations
 
+import logging
+
 import mink
 import mujoco
 import numpy as np
@@ -17,6 +19,8 @@ from anm_mj.control.robot_model import WHEEL_JOINTS, RobotModel
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.frames import pose_matrix
 from anm_mj.types import Pose2, WheelSpeeds
+
+_logger = logging.getLogger(__name__)
 
 SOLVER = "daqp"
 _TASK_COST = 30.0
@@ -97,13 +101,19 @@ class WheelServo:
         self._base.place(pose)
         self._configuration.update()
         self._reach.set_target(mink.SE3.from_matrix(pose_matrix(reference)))
-        velocity = mink.solve_ik(
-            self._configuration,
-            [self._reach],
-            self._period_s,
-            SOLVER,
-            limits=self._limits,
-            constraints=[self._no_slip],
-        )
+        try:
+            velocity = mink.solve_ik(
+                self._configuration,
+                [self._reach],
+                self._period_s,
+                SOLVER,
+                limits=self._limits,
+                constraints=[self._no_slip],
+            )
+        except mink.NoSolutionFound:
+            # Standing still keeps every limit, so there always is a solution; the solver may miss it where a push has
+            # pressed the robot into several obstacles at once.
+            _logger.debug("no wheel speeds found at %s for %s; the wheels stand for a period", pose, reference)
+            return WheelSpeeds(0.0, 0.0)
         left, right = velocity[self._wheel_dofs].tolist()
         return WheelSpeeds(left, right)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from anm_mj.control.wheel_servo import NoSlip, WheelServo
 from anm_mj.frames import move_pose
-from anm_mj.types import Pose2
+from anm_mj.types import Pose2, WheelSpeeds
 
 _PERIOD_S = 0.02
 _MAX_RADPS = 12.0
@@ -65,3 +65,11 @@ def test_the_no_slip_rows_vanish_for_rolling_and_only_for_rolling(robot_xml, rob
     sideways = rolling + np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert np.abs(no_slip.compute_jacobian(configuration) @ sideways).max() == pytest.approx(0.1)
     assert np.linalg.matrix_rank(no_slip.compute_jacobian(configuration)) == 6
+
+
+def test_wheels_stand_for_a_period_when_the_solver_finds_nothing(servo, monkeypatch):
+    def find_nothing(*_, **__):
+        raise mink.NoSolutionFound("daqp")
+
+    monkeypatch.setattr(mink, "solve_ik", find_nothing)
+    assert servo.wheel_speeds(Pose2(0.0, 0.0, 0.0), Pose2(0.1, 0.0, 0.0)) == WheelSpeeds(0.0, 0.0)

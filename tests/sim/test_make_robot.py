@@ -1,6 +1,7 @@
 """Robots put together with a scene that has been imported from a mesh file."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from anm_mj.robots import DRIVES, FOOTPRINT, make_robot
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importer import import_scene
 from anm_mj.types import Action, Pose2
+
+ROVER_XML = Path(__file__).resolve().parents[1] / "rover.xml"
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +92,24 @@ def test_a_start_outside_the_scene_is_refused_with_its_extent(room):
 def test_an_unknown_drive_is_refused_with_those_that_exist(room):
     with pytest.raises(RobotError, match="choose one of kinematic, physics"):
         make_robot(room, drive="magic")
+
+
+def test_an_unknown_robot_or_pose_source_is_refused_with_those_that_exist(room):
+    with pytest.raises(RobotError, match="one of our own: diff_drive"):
+        make_robot(room, robot="r2d2")
+    with pytest.raises(RobotError, match="choose one of true, odometry"):
+        make_robot(room, pose="guess")
+
+
+def test_the_users_own_robot_sees_from_its_own_camera(room):
+    with make_robot(room, start=Pose2(-1.5, 0.0, 0.0), robot=ROVER_XML, image_px=32) as rover:
+        observation = rover.observe()
+        assert rover.footprint.radius_m == pytest.approx(0.216, abs=1e-3)
+        assert len(rover.robot_hash) == 64
+    np.testing.assert_allclose(observation.T_world_camera[:3, 3], [-1.35, -0.02, 0.20], atol=1e-6)
+    # The crate's side is 0.95 m ahead; it fills the middle of the picture, and the robot's own body none of it.
+    assert observation.depth_m[16, 16] == pytest.approx(0.95, abs=1e-3)
+    assert np.nanmin(observation.depth_m) > 0.3
 
 
 def test_the_footprint_encloses_the_robot():

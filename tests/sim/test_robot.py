@@ -104,3 +104,21 @@ def test_a_closed_robot_says_so(robot):
     robot.close()
     with pytest.raises(RenderError, match="has been closed"):
         robot.observe()
+
+
+def test_observations_are_said_to_be_made_where_the_wheels_have_the_robot(robot):
+    T_base_camera = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0], [0, -1, 0, 1.25], [0, 0, 0, 1]], dtype=float)
+    drive = _Slide(robot.data)
+    with SimRobot(
+        robot.model, robot.data, RgbdCamera(robot.model, "camera", 64, 64), drive, _FOOTPRINT, T_base_camera
+    ) as believing:
+        believing.place(Pose2(1.0, 0.0, 0.0))
+        observation = believing.observe()
+        # The picture is taken where the robot truly stands; the drive's wheels have it elsewhere, turned left.
+        np.testing.assert_allclose(observation.depth_m, 2.0, atol=1e-4)
+        assert observation.pose == believing.odometry == Pose2(0.75, 0.5, math.pi / 2)
+        np.testing.assert_allclose(observation.T_world_camera[:3, 3], [0.75, 0.6, 1.25], atol=1e-12)
+        # A metre ahead of where it believes to be, to the world's left, is a metre ahead of where it is.
+        believing.look_at(np.array([0.75, 1.5, 1.0]))
+        np.testing.assert_allclose(drive.looked_at_m, [2.0, 0.0, 1.0], atol=1e-12)
+        assert believing.drive(Twist(0.5, 0.0), 0.2).moved_m == pytest.approx(0.1)
