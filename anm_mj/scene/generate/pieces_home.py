@@ -229,11 +229,6 @@ def worktop(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
     return Piece("worktop", "wall", ((-width_m / 2, -0.65, width_m / 2, 0.0),), make, 0.7, 0.9)
 
 
-def fridge() -> Piece:
-    """A fridge."""
-    return against_wall("fridge", 0.62, 0.7, 1.8, lambda: kitchen.fridge(plain(rgb("dfe3e6"))), 0.6)
-
-
 def bathtub(s: Style, rng: np.random.Generator) -> Piece:
     """A tub with tiles before it."""
     apron = tiles(s.colours[0], s.colours[0], 0.1, rgb("e9f2f4"))

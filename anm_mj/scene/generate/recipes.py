@@ -37,9 +37,9 @@ def _kitchen(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:
 
 
 def _cooking(s: Style, rng: np.random.Generator) -> list[Choice]:
-    """What makes a room a kitchen: one long row, or a shorter one and a fridge elsewhere."""
+    """What makes a room a kitchen: a row with a fridge, or one that fits below a window."""
     rows = tuple(home.kitchen_counter(s, rng, width) for width in (2.4, 1.8, 1.2))
-    return [(*rows, home.worktop(s, rng, 2.4), home.worktop(s, rng, 1.5), home.worktop(s, rng, 1.0)), home.fridge()]
+    return [(*rows, home.worktop(s, rng, 2.4), home.worktop(s, rng, 1.5), home.worktop(s, rng, 1.0))]
 
 
 def _table(s: Style, rng: np.random.Generator, seats: int) -> tuple[Piece, ...]:
