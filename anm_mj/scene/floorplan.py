@@ -8,6 +8,8 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+from shapely.errors import ShapelyError
+
 from anm_mj.errors import SceneError
 from anm_mj.scene.floorplans.houseexpo import is_houseexpo, read_houseexpo
 from anm_mj.scene.floorplans.plan1 import is_plan1, read_plan1
@@ -86,7 +88,7 @@ def import_floorplan(
 def _read(src: Path) -> tuple[str, Building, dict[str, Any]]:
     """Format, building and document."""
     try:
-        plan = json.loads(src.read_bytes())
+        plan = json.loads(src.read_bytes(), parse_constant=_refuse)
     except OSError as err:
         raise SceneError(f"{src} cannot be read ({err.strerror}): give the path of a floor plan in JSON.") from err
     except ValueError as err:
@@ -95,9 +97,14 @@ def _read(src: Path) -> tuple[str, Building, dict[str, Any]]:
         if matches(plan):
             try:
                 return form, read(plan), plan
-            except (KeyError, IndexError, TypeError, ValueError) as err:
+            except (KeyError, IndexError, TypeError, ValueError, ShapelyError) as err:
                 raise SceneError(
                     f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): mend or replace it."
                 ) from err
     names = ", ".join(form for form, _, _ in _FORMATS)
     raise SceneError(f"{src} is no floor plan of a known format: give one of {names}.")
+
+
+def _refuse(word: str) -> None:
+    """NaN and Infinity are no JSON, though Python reads them, and no coordinates."""
+    raise ValueError(f"it holds {word}")

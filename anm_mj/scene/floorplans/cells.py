@@ -15,6 +15,8 @@ from anm_mj.scene.raster import label_components
 _BESIDE_M = 0.1
 """A passage reaches this far beyond the ends of its door's segment, where there is free floor [m]."""
 _MIN_ROOM_CELLS = 40
+_MAX_EXTENT_M = 500.0
+"""Larger plans are mostly not in metres [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,22 @@ class CellPlan:
             for ring in (merged.exterior, *merged.interiors)
         ]
         return shapely.Polygon(rings[0], rings[1:])
+
+
+def grid_axes(
+    bounds_m: Float64[np.ndarray, "4"], cell_m: float
+) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, " cols"], Float64[np.ndarray, " rows"]]:
+    """Outer corner, and x and y of the cells' centres, of a grid over x_min, y_min, x_max, y_max and a margin [m].
+
+    Raises:
+        ValueError: if the bounds are no building's.
+    """
+    low, high = bounds_m[:2], bounds_m[2:]
+    if not np.isfinite(bounds_m).all() or (high - low).max() > _MAX_EXTENT_M:
+        raise ValueError(f"a plan of {bounds_m.tolist()} m is larger than {_MAX_EXTENT_M:g} m")
+    origin = np.floor(low / cell_m - 2.0) * cell_m
+    cols, rows = np.ceil((high - origin) / cell_m).astype(int) + 2
+    return origin, origin[0] + (np.arange(cols) + 0.5) * cell_m, origin[1] + (np.arange(rows) + 0.5) * cell_m
 
 
 def fill_nearest(

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from skimage.segmentation import watershed
 
-from anm_mj.scene.floorplans.cells import CellPlan, take_passages, whole_rooms
+from anm_mj.scene.floorplans.cells import CellPlan, grid_axes, take_passages, whole_rooms
 from anm_mj.scene.floorplans.kinds import kind_of_word, named_rooms
 from anm_mj.scene.generate.building import Building
 from anm_mj.scene.raster import distance_cells, label_components
@@ -43,10 +43,7 @@ def read_houseexpo(plan: Any) -> Building:
     floor = outline if outline.is_valid else shapely.make_valid(outline)
     if floor.is_empty:
         raise ValueError("verts enclose no floor")
-    x0, y0, x1, y1 = floor.bounds
-    origin = np.floor(np.array([x0, y0]) / _CELL_M - 2.0) * _CELL_M
-    cols, rows = np.ceil((np.array([x1, y1]) - origin) / _CELL_M).astype(int) + 2
-    xs, ys = (start + (np.arange(num) + 0.5) * _CELL_M for start, num in ((origin[0], cols), (origin[1], rows)))
+    origin, xs, ys = grid_axes(np.array(floor.bounds), _CELL_M)
     shapely.prepare(floor)
     free = np.asarray(shapely.contains_xy(floor, *np.meshgrid(xs, ys)), dtype=bool)
     labels = whole_rooms(_parted(free))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from anm_mj.scene.floorplans.cells import CellPlan, fill_nearest, take_passages, whole_rooms
+from anm_mj.scene.floorplans.cells import CellPlan, fill_nearest, grid_axes, take_passages, whole_rooms
 from anm_mj.scene.floorplans.kinds import doors_of, kind_of_office_room, named_rooms
 from anm_mj.scene.generate.building import Building
 
@@ -29,13 +29,9 @@ def read_plan1(plan: Any) -> Building:
         KeyError, TypeError, ValueError: if the plan lacks or misstates something.
     """
     floors = [_polygon(room) for room in plan["rooms"]]
-    x0, y0, x1, y1 = shapely.total_bounds(floors)
-    # Half a cell off the grid, so that cell centres lie off the walls that follow it.
-    origin = np.floor(np.array([x0, y0]) / _CELL_M - 2.0) * _CELL_M
-    cols, rows = np.ceil((np.array([x1, y1]) - origin) / _CELL_M).astype(int) + 2
-    xs, ys = (start + (np.arange(num) + 0.5) * _CELL_M for start, num in ((origin[0], cols), (origin[1], rows)))
+    origin, xs, ys = grid_axes(shapely.total_bounds(floors), _CELL_M)
     grid = tuple(np.meshgrid(xs, ys))
-    labels = np.full((rows, cols), -1)
+    labels = np.full((len(ys), len(xs)), -1)
     for index, floor in enumerate(floors):
         labels[_inside(floor, grid)] = index
     walls = shapely.union_all([_polygon(wall) for wall in plan["walls"]])
