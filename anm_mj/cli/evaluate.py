@@ -18,7 +18,10 @@ def add_evaluate(commands: Any) -> None:
 
 def _evaluate(parsed: argparse.Namespace) -> int:
     from anm_mj.evaluation.evaluate import evaluate_run
-    from anm_mj.progress import print_metrics
+    from anm_mj.progress import ProgressLine, print_metrics
 
-    print_metrics(Console(), evaluate_run(parsed.run), parsed.run)
+    console = Console()
+    with ProgressLine(console) as line:
+        metrics = evaluate_run(parsed.run, line.surveying)
+    print_metrics(console, metrics, parsed.run)
     return 0

@@ -3,38 +3,51 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.errors import RunFolderError
+from anm_mj.errors import RunFolderError, SceneError
 from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import mesh_quality
 from anm_mj.evaluation.metrics import Ending, Metrics, Travel, summarise
+from anm_mj.evaluation.scene_truth import mount_of, scene_truth
 from anm_mj.evaluation.uncapped import uncapped_mean_cm
 from anm_mj.io.jsonable import write_json
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.scene.folder import load_scene
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.viz.plots import draw_curve
 
+OUR_ROBOT = "diff_drive"
+"""The robot that made runs whose manifest names none."""
 
-def evaluate_run(path: Path) -> Metrics:
+
+def evaluate_run(path: Path, on_progress: Callable[[int, int], None] = lambda done, total: None) -> Metrics:
     """Compute a run's numbers again and rewrite ``metrics.json``, ``curve.csv`` and ``curve.png``.
 
     What only the running program knew (why it ended, wall time, memory) is kept from ``metrics.json``; of a run that
-    was killed the rest is computed as far as it came.
+    was killed the rest is computed as far as it came. A run that was made where nothing could tell which part of the
+    surface can be seen is told it now, if its scene is there.
+
+    Args:
+        path: The run folder.
+        on_progress: Told how much of the search for what can be seen is done, where that is still to be found.
 
     Raises:
         RunFolderError: The folder is not one of a run, or a file in it is damaged.
     """
     run = read_run(path)
     truth = GroundTruth.load(run.folder.ground_truth)
+    if truth.observable is None:
+        truth = _with_observable(run, truth, on_progress)
     curve, travel = _replay(run, truth)
     return write_results(run.folder, truth, curve, travel, _ending(run.folder))
 
@@ -76,6 +89,22 @@ def _replay(run: Run, truth: GroundTruth) -> tuple[CompletionCurve, Travel]:
     for frame in run.frames:
         curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_world_camera, frame.pose)
     return curve, travel
+
+
+def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, int], None]) -> GroundTruth:
+    """The same truth with its observable part, where scene and robot are known and no others than then."""
+    if not run.frames or run.manifest.get("robot", OUR_ROBOT) != OUR_ROBOT:
+        return truth
+    try:
+        scene = load_scene(run.manifest.get("scene", ""))
+    except SceneError:
+        return truth
+    first = run.frames[0]
+    if scene.hash != run.manifest.get("scene_hash"):
+        return truth
+    mount = mount_of(run.intrinsics, first.T_world_camera, first.pose)
+    found = scene_truth(scene, DEFAULT_FOOTPRINT, mount, first.pose, on_progress, len(truth.samples))
+    return found if np.array_equal(found.samples, truth.samples) else truth
 
 
 def _clouds(run: Run) -> Iterator[Float[np.ndarray, "n 3"]]:

@@ -22,8 +22,9 @@ from anm_mj.evaluation.observable import Floor
 from anm_mj.evaluation.oracle_tour import Start, View, cover, shorten, step_costs
 from anm_mj.evaluation.oracle_views import Views
 from anm_mj.evaluation.oracle_ways import Ways, spread_places
-from anm_mj.evaluation.pixel_rays import Mount, PixelRays
+from anm_mj.evaluation.pixel_rays import NUM_YAWS, Mount, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
+from anm_mj.frames import move_pose
 from anm_mj.protocols import Mapper
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopReason
 
@@ -38,6 +39,8 @@ MAX_PLACES = 1500
 NUM_SAMPLES = 12_000
 """Samples of the observable surface that are planned with."""
 SEED = 0
+AHEAD_M = 0.1
+"""How far before the robot an obstacle is that has blocked it [m], beyond its own radius."""
 
 
 class Oracle:
@@ -82,17 +85,20 @@ class Oracle:
         del mapper  # What is true needs no map.
         left = self._coverage.distance_m >= COVERED_M
         pose = observation.pose
+        # A view on the way is kept as long as most of what it is for is left.
+        if self._target is not None and 2 * np.count_nonzero(left[self._expected]) < len(self._expected):
+            self._target = None
         if self._target is not None and self._is_at(self._target, pose):
             # Whatever it still does not show from here it will not show the next time.
             self._refused[self._expected[left[self._expected]]] = True
             self._target = None
-        # A view on the way is kept as long as most of what it is for is left.
-        if self._target is None or 2 * np.count_nonzero(left[self._expected]) < len(self._expected):
+        if self._target is None:
             self._target = self._next_view(left & ~self._refused, len(left) - int(left.sum()), pose)
+            if self._target is not None:
+                expected = self._views.covered(self._target.place, self._target.yaw, self._target.yaw)
+                self._expected = expected[left[expected] & ~self._refused[expected]]
         if self._target is None:
             return Plan("nothing is left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
-        self._expected = self._views.covered(self._target.place, self._target.yaw, self._target.yaw)
-        self._expected = self._expected[left[self._expected] & ~self._refused[self._expected]]
         place_m = self._places_m[self._target.place]
         path_m = np.zeros((0, 2))
         if math.dist(place_m, pose.xy_m) >= ARRIVED_M:
@@ -107,10 +113,10 @@ class Oracle:
         )
 
     def blocked(self, pose: Pose2, action: Action) -> None:
-        """A line that is too tight to follow: go somewhere else."""
-        del pose, action
-        self._refused[self._expected] = True
+        """Make the spot ahead dear, so that the next way leads round it."""
+        self._ways.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)
         self._target = None
+        del action  # Only moves forward are ever blocked.
 
     def _next_view(self, left: np.ndarray, num_covered: int, pose: Pose2) -> View | None:
         """The first view of a short tour to the next level."""
@@ -121,9 +127,14 @@ class Oracle:
             if num_covered >= level * total or enough <= 0:
                 continue
             tour = cover(self._views, left, enough, start, self._places_m, self._distances_of)
-            if tour:
-                costs = step_costs(tour, start, self._places_m, self._distances_of)
-                return tour[shorten(costs)[1] - 1]
+            costs = step_costs(tour, start, self._places_m, self._distances_of)
+            for k in shorten(costs)[1:]:
+                view = tour[k - 1]
+                if not self._is_at(view, pose):
+                    return view
+                # What the robot has before its eyes and does not cover is for another place to cover.
+                before = self._views.covered(view.place, (view.yaw - 1) % NUM_YAWS, (view.yaw + 1) % NUM_YAWS)
+                self._refused[before[left[before]]] = True
         return None
 
     def _distances_of(self, place: int) -> Float[np.ndarray, " p"]:

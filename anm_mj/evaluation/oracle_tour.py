@@ -18,7 +18,7 @@ from anm_mj.evaluation.oracle_views import Views
 from anm_mj.evaluation.pixel_rays import NUM_YAWS
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
 
-PASSING_M = 1.0
+PASSING_M = 0.4
 """Spacing of the frames along a way that are counted while it is planned [m]."""
 BESIDE_M = 0.5
 """A place nearer than this to a way stands for what is seen from there [m]."""

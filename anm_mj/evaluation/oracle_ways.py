@@ -13,6 +13,10 @@ ROOM_M = 0.1
 """Ways keep this distance to the edge of the reachable floor where they can [m]."""
 TIGHT_COST = 4.0
 """A metre right at the edge counts as so many more; a robot that follows a line cuts corners a little."""
+AVOID_M = 0.25
+"""Cells nearer than this to a place that is to be avoided are dearer [m]."""
+AVOID_COST = 15.0
+"""A metre right at such a place counts as so many more."""
 LINE_STEP_M = 0.02
 """Spacing of the points tested on a straight line [m]."""
 
@@ -31,6 +35,7 @@ class Ways:
         """Distance from each cell's centre to the nearest that cannot be reached [m]."""
         tight = np.clip(1.0 - edge_m / (ROOM_M + floor.resolution_m), 0.0, 1.0)
         self._cost = np.where(floor.reachable, 1.0 + TIGHT_COST * tight, np.inf)
+        self._avoided = np.zeros(floor.reachable.shape)
         self._searches: dict[tuple[int, int], tuple[MCP_Geometric, Float[np.ndarray, "rows cols"]]] = {}
 
     def cell(self, xy_m: Float[np.ndarray, "2"]) -> tuple[int, int]:
@@ -62,9 +67,17 @@ class Ways:
             corners.append(ahead)
         return self.xy_m(cells[corners])
 
+    def avoid(self, xy_m: Float[np.ndarray, "2"]) -> None:
+        """Make the cells about a place dearer, the more the nearer."""
+        rows, cols = np.indices(self._cost.shape)
+        col, row = (xy_m - self._floor.origin_xy_m) / self._floor.resolution_m - 0.5
+        away_m = np.hypot(rows - row, cols - col) * self._floor.resolution_m
+        self._avoided = self._avoided + np.clip(1.0 - away_m / AVOID_M, 0.0, 1.0)
+        self._searches.clear()
+
     def _search(self, source: tuple[int, int], keep: bool) -> tuple[MCP_Geometric, Float[np.ndarray, "rows cols"]]:
         if source not in self._searches:
-            mcp = MCP_Geometric(self._cost, fully_connected=True)
+            mcp = MCP_Geometric(self._cost + AVOID_COST * self._avoided, fully_connected=True)
             costs, _ = mcp.find_costs([source])
             found = (mcp, np.asarray(costs) * self._floor.resolution_m)
             if not keep:
@@ -78,6 +91,8 @@ class Ways:
         on_line = np.rint(np.linspace(a, b, count)).astype(int)
         room_m = min(ROOM_M, self.edge_m[tuple(a)], self.edge_m[tuple(b)])
         along_m = self.edge_m[tuple(on_line.T)]
+        if self._avoided[tuple(on_line.T)].max() > max(self._avoided[tuple(a)], self._avoided[tuple(b)]) + 1e-9:
+            return False
         return bool((along_m >= max(room_m - self._floor.resolution_m, self._floor.resolution_m)).all())
 
 

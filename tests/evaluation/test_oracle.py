@@ -190,6 +190,19 @@ def test_tours_of_one_and_two_points_are_left_alone():
     assert shorten(np.array([[0.0, 1.0], [1.0, 0.0]])) == [0, 1]
 
 
+def test_a_place_that_blocked_is_gone_round(rooms):
+    _, floor = rooms
+    ways = Ways(floor)
+    a, b = ways.cell(np.array([1.0, 0.0])), ways.cell(np.array([2.4, 0.0]))
+    obstacle = np.array([1.7, 0.0])
+
+    ways.avoid(obstacle)
+
+    cells = np.array(ways._search(b, True)[0].traceback(a))
+    assert np.linalg.norm(ways.xy_m(cells) - obstacle, axis=1).min() > 0.15
+    assert ways.distances_m(a)[b] < 2.5
+
+
 def test_a_way_keeps_to_the_floor_and_goes_through_the_door(rooms):
     _, floor = rooms
     ways = Ways(floor)
