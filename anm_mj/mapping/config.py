@@ -22,7 +22,7 @@ class FieldConfig:
     """Levels of the hash grid; each holds 2 features per entry."""
     log2_table_size: int = 16
     """Binary logarithm of the number of entries per level at the start."""
-    largest_log2_table_size: int = 17
+    largest_log2_table_size: int = 18
     """Up to this the table doubles as the scene grows; at or below ``log2_table_size`` it keeps its size."""
     entries_per_m3: float = 120.0
     """The table doubles when it has fewer entries per level than this for each cubic metre of the occupancy grid's
@@ -141,7 +141,7 @@ class LossConfig:
 class OptimizerConfig:
     """Adam, with one learning rate for the table and one for the decoders."""
 
-    table_learning_rate: float = 5e-3
+    table_learning_rate: float = 1e-2
     """Learning rate of the hash table."""
     decoder_learning_rate: float = 1e-2
     """Learning rate of both decoders."""
