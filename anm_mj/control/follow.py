@@ -10,7 +10,7 @@ from jaxtyping import Float
 from anm_mj.frames import wrap_angle
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Plan, Pose2
 
-CARROT_M = 0.35
+CARROT_M = 0.5
 """The point steered for lies this far ahead on the path [m]."""
 TURN_ABOVE_RAD = 0.55 * TURN_STEP_RAD
 """Heading errors above this are turned away [rad]: just over half a turn, so that a turn never makes them larger."""

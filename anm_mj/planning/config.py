@@ -27,8 +27,8 @@ class PlanningConfig:
     """Around the start the floor lies below the camera's view; taken as free up to here unless seen otherwise [m]."""
     hole_area_m2: float = 0.15
     """Unknown patches enclosed by known space and smaller than this are taken as free [m2]."""
-    update_reach_m: float = 5.5
-    """Views change the map up to this distance; what they show beyond is taken in when the robot comes nearer [m]."""
+    update_reach_m: float = 5.2
+    """Views change the map up to this depth; what they show beyond is taken in when the robot comes nearer [m]."""
     horizon_m: float = 5.0
     """Side of the local horizon that moves with the robot, inside which surfaces are taken finely [m]."""
     fine_spacing_m: float = 0.1
@@ -63,19 +63,19 @@ class PlanningConfig:
     """Vertices weighed by the gvg policy lie at least this far apart [m]."""
     shortlist_spacing_m: float = 1.0
     """No two places that tours are searched among lie in the same square of this side [m]."""
-    max_candidates: int = 20
+    max_candidates: int = 16
     """Most places that tours are searched among."""
     tour_depth: int = 4
     """Most stops in a tour that is searched for."""
-    tour_width: int = 5
+    tour_width: int = 4
     """Tours kept at each depth of the search."""
     discount_steps: float = 100.0
     """Gain that is had only after this many steps counts 1/e [steps]."""
-    min_gain_m2: float = 0.15
+    min_gain_m2: float = 0.3
     """Expected new surface below which nothing is worth a step [m2]."""
     poor_target_m2: float = 0.5
     """A target that brought less new surface than this was not worth its way [m2]."""
-    patience_targets: int = 3
+    patience_targets: int = 2
     """After so many poor targets in a row nothing more is expected of small ones."""
     large_gain_m2: float = 3.0
     """A promise larger than this is looked into for as long again [m2]."""

@@ -27,8 +27,8 @@ MAX_SLOPE = 0.95
 """Rise per metre of the steepest rays: just inside a 90-degree vertical field of view."""
 NEAREST_M = 0.25
 """Rays begin this far from the camera's axis [m]: the robot's own body is free."""
-BEYOND_M = 0.5
-"""Surface behind the first unknown cell is expected this much farther on [m]."""
+BEYOND_M = 1.5
+"""Surface is expected behind as much unknown as there is, at most this far behind where it begins [m]."""
 NEARER = 0.75
 """A seen surface counts again only when it would be seen from this share of its former distance."""
 MUCH_NEARER = 0.6
@@ -52,7 +52,7 @@ class GainCaster:
             camera_height_m: height that places are looked from [m].
         """
         self.config = config
-        self.view = ViewGrid(config.gain_range_m + 2 * BEYOND_M, config.gain_range_m)
+        self.view = ViewGrid(config.gain_range_m + 1.0, config.gain_range_m)
         self.camera_height_m = camera_height_m
         self._num_rays = config.num_azimuths * config.num_elevations
         edges = np.linspace(-MAX_SLOPE, MAX_SLOPE, config.num_elevations + 1)
@@ -65,6 +65,7 @@ class GainCaster:
         self._base = np.zeros(0, np.int64)
         self._hit = np.zeros((0, self._num_rays), np.int32)
         self._reach = np.zeros((0, self._num_rays), np.uint8)
+        self._depth = np.zeros((0, self._num_rays), np.uint8)
         self._met = np.zeros((0, self._num_rays), np.int8)
 
     def panoramas(self, places_xy_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n azimuths"]:
@@ -107,7 +108,8 @@ class GainCaster:
         if changed.any():
             self._cast(np.unique(rows[changed]))
         hit, rho_m = self._hit[rows], self._rho_m.astype(np.float32)[self._reach[rows]]
-        return hit, self._worth(hit, rho_m), rho_m
+        beyond_m = np.minimum(self._depth[rows] * np.float32(self.view.cell_m), np.float32(BEYOND_M))
+        return hit, self._worth(hit, rho_m, beyond_m), rho_m
 
     def note_view(self, pose: Pose2, fov_rad: float = math.pi / 2) -> None:
         """Note what is still unknown in a view that the grid already holds, as tried from there.
@@ -154,7 +156,7 @@ class GainCaster:
             row = self._row_of[base] = len(self._row_of)
             if row >= len(self._base):
                 room = max(2 * len(self._base), MIN_ROWS)
-                for name in ("_base", "_hit", "_reach", "_met"):
+                for name in ("_base", "_hit", "_reach", "_depth", "_met"):
                     old = getattr(self, name)
                     new = np.zeros((room, *old.shape[1:]), old.dtype)
                     new[: len(old)] = old
@@ -165,20 +167,30 @@ class GainCaster:
 
     def _cast(self, rows: Int[np.ndarray, " n"]) -> None:
         state = self.view.state.reshape(-1)
-        num_rho = len(self._rho_m)
+        shape = self._num_rays, len(self._rho_m)
+        ray = np.arange(self._num_rays)
+        along = np.arange(shape[1], dtype=np.uint8)
         for row in rows:
             cells = self._offset + self._base[row]
-            blocked = state[cells] != FREE
-            first = blocked.reshape(self._num_rays, num_rho).argmax(axis=1)
-            hit = cells.reshape(self._num_rays, num_rho)[np.arange(self._num_rays), first]
-            self._hit[row], self._reach[row], self._met[row] = hit, first, state[hit]
+            met = state[cells].reshape(shape)
+            first = (met != FREE).argmax(axis=1)
+            hit = cells.reshape(shape)[ray, first]
+            what = met[ray, first]
+            # How far the unknown goes on behind: that tells a room from the back of a chair.
+            ends = (met != UNKNOWN) & (along > first[:, None])
+            ends[:, -1] = True
+            self._depth[row] = np.where(what == UNKNOWN, ends.argmax(axis=1) - first, 0)
+            self._hit[row], self._reach[row], self._met[row] = hit, first, what
 
     def _worth(
-        self, hit: Int32[np.ndarray, "n rays"], rho: Float32[np.ndarray, "n rays"]
+        self,
+        hit: Int32[np.ndarray, "n rays"],
+        rho: Float32[np.ndarray, "n rays"],
+        beyond: Float32[np.ndarray, "n rays"],
     ) -> Float32[np.ndarray, "n rays"]:
         what = self.view.state.ravel()[hit]
         limit = np.float32(self.config.gain_range_m)
-        worth = np.minimum(rho + np.float32(BEYOND_M), limit) ** 2
+        worth = np.minimum(rho + beyond, limit) ** 2
         _, rows, cols = self.view.state.shape
         worth *= self.view.layer_share[hit // (rows * cols)]
         worth[(what != UNKNOWN) | (rho >= MUCH_NEARER * self.view.tried_from_m.ravel()[hit])] = 0.0

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gvg import voronoi_graph
 from anm_mj.planning.paths import Reach, reach
@@ -15,8 +17,20 @@ from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.protocols import Mapper
 from anm_mj.stopwatch import Stopwatch
-from anm_mj.types import FORWARD_STEP_M, Action, Footprint, Observation, Pose2, Region, TopDownMap, VoronoiGraph
+from anm_mj.types import (
+    FORWARD_STEP_M,
+    TURN_STEP_RAD,
+    Action,
+    Footprint,
+    Observation,
+    Pose2,
+    Region,
+    TopDownMap,
+    VoronoiGraph,
+)
 
+SHORT_WAY_M = 1.0
+"""On longer ways than this the robot may have looked anywhere [m]."""
 TRAIL_SPACING_M = 0.2
 """Distance between the places that a way leaves in the trail [m]."""
 
@@ -44,6 +58,8 @@ class Stages:
         self.topdown = TopDownMapper(config, footprint)
         self.finder = RegionFinder(config)
         self._way_xy_m = np.zeros((0, 2))
+        self._last_pose: Pose2 | None = None
+        self._turned_as_planned = False
 
     def read(self, mapper: Mapper, observation: Observation, *, with_regions: bool = True) -> Situation:
         """Top-down map, graph, shortest paths and, if asked for, regions as of now."""
@@ -52,7 +68,8 @@ class Stages:
         self._follow_way(pose)
         grid = mapper.occupancy
         with watch.stage("topdown"):
-            topdown = self.topdown.update(grid, mapper.sdf, pose)
+            topdown = self.topdown.update(grid, mapper.sdf, pose, self._box(pose))
+            self._last_pose, self._turned_as_planned = pose, False
         with watch.stage("gvg"):
             graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m)
         with watch.stage("paths"):
@@ -70,6 +87,29 @@ class Stages:
     def set_out(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:
         """Remember the way that the robot is sent, of which the next reading counts what it has gone as visited [m]."""
         self._way_xy_m = path_xy_m
+        self._turned_as_planned = True
+
+    def _box(self, pose: Pose2) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+        """Corners of all that was in view since the last reading, if that was a short way after a plan of ours [m].
+
+        On such a way the robot turns from its heading to that of the way and on to the present one, by the shorter
+        side each time.
+        """
+        last = self._last_pose
+        if last is None or not self._turned_as_planned or math.dist(last.xy_m, pose.xy_m) > SHORT_WAY_M:
+            return None
+        way = pose.xy_m - last.xy_m
+        yaws = [last.yaw_rad, pose.yaw_rad]
+        if math.hypot(*way) > FORWARD_STEP_M:
+            yaws.insert(1, math.atan2(way[1], way[0]))
+        swept = [a + t * wrap_angle(b - a) for a, b in itertools.pairwise(yaws) for t in np.linspace(0.0, 1.0, 10)]
+        # A little to either side, because the way is not straight.
+        yaw = np.array([y + side * TURN_STEP_RAD for y in swept for side in (-1, 1)])
+        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1) * self.config.update_reach_m
+        aside = ahead[:, ::-1] * [-1.0, 1.0]
+        corners = np.concatenate([ahead + aside, ahead - aside, np.zeros((1, 2))])
+        ends = np.stack([last.xy_m, pose.xy_m])
+        return ends.min(axis=0) + corners.min(axis=0), ends.max(axis=0) + corners.max(axis=0)
 
     def _follow_way(self, pose: Pose2) -> None:
         """Add the part of the last way that lies behind the robot to the trail."""

@@ -75,17 +75,25 @@ class TopDownMapper:
         self.trail_xy_m.append(xy_m)
         self._new_trail_xy_m.append(xy_m)
 
-    def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> TopDownMap:
+    def update(
+        self,
+        grid: VoxelGrid,
+        sdf: SdfQuery,
+        pose: Pose2,
+        box_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None = None,
+    ) -> TopDownMap:
         """The map as known now.
 
         Args:
             grid: the occupancy.
             sdf: metric SDF of world points (N, 3), truncated at ``TRUNCATION_M``.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
+            box_xy_m: corners of all that views since the last update can have changed [m]; None = what lies within
+                reach of where the robot has been since then.
         """
         self.visit(pose.xy_m)
         self._follow_growth(grid)
-        window = self._window(grid)
+        window = self._window(grid, box_xy_m)
         self._stamp(grid)
         layers, resolution = self._layers, grid.resolution_m
         self._read_columns(grid, window)
@@ -105,16 +113,21 @@ class TopDownMapper:
         surface, frontier = self._border_points(origin, resolution)
         return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
 
-    def _window(self, grid: VoxelGrid) -> Window:
-        """The part of the map that views from the newest part of the trail can have changed; at first all of it."""
+    def _window(self, grid: VoxelGrid, box_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None) -> Window:
+        """The part of the map that has to be looked at again; at first all of it."""
         shape = grid.state.shape[1:]
         places = np.array(self._new_trail_xy_m)
+        reach_m = math.sqrt(2.0) * self.config.update_reach_m  # To the corners of views of 90 degrees.
         if len(self._new_trail_xy_m) == len(self.trail_xy_m):
-            places = np.concatenate(
-                [places, [grid.origin_m[:2], grid.origin_m[:2] + np.array(shape[::-1]) * grid.resolution_m]]
-            )
-        low = places.min(axis=0) - self.config.update_reach_m
-        high = places.max(axis=0) + self.config.update_reach_m
+            far = grid.origin_m[:2] + np.array(shape[::-1]) * grid.resolution_m
+            places = np.concatenate([places, [grid.origin_m[:2], far]])
+        elif box_xy_m is not None:
+            # The horizon about the robot, and what is stamped in it, must be taken over too.
+            around = self.config.horizon_m / 2
+            low = np.minimum(places.min(axis=0) - around, box_xy_m[0])
+            high = np.maximum(places.max(axis=0) + around, box_xy_m[1])
+            places, reach_m = np.stack([low, high]), 0.0
+        low, high = places.min(axis=0) - reach_m, places.max(axis=0) + reach_m
         self.changed_xy_m = low, high
         first = np.floor((low - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         last = np.ceil((high - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]

@@ -119,8 +119,8 @@ class TourSearch:
         turn_away = _turns(self._leave[state.place], state.heading)
         # Where the robot stays, it only turns; the sweep is then that of the arrival.
         turn_away[state.place] = 0
-        away = _swept(left[state.place][None], np.array([state.heading]))[0][turn_away]
-        away -= _swept(left[state.place][None], np.array([state.heading]))[0][0]
+        here = _swept(left[state.place][None], np.array([state.heading]))[0]
+        away = here[turn_away] - here[0]
         arrive = self._arrive[state.place].copy()
         arrive[state.place] = state.heading
         at = _swept(left, arrive)

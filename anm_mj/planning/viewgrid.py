@@ -1,7 +1,8 @@
 """The occupancy as rays for expected gain see it: pooled to twice the voxel size, padded, kept up where it changed.
 
 A cell is occupied where any of its voxels is, else unknown where half of them are, else free. Cautious carving leaves
-an unseen skin on surfaces; what is partly unknown next to occupied is therefore taken for surface that was seen. Around
+an unseen skin on surfaces; what is partly unknown next to occupied is therefore taken for surface that was seen. Where
+there is no floor, as beyond an open door to the outside, nothing is looked for: such columns count as seen too. Around
 the grid lies a rim of unknown, as wide as rays are long, so that no ray ever leaves the array.
 """
 
@@ -90,6 +91,8 @@ class ViewGrid:
         pooled_seen[occupied] = nearest
         skin = partly & next_to(pooled == OCCUPIED)
         pooled[skin], pooled_seen[skin] = OCCUPIED, 0.0
+        outside = _without_floor(pooled, math.floor(-self.origin_m[2] / self.cell_m) - int(to[0]))
+        pooled[:, outside], pooled_seen[:, outside] = OCCUPIED, 0.0
         face_m2 = self.cell_m**2
         self.seen_m2 += face_m2 * (
             _num_near(pooled_seen, self.near_m) - _num_near(self.seen_range_m[where], self.near_m)
@@ -149,6 +152,13 @@ class ViewGrid:
         self.layer_share = np.ones(new_shape[0], np.float32)
         self.origin_m = self.origin_m + new_low * cell
         self.epoch += 1
+
+
+def _without_floor(state: Int8[np.ndarray, "layers rows cols"], floor: int) -> Bool[np.ndarray, "rows cols"]:
+    """Columns that are seen free through the floor's layer and the one below: there the building has ended."""
+    if not 1 <= floor < len(state):
+        return np.zeros(state.shape[1:], bool)
+    return (state[floor] == FREE) & (state[floor - 1] == FREE)
 
 
 def _num_near(seen_range_m: Float32[np.ndarray, "layers rows cols"], near_m: float) -> int:

@@ -84,6 +84,21 @@ def test_above_rooms_without_a_ceiling_nothing_is_expected():
     assert 0.0 < gain_at(grid, 2.0, 1.7)[0] < 0.8 * low
 
 
+def test_beyond_the_end_of_the_floor_nothing_is_expected():
+    grid = with_lid(room(6, 3, unknown=[(4.2, 0.2, 6.2, 3.2)]))
+    depth = np.full((4, *grid.state.shape[1:]), OCCUPIED, np.int8)
+    cliff = VoxelGrid(
+        np.concatenate([depth, grid.state]),
+        np.concatenate([np.ones(depth.shape, np.float32), grid.seen_range_m]),
+        grid.origin_m - np.array([0.0, 0.0, 4 * RESOLUTION_M]),
+        RESOLUTION_M,
+    )
+    before = gain_at(cliff, 2.0, 1.7)[0]
+    cliff.state[:6, :, 70:84] = FREE  # From x = 3.5 on one sees below the floor.
+    assert before > 1.0
+    assert gain_at(cliff, 2.0, 1.7)[0] == 0.0
+
+
 def test_the_gain_of_a_place_does_not_depend_on_the_others_nor_on_the_grid_around_it():
     grid = with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))
     place = np.array([[1.01, 1.71]])
