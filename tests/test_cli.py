@@ -28,7 +28,7 @@ def fails(capsys, *argv):
 @pytest.mark.parametrize(
     ("options", "wrong", "right"),
     [
-        (["--policy", "greedy"], "greedy", "gvg, anm-s, random"),
+        (["--policy", "greedy"], "greedy", "gvg, anm-s, anm, frontier"),
         (["--policy", "no_such_module:Policy"], "no_such_module", "cannot be imported"),
         (["--policy", "json:Nothing"], "Nothing", "has no class"),
         (["--policy", "json:JSONDecoder"], "JSONDecoder", "plan, blocked"),

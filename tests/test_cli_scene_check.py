@@ -18,7 +18,8 @@ def _write(mesh: trimesh.Trimesh, folder, starts=None):
     return write_scene([part], SceneInfo("room", "tests", "CC0", cull_face=True), folder, starts)
 
 
-def test_a_room_in_order(tmp_path, capsys):
+def test_a_room_in_order(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     scene = _write(room(), tmp_path / "room")
     assert main(["scene", "check", str(scene.folder)]) == 0
     said = capsys.readouterr().out

@@ -26,7 +26,7 @@ def add_check(actions: Any) -> None:
     check = actions.add_parser("check", help="say whether the robot can use a scene, and draw a contact sheet")
     check.add_argument("scene", metavar="SCENE", help="name from the catalogue or a scene folder")
     check.add_argument(
-        "--out", type=Path, metavar="PNG", help="contact sheet (default: SCENE_check.png beside the scene's folder)"
+        "--out", type=Path, metavar="PNG", help="contact sheet (default: SCENE_check.png where the command is given)"
     )
     check.set_defaults(command=_scene_check)
 
@@ -65,7 +65,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
             highlight=False,
             soft_wrap=True,
         )
-    out = parsed.out or scene.folder.resolve().with_name(f"{scene.folder.resolve().name}_check.png")
+    out = parsed.out or Path(f"{scene.folder.resolve().name}_check.png")
     write_sheet(check, views.from_above(), views.from_within(poses[:6]), out)
     console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
     for problem in check.problems:
