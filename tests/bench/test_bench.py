@@ -142,9 +142,10 @@ def test_a_ray_cluster_of_two_workers_makes_the_same_table(file, tmp_path):
     program = PROGRAM.replace(
         'num_workers=2, function="tests.bench.fake:slow"', 'num_workers=2, engine="ray", function=sys.argv[3]'
     )
+    environment = {**os.environ, "RAY_raylet_start_wait_time_s": "150"}  # Its 10 s are short on a busy machine.
     for function in ("deadly", "quick"):
         arguments = [str(file), str(tmp_path / "ray"), f"tests.bench.fake:{function}"]
-        subprocess.run([sys.executable, "-c", program, *arguments], check=True, timeout=200)
+        subprocess.run([sys.executable, "-c", program, *arguments], check=True, env=environment)
         assert len(table(tmp_path / "ray")) == (4 if function == "deadly" else 8)
 
     assert table(tmp_path / "ray") == table(tmp_path / "here")
