@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.keyframes import KeyframeStore, sample_frame
+from anm_mj.mapping.keyframes import KeyframeStore, concatenate, part, sample_frame
 from tests.mapping.ray_room import Room
 
 
@@ -92,3 +92,10 @@ def test_a_share_of_the_pixels_can_be_kept(room: Room):
     store = KeyframeStore(10_000_000, 0.05)
     store.add(room.observe(1.5, 1.2, 0.0), rng)
     assert store.num_bytes == round(0.05 * 64 * 64) * 9
+
+
+def test_the_parts_of_a_batch_joined_are_the_batch(room: Room):
+    rays = sample_frame(room.observe(1.5, 1.2, 0.0), 10, np.random.default_rng(0))
+    joined = concatenate(part(rays, 0, 4), part(rays, 4, 6))
+    for name in ("origin_m", "direction", "rgb", "depth_m"):
+        np.testing.assert_array_equal(getattr(joined, name), getattr(rays, name))

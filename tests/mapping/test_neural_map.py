@@ -206,3 +206,22 @@ def test_frames_that_lost_all_depth_do_no_harm_where_none_says_nothing(tiny_conf
     vertices = neural_map.mesh(0.05).vertices
     assert (np.abs(room.sdf(vertices)) < 0.05).mean() > 0.9
     assert (np.abs(vertices[:, 0]) < 0.05).sum() > 500
+
+
+def test_every_iteration_gets_the_rays_that_the_schedule_asks_for(tiny_config, room, monkeypatch):
+    config = replace(
+        tiny_config, schedule=replace(tiny_config.schedule, first_iterations=13, iterations=12, num_rays=40)
+    )
+    neural_map = NeuralMap(config, seed=0, device="cpu")
+    sizes = []
+    step = neural_map.backend.step
+
+    def counting(rays, *args):
+        sizes.append(len(rays.depth_m))
+        return step(rays, *args)
+
+    monkeypatch.setattr(neural_map.backend, "step", counting)
+    neural_map.integrate(room.observe(1.5, 1.5, 0.0))
+    neural_map.integrate(room.observe(1.5, 1.5, 0.5, step=1))
+    # The second of two keyframes brings half as many rays of its own, 26 at least.
+    assert sizes == [40] * 13 + [40 + 26] * 12
