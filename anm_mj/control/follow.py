@@ -11,7 +11,9 @@ from anm_mj.frames import wrap_angle
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Plan, Pose2
 
 CARROT_M = 0.5
-"""The point steered for lies this far ahead on the path [m]."""
+"""The point steered for lies this far ahead on the path [m]: the farther, the fewer small turns."""
+CORNER_M = 0.15
+"""A corner farther than this is steered for itself [m]: a point beyond would cut it, and what stands there."""
 TURN_ABOVE_RAD = 0.55 * TURN_STEP_RAD
 """Heading errors above this are turned away [rad]: just over half a turn, so that a turn never makes them larger."""
 
@@ -83,6 +85,8 @@ class Follower:
             if length >= left:
                 return point + (corner - point) * (left / length)
             left -= length
+            if CARROT_M - left > CORNER_M:
+                return corner
             point = corner
         return point
 
