@@ -105,7 +105,8 @@ def _scene_list(parsed: argparse.Namespace) -> int:
 
     from anm_mj.scene.catalogue import list_scenes
 
-    table = Table("name", "rooms", "size [m]", "triangles", "licence", "folder", box=None)
+    table = Table("name", "rooms", "size [m]", "triangles", "licence", box=None)
+    table.add_column("folder", overflow="fold")
     for scene in list_scenes():
         size = scene.bounds_m[1] - scene.bounds_m[0]
         rooms = "" if scene.rooms is None else str(scene.rooms)
