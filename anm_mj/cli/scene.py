@@ -111,6 +111,8 @@ def _scene_list(parsed: argparse.Namespace) -> int:
         size = scene.bounds_m[1] - scene.bounds_m[0]
         rooms = "" if scene.rooms is None else str(scene.rooms)
         extent = " x ".join(f"{length:.1f}" for length in size)
-        table.add_row(scene.name, rooms, extent, str(scene.num_triangles), scene.licence, str(scene.folder))
+        folder = scene.folder.resolve()
+        shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
+        table.add_row(scene.name, rooms, extent, str(scene.num_triangles), scene.licence, str(shown))
     Console().print(table)
     return 0
