@@ -6,7 +6,7 @@ ray stands for the wall area it would hit, rho^2 d_azimuth d_slope. A camera wit
 quarter of the azimuths, so that the gain of all yaws is a sliding sum over one panorama.
 
 Panoramas are remembered as the cell each ray meets. What a ray is worth is looked up anew at every decision; it is cast
-anew only where one of the cells its place meets has changed since.
+anew only where the cell it met has changed since.
 
 Some unknown can never be resolved: the inside of a hull with a slit, a cell that every view only grazes. What the robot
 has looked straight at and still does not know is expected from clearly nearer only.
@@ -33,6 +33,8 @@ NEARER = 0.75
 """A seen surface counts again only when it would be seen from this share of its former distance."""
 MUCH_NEARER = 0.6
 """Unknown that a view left unknown counts again only from this share of that view's distance."""
+CAST_TOGETHER = 50_000
+"""Rays followed at once: more would only take more memory."""
 MIN_ROWS = 256
 """Places that there is room for at first."""
 NEVER_MET = -3
@@ -62,7 +64,7 @@ class GainCaster:
         self._rho_m = np.zeros(0)
         self._offset = np.zeros((0, 0), np.int32)
         self._row_of: dict[int, int] = {}
-        self._base = np.zeros(0, np.int64)
+        self._base = np.zeros(0, np.int32)
         self._hit = np.zeros((0, self._num_rays), np.int32)
         self._reach = np.zeros((0, self._num_rays), np.uint8)
         self._depth = np.zeros((0, self._num_rays), np.uint8)
@@ -104,9 +106,10 @@ class GainCaster:
         base = self.view.flat_index(xyz)
         rows = np.array([self._row(int(b)) for b in base], np.int64)
         state = self.view.state.ravel()
-        changed = (state[self._hit[rows]] != self._met[rows]).any(axis=1)
-        if changed.any():
-            self._cast(np.unique(rows[changed]))
+        place, ray = np.nonzero(state[self._hit[rows]] != self._met[rows])
+        for begin in range(0, len(place), CAST_TOGETHER):
+            some = slice(begin, begin + CAST_TOGETHER)
+            self._cast(rows[place[some]], ray[some])
         hit, rho_m = self._hit[rows], self._rho_m.astype(np.float32)[self._reach[rows]]
         beyond_m = np.minimum(self._depth[rows] * np.float32(self.view.cell_m), np.float32(BEYOND_M))
         return hit, self._worth(hit, rho_m, beyond_m), rho_m
@@ -165,22 +168,18 @@ class GainCaster:
             self._met[row] = NEVER_MET
         return row
 
-    def _cast(self, rows: Int[np.ndarray, " n"]) -> None:
-        state = self.view.state.reshape(-1)
-        shape = self._num_rays, len(self._rho_m)
-        ray = np.arange(self._num_rays)
-        along = np.arange(shape[1], dtype=np.uint8)
-        for row in rows:
-            cells = self._offset + self._base[row]
-            met = state[cells].reshape(shape)
-            first = (met != FREE).argmax(axis=1)
-            hit = cells.reshape(shape)[ray, first]
-            what = met[ray, first]
-            # How far the unknown goes on behind: that tells a room from the back of a chair.
-            ends = (met != UNKNOWN) & (along > first[:, None])
-            ends[:, -1] = True
-            self._depth[row] = np.where(what == UNKNOWN, ends.argmax(axis=1) - first, 0)
-            self._hit[row], self._reach[row], self._met[row] = hit, first, what
+    def _cast(self, row: Int[np.ndarray, " n"], ray: Int[np.ndarray, " n"]) -> None:
+        """Follow rays of places, given by row, to what they meet now."""
+        cells = self._offset[ray] + self._base[row, None]
+        met = self.view.state.reshape(-1)[cells]
+        each = np.arange(len(row))
+        first = (met != FREE).argmax(axis=1)
+        what = met[each, first]
+        # How far the unknown goes on behind: that tells a room from the back of a chair.
+        ends = (met != UNKNOWN) & (np.arange(met.shape[1], dtype=np.uint8) > first.astype(np.uint8)[:, None])
+        ends[:, -1] = True
+        self._hit[row, ray], self._reach[row, ray], self._met[row, ray] = cells[each, first], first, what
+        self._depth[row, ray] = np.where(what == UNKNOWN, ends.argmax(axis=1) - first, 0)
 
     def _worth(
         self,
@@ -217,7 +216,7 @@ class GainCaster:
         # Steep rays end in the floor's own layer or in the highest one there is.
         floor = max(math.floor(-self.view.origin_m[2] / cell), 0)
         dz = np.clip(dz, floor - level, layers - 1 - level)
-        self._offset = ((dz * rows + dy) * cols + dx).astype(np.int32).reshape(self._num_rays * len(self._rho_m))
+        self._offset = ((dz * rows + dy) * cols + dx).astype(np.int32).reshape(self._num_rays, len(self._rho_m))
         self._row_of.clear()
 
 

@@ -1,0 +1,169 @@
+"""Measures the planner alone: policies in a scene with the occupancy grid as their only map, without any learning.
+
+    python scripts/bench_planner.py home --steps 1000
+    python scripts/bench_planner.py home --policy gvg anm-s --start 4.9 2.2 180
+
+Prints one line per policy: how much of what can be seen at all was seen, at the end and on average over the budget
+(the area under the curve), the step at which nine tenths were reached, the end, and what a decision took of one core's
+time. Without a field there is no uncertainty: anm-s goes without regions of interest.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import tyro
+from jaxtyping import Float, Float32
+
+from anm_mj.evaluation.curve import CompletionCurve
+from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.scene_truth import mount_of, scene_truth
+from anm_mj.explore import Outcome, explore
+from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.make import make_policy, policy_class
+from anm_mj.protocols import Mapper, Policy
+from anm_mj.robots import make_robot
+from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.types import (
+    OCCUPIED,
+    Action,
+    ActionResult,
+    MapUpdate,
+    Observation,
+    Plan,
+    Pose2,
+    SurfacePoints,
+    VoxelGrid,
+)
+from anm_mj.viz.viewer import NullViewer
+
+FAR_M = 0.1
+"""What the map says of places away from occupied voxels [m]."""
+
+
+class OccupancyMapper:
+    """A map that knows free, occupied and unknown, and no more."""
+
+    def __init__(self) -> None:
+        self._grid = OccupancyGrid(OccupancyConfig())
+
+    def integrate(self, observation: Observation) -> MapUpdate:
+        """Fuse the depth."""
+        self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        return MapUpdate(math.nan, 0, 0)
+
+    def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """Negative in occupied voxels."""
+        return np.where(self._grid.state_at(points_m) == OCCUPIED, -FAR_M / 2, FAR_M).astype(np.float32)
+
+    def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+        """The same everywhere."""
+        return np.ones(len(points_m), np.float32)
+
+    def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
+        """None: there is no field."""
+        del centre_xy_m, radius_m
+        none = np.zeros((0, 3), np.float32)
+        return SurfacePoints(none, none, np.zeros(0, np.float32))
+
+    @property
+    def occupancy(self) -> VoxelGrid:
+        """The grid."""
+        return self._grid.grid
+
+
+@dataclass
+class Timed:
+    """A policy whose decisions are timed, in CPU time of the process."""
+
+    policy: Policy
+    ms: list[float] = field(default_factory=list)
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The policy's decision; those without a map read are left out."""
+        begin = time.process_time()
+        plan = self.policy.plan(mapper, observation)
+        if plan.topdown is not None:
+            self.ms.append(1e3 * (time.process_time() - begin))
+        return plan
+
+    def blocked(self, pose: Pose2, action: Action) -> None:
+        """Passed on."""
+        self.policy.blocked(pose, action)
+
+
+class Coverage:
+    """Keeps the completion curve and counts turns and contacts."""
+
+    def __init__(self, curve: CompletionCurve) -> None:
+        self.curve = curve
+        self.num_turns = 0
+        self.num_contacts = 0
+
+    def observation(self, observation: Observation) -> None:
+        """Take a frame in."""
+        depth = reduce_depth(observation.depth_m)
+        self.curve.frame(observation.step, depth, observation.intrinsics, observation.T_world_camera, observation.pose)
+
+    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
+        """Count."""
+        del step, pose, update, stage_ms
+        self.num_turns += result.action is not Action.MOVE_FORWARD
+        self.num_contacts += result.collided
+
+    def plan(self, step: int, plan: Plan) -> None:
+        """Decisions are timed elsewhere."""
+
+
+def main(
+    scene: str = "home",
+    policy: tuple[str, ...] = ("gvg", "anm-s"),
+    steps: int = 1000,
+    start: tuple[float, float, float] | None = None,
+    seed: int = 0,
+) -> None:
+    """Run and print.
+
+    Args:
+        scene: name or folder.
+        policy: the policies to compare.
+        steps: budget of actions.
+        start: x [m], y [m], yaw [deg]; the scene's first when left out.
+        seed: of what a policy draws.
+    """
+    world = load_scene(scene)
+    pose = Pose2(start[0], start[1], math.radians(start[2])) if start else world.starts[0]
+    print("policy          seen     mean    90 % at      steps  turns  contacts  p50 ms  p99 ms  end")
+    for name in policy:
+        outcome, coverage, timed = run(world, name, steps, pose, seed)
+        row = [r.observable_ratio or 0.0 for r in coverage.curve.rows]
+        reached = next((str(r.step) for r in coverage.curve.rows if (r.observable_ratio or 0.0) >= 90.0), "never")
+        held = row + [row[-1]] * max(steps // 10 + 1 - len(row), 0)
+        p50, p99 = np.percentile(timed.ms or [0.0], [50, 99])
+        share = coverage.num_turns / max(outcome.num_steps, 1)
+        print(
+            f"{name:12} {row[-1]:6.1f} % {np.mean(held):6.1f} % {reached:>9} {outcome.num_steps:>10} {share:>6.0%} "
+            f"{coverage.num_contacts:>9} {p50:>7.1f} {p99:>7.1f}  {outcome.stop_reason}"
+        )
+
+
+def run(world: Scene, name: str, steps: int, pose: Pose2, seed: int) -> tuple[Outcome, Coverage, Timed]:
+    """One run of one policy."""
+    with make_robot(world, start=pose) as robot:
+        first = robot.observe()
+        mount = mount_of(first.intrinsics, first.T_world_camera, first.pose)
+        truth = scene_truth(world, robot.footprint, mount, first.pose)
+        coverage = Coverage(CompletionCurve(truth))
+        timed = Timed(make_policy(policy_class(name), PlanningConfig(), robot.footprint, seed))
+        outcome = explore(robot, OccupancyMapper(), timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
+        coverage.curve.last()
+        return outcome, coverage, timed
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
