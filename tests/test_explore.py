@@ -153,10 +153,12 @@ def test_a_policy_gets_past_an_obstacle_that_the_map_does_not_show(name):
     assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 3.0
     assert 1 <= sum(result.collided for _, result, *_ in recorder.steps) <= 8
     # After a contact the robot drives on within half a turn: it never spins on the spot to find out where it is.
+    after = [result for _, result, *_ in recorder.steps]
+    after = after[[result.collided for result in after].index(True) :]
     turns = 0
-    for _, result, *_ in recorder.steps[: [r.collided for _, r, *_ in recorder.steps].index(True) + 60]:
+    for result in after[:60]:
         turns = 0 if result.action is Action.MOVE_FORWARD else turns + 1
-        assert turns < 30
+        assert turns <= 18
 
 
 def test_vertices_passed_on_the_way_count_as_visited():
