@@ -88,16 +88,18 @@ def main(
 def measure(observations: Sequence[Observation], truth: GroundTruth, preset: str, seed: int) -> list[Row]:
     """The three maps of one seed."""
     limits_m2 = {"room": ROOM_M2, "flat": FLAT_M2, "whole": np.inf}
-    maps, used, accuracies_cm = {}, {}, {}
+    maps, used, accuracies_cm, floors_m2 = {}, {}, {}, {}
     for name, limit_m2 in limits_m2.items():
         maps[name], used[name] = learnt(observations, limit_m2, preset, seed)
         accuracies_cm[name] = accuracy_cm(maps[name], truth)
+        floors_m2[name] = floor_m2(maps[name])
     step_ms: dict[str, list[float]] = {name: [] for name in maps}
     gc.collect()
     for k in range(NUM_TIMED):
         # By turns, so that what else runs on the machine meets all of them alike.
         for name, neural_map in maps.items():
-            observation = observations[used[name] - NUM_TIMED + k]
+            timed = min(NUM_TIMED, used[name])
+            observation = observations[used[name] - timed + k % timed]
             begin = time.process_time()
             neural_map.integrate(observation)
             step_ms[name].append(1e3 * (time.process_time() - begin))
@@ -106,7 +108,7 @@ def measure(observations: Sequence[Observation], truth: GroundTruth, preset: str
             name,
             seed,
             used[name],
-            floor_m2(neural_map),
+            floors_m2[name],
             neural_map.config.field.log2_table_size,
             accuracies_cm[name],
             float(np.median(step_ms[name])),
