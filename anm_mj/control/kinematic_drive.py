@@ -95,9 +95,9 @@ class KinematicDrive:
         """Roll at a velocity for a time [s], at once and as a whole.
 
         Raises:
-            RobotError: if the duration is not positive.
+            RobotError: if the duration is not positive, or the velocity not finite.
         """
-        require_duration(duration_s)
+        require_motion(twist, duration_s)
         forward_m, turn_rad = twist.forward_mps * duration_s, twist.turn_radps * duration_s
         if not self._roll(forward_m, turn_rad, duration_s):
             return MotionResult(True, _STILL, 0.0, 0.0, duration_s)
@@ -131,7 +131,11 @@ class KinematicDrive:
         return True
 
 
-def require_duration(duration_s: float) -> None:
-    """Raises RobotError unless a duration is positive and finite."""
+def require_motion(twist: Twist, duration_s: float) -> None:
+    """Raises RobotError unless a velocity is finite, and its duration finite and positive."""
+    if not (math.isfinite(twist.forward_mps) and math.isfinite(twist.turn_radps)):
+        raise RobotError(
+            f"A velocity of {twist.forward_mps} m/s and {twist.turn_radps} rad/s cannot be driven; both must be finite."
+        )
     if not (math.isfinite(duration_s) and duration_s > 0.0):
         raise RobotError(f"A motion of {duration_s} s cannot be made; its duration must be positive, as 0.1.")

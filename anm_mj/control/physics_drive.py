@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.clearance_limit import static_obstacles
-from anm_mj.control.kinematic_drive import require_duration
+from anm_mj.control.kinematic_drive import require_motion
 from anm_mj.control.look_at import LookAt
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
@@ -186,9 +186,9 @@ class PhysicsDrive:
         ``Twist(0, 0)`` for long enough, brings it to rest first.
 
         Raises:
-            RobotError: if the duration is not positive.
+            RobotError: if the duration is not positive, or the velocity not finite.
         """
-        require_duration(duration_s)
+        require_motion(twist, duration_s)
         period_s = self._config.servo_period_s
         wanted = self._possible(twist)
         start_s, start_angles, moved_m, turned_rad = self._data.time, self._base.wheel_angles_rad, 0.0, 0.0

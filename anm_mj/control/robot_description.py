@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from anm_mj.control.geom_extent import height_range_m, reach_about_axis_m
 from anm_mj.control.robot_config import RobotConfig
-from anm_mj.control.robot_parts import Parts, find_parts, robot_alone
+from anm_mj.control.robot_parts import Parts, find_parts, robot_alone, unused_name
 from anm_mj.control.skeleton import WheelMount, skeleton_mjcf
 from anm_mj.control.wheels import Wheel, base_frame, let_casters_slide, let_wheels_roll, read_wheels
 from anm_mj.errors import RobotError
@@ -143,7 +143,8 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         return spec.compile()
     except ValueError as err:
         raise RobotError(
-            f"The robot {path} cannot be used alone ({err}); remove what refers to other things than the robot."
+            f"The robot {path} cannot be compiled by itself ({err}); mend that, or remove what refers to other things "
+            "than the robot."
         ) from err
 
 
@@ -185,7 +186,8 @@ def _motors(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[str, str],
             if actuator is not servo:
                 spec.delete(actuator)
         if servo is None:
-            servo = spec.add_actuator(name=f"{wheel}_motor", target=wheel, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            name = unused_name(f"{wheel}_motor", spec.actuator)
+            servo = spec.add_actuator(name=name, target=wheel, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             servo.gainprm[0], servo.biasprm[2], servo.biastype = kv, -kv, mujoco.mjtBias.mjBIAS_AFFINE
             servo.forcelimited, servo.forcerange = True, [-_FORCE_PER_KV * kv, _FORCE_PER_KV * kv]
         names.append(servo.name)

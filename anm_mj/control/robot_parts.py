@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 
@@ -33,9 +35,12 @@ class Parts:
 def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> Parts:
     """Look the parts up; bodies and the free joint get names where they have none, and a free joint is added.
 
+    Joints that moved the base otherwise go, and the actuators on them.
+
     Raises:
         RobotError: if one is missing, or they are parts of different robots.
     """
+    _name_all(spec.bodies, "body")
     left = _wheel(spec, config.left_wheel, LEFT_WHEELS, "left", path)
     right = _wheel(spec, config.right_wheel, RIGHT_WHEELS, "right", path)
     camera = _camera(spec, config.camera, path)
@@ -48,11 +53,14 @@ def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> Parts:
     free = next((joint for joint in roots[0].joints if joint.type == mujoco.mjtJoint.mjJNT_FREE), None)
     if free is None:
         # Slides and a hinge that move a base over the floor do what the free joint does.
-        for joint in roots[0].joints:
+        others = {joint.name: joint for joint in roots[0].joints}
+        for actuator in [actuator for actuator in spec.actuators if actuator.target in others]:
+            spec.delete(actuator)
+        for joint in others.values():
             spec.delete(joint)
         free = roots[0].add_freejoint()
     if not free.name:
-        free.name = "base" if spec.joint("base") is None else "free_base"
+        free.name = unused_name("base", spec.joint)
     return Parts(roots[0].name, free.name, (left.name, right.name), camera.name)
 
 
@@ -67,13 +75,28 @@ def robot_alone(spec: mujoco.MjSpec, parts: Parts) -> None:
         spec.delete(element)
     # A scene keeps its own time step, gravity and light, whatever the robot's file says of them.
     spec.option, spec.visual, spec.stat = (empty := mujoco.MjSpec()).option, empty.visual, empty.stat
-    taken = {geom.name for geom in spec.geoms}
-    for number, geom in enumerate(spec.geoms):
-        if not geom.name:
-            geom.name = next(name for k in range(len(taken) + 1) if (name := f"geom_{number + k}") not in taken)
-            taken.add(geom.name)
+    _name_all(spec.geoms, "geom")
+    _name_all(spec.actuators, "actuator")
+    for geom in spec.geoms:
         if geom.group in (0, 2):
             geom.group = ROBOT_GROUP
+
+
+def unused_name(wanted: str, find: Callable[[str], Any]) -> str:
+    """A name, or one alike, under which ``find`` (such as ``spec.geom``) finds nothing."""
+    while find(wanted) is not None:
+        wanted += "_"
+    return wanted
+
+
+def _name_all(elements: Iterable[Any], kind: str) -> None:
+    """Give a name to each element that has none: all that is asked for later is asked for by name."""
+    elements = list(elements)
+    taken = {element.name for element in elements}
+    for number, element in enumerate(elements):
+        if not element.name:
+            element.name = next(name for k in range(len(taken) + 1) if (name := f"{kind}_{number + k}") not in taken)
+            taken.add(element.name)
 
 
 def _wheel(spec: mujoco.MjSpec, given: str, usual: tuple[str, ...], side: str, path: Path) -> mujoco._specs.MjsJoint:
@@ -109,6 +132,4 @@ def _root(body: mujoco._specs.MjsBody) -> mujoco._specs.MjsBody:
     """The ancestor of a body that hangs on the world."""
     while body.parent is not None and body.parent.name != "world":
         body = body.parent
-    if not body.name:
-        body.name = "robot_base"
     return body

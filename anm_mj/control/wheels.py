@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.geom_extent import height_range_m, support_m
+from anm_mj.control.robot_parts import unused_name
 from anm_mj.errors import RobotError
 
 ALIKE_M = 1e-3
@@ -33,13 +34,15 @@ class Wheel:
     """The hinge's unit axis."""
     radius_m: float
     half_width_m: float
+    centre_in_body_m: Float[np.ndarray, "3"]
+    """The same middle, in the axes of the wheel's body."""
 
 
 def read_wheels(model: mujoco.MjModel, data: mujoco.MjData, joints: tuple[str, str], path: Path) -> tuple[Wheel, Wheel]:
     """The two wheels of a robot that stands as its ``data`` says.
 
     Raises:
-        RobotError: if a wheel has no geom, or the two are not alike.
+        RobotError: if a wheel has no geom, its hinge ends somewhere, or the two are not alike.
     """
     left, right = (_wheel(model, data, joint, path) for joint in joints)
     if left.radius_m <= 0.0 or abs(left.radius_m - right.radius_m) > ALIKE_M:
@@ -93,10 +96,10 @@ def let_wheels_roll(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[Wh
         mujoco.mju_quatZ2Vec(quaternion, body_axis)
         touching = model.geom(wheel.geoms[0])
         spec.body(model.body(wheel.body).name).add_geom(
-            name=f"{wheel.joint}_contact",
+            name=unused_name(f"{wheel.joint}_contact", spec.geom),
             type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
             size=[wheel.radius_m, wheel.radius_m, wheel.half_width_m],
-            pos=touching.pos,
+            pos=wheel.centre_in_body_m,
             quat=quaternion,
             friction=touching.friction,
             priority=int(touching.priority[0]),
@@ -119,16 +122,23 @@ def _wheel(model: mujoco.MjModel, data: mujoco.MjData, name: str, path: Path) ->
     touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]] or geoms
     if not touching:
         raise RobotError(f"The wheel {name} of {path} has no geom; give it one, best an ellipsoid.")
+    if model.jnt_limited[joint]:
+        low, high = np.degrees(model.jnt_range[joint])
+        raise RobotError(
+            f"The wheel {name} of {path} turns within {low:g} and {high:g} degrees only; remove its hinge's range."
+        )
     anchor, axis = data.xanchor[joint].copy(), data.xaxis[joint].copy()
     reach = np.array([support_m(model, data, geom, np.stack([axis, -axis])) for geom in touching])
     far, near = reach[:, 0].max() - anchor @ axis, -reach[:, 1].max() - anchor @ axis
     lowest = min(height_range_m(model, data, geom)[0] for geom in touching)
+    centre = anchor + axis * (far + near) / 2.0
     return Wheel(
         joint=name,
         body=body,
         geoms=tuple(touching),
-        centre_m=anchor + axis * (far + near) / 2.0,
+        centre_m=centre,
         axis=axis,
         radius_m=round(float(anchor[2] - lowest), 9),
         half_width_m=float(far - near) / 2.0,
+        centre_in_body_m=data.xmat[body].reshape(3, 3).T @ (centre - data.xpos[body]),
     )

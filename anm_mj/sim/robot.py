@@ -130,7 +130,7 @@ class SimRobot:
         """Move at a velocity for a time [s]; no step of the budget is counted.
 
         Raises:
-            RobotError: if the duration is not positive.
+            RobotError: if the duration is not positive, or the velocity not finite.
         """
         return self._drive.drive(twist, duration_s)
 

@@ -151,8 +151,9 @@ def test_the_other_robot_rolls_forward_whichever_way_its_hinges_point(rover):
         ('xyaxes="1 0 0 0 0 1"', 'xyaxes="-1 0 0 0 0 1"', {}, "does not look forward"),
         ("-0.115 -0.05 -0.05", "-0.115 -0.05 -0.02", {}, "must be alike|share one level axle"),
         ("-0.115 -0.05 -0.05", "-0.115 0.03 -0.05", {}, "share one level axle"),
-        ('size="0.04 0.012"', 'size="0.04 0.012" mass="-1"', {}, "cannot be used alone|cannot read"),
+        ('size="0.04 0.012"', 'size="0.04 0.012" mass="-1"', {}, "cannot be compiled by itself|cannot read"),
         ("<mujoco", "<mjc", {}, "MuJoCo cannot read the robot"),
+        ('left_wheel_joint" axis', 'left_wheel_joint" range="-90 90" axis', {}, "turns within -90 and 90 degrees only"),
     ],
 )
 def test_what_a_robot_lacks_is_named(tmp_path, before, after, config, message):
@@ -168,6 +169,40 @@ def test_parts_with_unusual_names_are_found_when_named(tmp_path):
     path.write_text(text.replace('</body>\n    <body name="ball"', '<camera name="rear"/></body><body name="ball"'))
     robot = describe_robot(path, RobotConfig(left_wheel="port_hinge", right_wheel="star_hinge", camera="eye"))
     assert robot.wheel_joints == ("port_hinge", "star_hinge")
+
+
+_BASE_JOINTS = '<joint name="x" type="slide" axis="1 0 0"/><joint name="t" axis="0 0 1"/>'
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {'name="left_motor" ': "", 'name="right_motor" ': ""},
+        {'<motor name="left_motor"': "<velocity", '<motor name="right_motor"': "<velocity", 'gear="5"': 'kv="0.2"'},
+        {'body name="port"': "body", 'body name="starboard"': "body", 'body name="rover"': "body"},
+        {'name="caster"': 'name="left_wheel_joint_contact"', "left_motor": "right_wheel_joint_motor"},
+        {'pos="1 2 0.09">': f'pos="1 2 0.09">{_BASE_JOINTS}', "<actuator>": '<actuator><velocity joint="x"/>'},
+        {'<geom class="wheel"/>': '<geom class="wheel" pos="0.02 0 0"/><geom class="wheel" pos="-0.02 0 0"/>'},
+    ],
+    ids=["motors unnamed", "servos unnamed", "bodies unnamed", "names taken", "base on joints", "wheels of two"],
+)
+def test_however_its_parts_are_written_the_robot_drives_as_well(tmp_path, changes):
+    text = ROVER_XML.read_text()
+    for before, after in changes.items():
+        assert before in text
+        text = text.replace(before, after)
+    path = tmp_path / "rover.xml"
+    path.write_text(text)
+    robot = describe_robot(path)
+    model, data = on_a_floor(robot)
+    drive = PhysicsDrive(model, data, robot, prefix="r/")
+    drive.place(expected := Pose2(0.0, 0.0, 0.0))
+    for _ in range(2):
+        assert not drive.act(Action.MOVE_FORWARD).collided
+        assert not drive.act(Action.TURN_LEFT).collided
+        expected = move_pose(move_pose(expected, 0.065, 0.0), 0.0, math.radians(10.0))
+    np.testing.assert_allclose(drive.pose.xy_m, expected.xy_m, atol=0.001)
+    assert drive.pose.yaw_rad == pytest.approx(expected.yaw_rad, abs=math.radians(0.1))
 
 
 def test_another_robot_has_another_hash_and_the_same_one_the_same(rover, description, tmp_path):

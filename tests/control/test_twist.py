@@ -121,3 +121,12 @@ def test_a_motion_without_a_duration_is_refused(exact, physics, duration_s):
     for drive in (exact, physics):
         with pytest.raises(RobotError, match="its duration must be positive"):
             drive.drive(Twist(0.1, 0.0), duration_s)
+
+
+@pytest.mark.parametrize("twist", [Twist(math.nan, 0.0), Twist(0.0, math.inf)])
+def test_a_velocity_that_is_no_number_is_refused_and_nothing_moves(exact, physics, twist):
+    for drive in (exact, physics):
+        before = drive.pose
+        with pytest.raises(RobotError, match="both must be finite"):
+            drive.drive(twist, 0.1)
+        assert drive.pose == before
