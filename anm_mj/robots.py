@@ -17,9 +17,6 @@ from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
 
 if TYPE_CHECKING:
-    import mujoco
-
-    from anm_mj.control.robot_description import RobotDescription
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.robot import SimRobot
 
@@ -75,12 +72,15 @@ def make_robot(
     from anm_mj.control.physics_drive import PhysicsDrive
     from anm_mj.control.robot_description import describe_robot
     from anm_mj.control.robot_model import RobotModel
+    from anm_mj.scene.build import build_model
     from anm_mj.sim.any_camera import make_camera
     from anm_mj.sim.robot import SimRobot
 
     description = describe_robot(path, config)
     start = _start_pose(scene, start, description.footprint)
-    model = _model(scene, description)
+    model = build_model(
+        scene, description.spec, robot_name=description.name, robot_hash=description.hash, prefix=_PREFIX
+    )
     data = mujoco.MjData(model)
     odometer = Odometer(RobotModel.of(description), noise=config.wheel_noise, seed=seed)
     if drive == "kinematic":
@@ -93,23 +93,6 @@ def make_robot(
     camera = make_camera(model, camera_name, image_px, image_px, cull_face=scene.cull_face, backend=backend)
     T_base_camera = description.T_base_camera if pose == "odometry" else None
     return SimRobot(model, data, camera, wheels, description.footprint, T_base_camera, robot_hash=description.hash)
-
-
-def _model(scene: Scene, description: RobotDescription) -> mujoco.MjModel:
-    """The compiled model of the scene with the robot, from the cache if it is there."""
-    from anm_mj.scene.build import build_spec
-    from anm_mj.scene.model_cache import cached_model
-
-    def build() -> mujoco.MjModel:
-        spec = build_spec(scene, None)
-        try:
-            # MjSpec takes what is attached for its own, so the description keeps the original.
-            spec.attach(description.spec.copy(), prefix=_PREFIX, frame=spec.worldbody.add_frame())
-            return spec.compile()
-        except ValueError as err:
-            raise RobotError(f"Robot {description.name} cannot be put into scene {scene.name}: {err}.") from err
-
-    return cached_model(scene, None, f"{_PREFIX}{description.hash}", build)
 
 
 def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:

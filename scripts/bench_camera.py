@@ -101,7 +101,7 @@ def measure(scene: Scene, steps: int) -> list[Row]:
     from anm_mj.sim.camera import RgbdCamera
     from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
 
-    spec = build_spec(scene, None)
+    spec = build_spec(scene)
     if scene.num_triangles < MIN_TRIANGLES:
         cut_into_chunks(spec)
     body = spec.worldbody.add_body(name="eye", mocap=True)

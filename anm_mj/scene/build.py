@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anm_mj.errors import RobotError, SceneError
@@ -14,15 +13,11 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def build_spec(scene: Scene, robot_xml: Path | None, prefix: str = "robot/") -> mujoco.MjSpec:
-    """The scene with the robot attached at the world's origin, not yet compiled.
-
-    Every element of the robot gets ``prefix`` before its name. Its root body's joint (a free joint, or planar ones) is
-    taken as it is.
+def build_spec(scene: Scene) -> mujoco.MjSpec:
+    """The scene, not yet compiled; the meshes of large scenes are cut into pieces.
 
     Raises:
-        SceneError: if scene.xml cannot be read.
-        RobotError: if the robot's MJCF cannot be read or attached.
+        SceneError: if scene.xml, or a mesh to be cut, cannot be read.
     """
     import mujoco
 
@@ -32,30 +27,55 @@ def build_spec(scene: Scene, robot_xml: Path | None, prefix: str = "robot/") -> 
             cut_into_chunks(spec)
     except (ValueError, OSError) as err:
         raise SceneError(f"{scene.xml} cannot be read ({err}): import the scene again.") from err
-    if robot_xml is not None:
-        try:
-            robot = mujoco.MjSpec.from_file(str(robot_xml))
-            spec.attach(robot, prefix=prefix, frame=spec.worldbody.add_frame())
-        except (ValueError, OSError) as err:
-            raise RobotError(f"Robot {robot_xml} cannot be used ({err}): give an MJCF file with one robot.") from err
     return spec
 
 
-def build_model(scene: Scene, robot_xml: Path | None, prefix: str = "robot/") -> mujoco.MjModel:
+def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
+    """The compiled model of a scene's spec, with whatever has been added to it.
+
+    Raises:
+        SceneError: if an asset is missing or damaged.
+    """
+    try:
+        return spec.compile()
+    except ValueError as err:
+        raise SceneError(f"Scene {scene.name} cannot be compiled ({err}): import it again.") from err
+
+
+def build_model(
+    scene: Scene,
+    robot: mujoco.MjSpec | None = None,
+    *,
+    robot_name: str = "",
+    robot_hash: str = "",
+    prefix: str = "robot/",
+) -> mujoco.MjModel:
     """The compiled model of a scene and, if given, a robot attached at the world's origin.
 
     Models of large scenes are kept in the user's cache folder (:mod:`anm_mj.scene.model_cache`).
 
+    Args:
+        scene: the world.
+        robot: one root body; its joint (a free joint, or planar ones) is taken as it is. It is copied.
+        robot_name: what messages call it.
+        robot_hash: says which robot it is; two robots with one hash are taken for the same.
+        prefix: comes before the name of every element of the robot.
+
     Raises:
         SceneError: if the scene cannot be read or compiled.
-        RobotError: if the robot's MJCF cannot be read or attached.
+        RobotError: if the scene can be compiled alone, but not with the robot.
     """
 
-    def compile_model() -> mujoco.MjModel:
-        spec = build_spec(scene, robot_xml, prefix)
+    def build() -> mujoco.MjModel:
+        spec = build_spec(scene)
+        if robot is None:
+            return compile_scene(spec, scene)
         try:
+            # MjSpec takes what is attached for its own, so the caller keeps the original.
+            spec.attach(robot.copy(), prefix=prefix, frame=spec.worldbody.add_frame())
             return spec.compile()
         except ValueError as err:
-            raise SceneError(f"Scene {scene.name} cannot be compiled ({err}): import it again.") from err
+            compile_scene(build_spec(scene), scene)
+            raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err
 
-    return cached_model(scene, robot_xml, prefix, compile_model)
+    return cached_model(scene, robot_hash, prefix, build)

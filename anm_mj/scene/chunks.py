@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float32, Int, Int32
 
-from anm_mj.scene.mjcf import VISUAL_GROUP, read_msh
+from anm_mj.scene.mjcf import MIN_VERTICES, VISUAL_GROUP, read_msh
 
 if TYPE_CHECKING:
     import mujoco
@@ -72,8 +72,8 @@ def _add_chunk(
     import mujoco
 
     used, compact = np.unique(faces, return_inverse=True)
-    # A mesh needs four vertices, which a lone triangle lacks.
-    used = np.concatenate([used, np.repeat(used[:1], max(0, 4 - len(used)))])
+    # A lone triangle has too few vertices for a mesh.
+    used = np.concatenate([used, np.repeat(used[:1], max(0, MIN_VERTICES - len(used)))])
     mesh = spec.add_mesh(
         name=name,
         uservert=vertices[used].ravel(),

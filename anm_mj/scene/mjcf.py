@@ -17,6 +17,8 @@ COLLISION_GROUP = 3
 BOX_TOP_M = 1.5
 """Height of the collision boxes: a little above what the slice they stand for reaches to [m]."""
 ZNEAR_M = 0.02
+MIN_VERTICES = 4
+"""MuJoCo refuses meshes with fewer."""
 _MIN_ZFAR_M = 100.0
 
 
@@ -93,9 +95,14 @@ def write_msh(
 ) -> None:
     """Write a mesh in MuJoCo's binary format, which loads several times as fast as .obj.
 
+    A mesh of MuJoCo's has four vertices at least: what has fewer gets one of its own again.
+
     Layout: four int32 counts (vertices, normals, texture coordinates, faces), then float32 vertices, texture
     coordinates (v down) and int32 faces.
     """
+    missing = (0, max(0, MIN_VERTICES - len(vertices_m)))
+    vertices_m = np.pad(vertices_m, (missing, (0, 0)), mode="edge")
+    uv = None if uv is None else np.pad(uv, (missing, (0, 0)), mode="edge")
     counts = np.array([len(vertices_m), 0, 0 if uv is None else len(uv), len(faces)], dtype="<i4")
     with path.open("wb") as file:
         file.write(counts.tobytes())

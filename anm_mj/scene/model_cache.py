@@ -16,8 +16,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from anm_mj.scene.folder import Scene
 
 if TYPE_CHECKING:
@@ -34,20 +32,24 @@ MAX_MODELS = 4
 """Only so many models are kept, those used last."""
 
 
-def cached_model(
-    scene: Scene, robot_xml: Path | None, prefix: str, build: Callable[[], mujoco.MjModel]
-) -> mujoco.MjModel:
+def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[], mujoco.MjModel]) -> mujoco.MjModel:
     """The model that ``build`` makes of a scene and a robot, from the cache if it is there.
+
+    Args:
+        scene: the world.
+        robot_hash: says which robot; empty for none.
+        prefix: comes before the names of the robot's elements.
+        build: makes the model.
 
     Trouble with the cache is logged and otherwise without effect. What ``build`` raises goes to the caller.
     """
     if scene.num_triangles < MIN_TRIANGLES:
         return build()
     try:
-        key = _key(scene, robot_xml, prefix)
+        key = _key(scene, robot_hash, prefix)
         kept = _load(key)
-    # A robot that cannot be read is for build to complain of.
-    except (OSError, ValueError) as err:
+    # A scene that cannot be read is for build to complain of.
+    except OSError as err:
         _logger.debug("the model cache cannot be used: %s", err)
         return build()
     if kept is not None:
@@ -65,18 +67,13 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / "models"
 
 
-def _key(scene: Scene, robot_xml: Path | None, prefix: str) -> str:
+def _key(scene: Scene, robot_hash: str, prefix: str) -> str:
     """A name for everything that the model is made from."""
     import mujoco
 
-    digest = hashlib.sha256(f"{mujoco.__version__}\0{CONVERTER_VERSION}\0{scene.hash}\0{prefix}\0".encode())
+    made_from = (mujoco.__version__, str(CONVERTER_VERSION), scene.hash, robot_hash, prefix)
+    digest = hashlib.sha256("\0".join(made_from).encode())
     digest.update(scene.xml.read_bytes())
-    if robot_xml is not None:
-        # The robot alone compiles in milliseconds, and its binary holds all files that its MJCF refers to.
-        robot = mujoco.MjSpec.from_file(str(robot_xml)).compile()
-        binary = np.empty(mujoco.mj_sizeModel(robot), dtype=np.uint8)
-        mujoco.mj_saveModel(robot, None, binary)
-        digest.update(binary.tobytes())
     return digest.hexdigest()[:32]
 
 

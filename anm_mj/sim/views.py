@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from anm_mj.scene.build import build_spec
+from anm_mj.scene.build import build_spec, compile_scene
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.any_camera import Camera, embree_installed, make_camera
 from anm_mj.sim.camera import RgbdCamera
@@ -43,11 +43,15 @@ class SceneViews:
     def __init__(self, scene: Scene, backend: GlBackend):
         """Compile the scene.
 
+        Args:
+            scene: what to look at.
+            backend: what GL was found; without any, rays are cast.
+
         Raises:
             SceneError: if the scene cannot be compiled.
         """
         self._scene, self._backend = scene, backend
-        spec = build_spec(scene, None)
+        spec = build_spec(scene)
         eye = spec.worldbody.add_body(name="eye", mocap=True)
         eye.add_camera(name="eye", fovy=90.0, quat=_quat((0.0, -1.0, 0.0)))
         width_m = float(np.ptp(scene.bounds_m[:, :2], axis=0).max()) + 0.5
@@ -55,7 +59,7 @@ class SceneViews:
         fovy = math.degrees(2.0 * math.atan(width_m / 2.0 / (self._height_m - _CUT_M)))
         x, y = scene.bounds_m[:, :2].mean(axis=0)
         spec.worldbody.add_camera(name="above", fovy=fovy, pos=[x, y, self._height_m])
-        self._model = spec.compile()
+        self._model = compile_scene(spec, scene)
         self._data = mujoco.MjData(self._model)
 
     def from_within(self, poses: tuple[Pose2, ...], size_px: int = 256) -> list[UInt8[np.ndarray, "_ _ 3"]]:

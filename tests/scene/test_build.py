@@ -32,16 +32,16 @@ def scene(tmp_path_factory):
 
 
 @pytest.fixture
-def robot(tmp_path):
-    path = tmp_path / "ball.xml"
-    path.write_text(ROBOT)
-    return path
+def robot():
+    import mujoco
+
+    return mujoco.MjSpec.from_string(ROBOT)
 
 
 def test_the_meshes_stand_where_the_geometry_says(scene):
     import mujoco
 
-    model = build_model(scene, None)
+    model = build_model(scene)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     # The compiler moves every mesh to its own frame; the geom's pose takes it back.
@@ -57,7 +57,7 @@ def test_the_meshes_stand_where_the_geometry_says(scene):
 
 
 def test_only_boxes_and_floor_collide_and_only_meshes_show(scene):
-    model = build_model(scene, None)
+    model = build_model(scene)
     visual, solid = model.geom_group == VISUAL_GROUP, model.geom_group == COLLISION_GROUP
     assert (visual | solid).all()
     assert not model.geom_contype[visual].any()
@@ -66,7 +66,7 @@ def test_only_boxes_and_floor_collide_and_only_meshes_show(scene):
 
 
 def test_depth_range_is_in_metres(scene):
-    model = build_model(scene, None)
+    model = build_model(scene)
     assert model.stat.extent == 1.0
     assert model.vis.map.znear == pytest.approx(0.02)
     assert model.vis.map.zfar >= 100.0
@@ -98,26 +98,41 @@ def test_the_robot_rests_on_the_floor_and_stops_at_the_wall(scene, robot):
     assert data.qpos[2] == pytest.approx(0.1, abs=0.01)
 
 
-def test_a_robot_file_that_is_none_is_named(scene, tmp_path):
-    (tmp_path / "bad.xml").write_text("<mujoco><worldbody><body></worldbody></mujoco>")
-    with pytest.raises(RobotError, match=r"bad\.xml"):
-        build_model(scene, tmp_path / "bad.xml")
-    with pytest.raises(RobotError, match=r"none\.xml"):
-        build_model(scene, tmp_path / "none.xml")
+def test_one_robot_can_be_put_into_many_models(scene, robot):
+    assert [build_model(scene, robot).nq for _ in range(2)] == [7, 7]
 
 
-def test_a_scene_whose_assets_are_gone_is_named(tmp_path):
+def test_a_robot_that_goes_into_no_scene_is_named(scene, robot):
+    robot.geom("shell").name = "floor"
+    with pytest.raises(RobotError, match=r"Robot ball cannot be put into scene room: .*repeated name"):
+        build_model(scene, robot, robot_name="ball", prefix="")
+
+
+def test_a_scene_whose_assets_are_gone_is_named_and_not_the_robot_in_it(tmp_path, robot):
     mesh = room()
     part = Part("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
     scene = write_scene([part], SceneInfo("hollow", "tests", "CC0"), tmp_path / "hollow")
     for file in (scene.folder / "assets").iterdir():
         file.unlink()
     with pytest.raises(SceneError, match="Scene hollow cannot be compiled"):
-        build_model(load_scene(scene.folder), None)
+        build_model(load_scene(scene.folder))
+    with pytest.raises(SceneError, match="Scene hollow cannot be compiled"):
+        build_model(load_scene(scene.folder), robot)
 
 
 def test_many_parts_with_odd_names_compile(tmp_path):
     pieces = trimesh.util.concatenate([room()]).split(only_watertight=False)
     parts = [Part("Wand / №1 <&>", np.asarray(p.vertices, np.float32), np.asarray(p.faces, np.int32)) for p in pieces]
     scene = write_scene(parts, SceneInfo("ünïcode <&>", "tests", "CC0"), tmp_path / "odd")
-    assert build_model(scene, None).nmesh == len(parts)
+    assert build_model(scene).nmesh == len(parts)
+
+
+def test_a_lone_triangle_compiles(tmp_path):
+    floor, uv = room(), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    walls = Part("walls", floor.vertices.astype(np.float32), floor.faces.astype(np.int32))
+    corners = np.array([[2, 3.9, 1], [3, 3.9, 1], [3, 3.9, 2]], np.float32)
+    texture = np.full((4, 4, 3), 9, np.uint8)
+    plain = Part("flag", corners, np.array([[0, 1, 2]], np.int32), rgb=(1.0, 0.0, 0.0))
+    painted = Part("sign", corners, np.array([[0, 1, 2]], np.int32), uv=uv, texture=texture)
+    scene = write_scene([walls, plain, painted], SceneInfo("flags", "tests", "CC0"), tmp_path / "flags")
+    assert build_model(scene).nmesh == 3

@@ -43,9 +43,9 @@ def _corners(model) -> np.ndarray:
 
 
 def test_the_chunks_are_the_mesh(scene, monkeypatch):
-    whole = build_model(scene, None)
+    whole = build_model(scene)
     monkeypatch.setattr(build, "MIN_TRIANGLES", 0)
-    chunked = build_model(scene, None)
+    chunked = build_model(scene)
     visual = chunked.geom_group == VISUAL_GROUP
     assert np.count_nonzero(visual) > 10
     assert not chunked.geom_contype[visual].any()
@@ -55,14 +55,14 @@ def test_the_chunks_are_the_mesh(scene, monkeypatch):
 
 
 def test_a_chunk_is_no_larger_than_its_cell_and_a_triangle(scene, always):
-    model = build_model(scene, None)
+    model = build_model(scene)
     half = model.geom_aabb[model.geom_group == VISUAL_GROUP, 3:]
     longest_edge_m = 6.2 * 2**0.5 / 8
     assert half.max() < (chunks.CHUNK_M * 3**0.5 + 2 * longest_edge_m) / 2
 
 
 def test_small_scenes_stay_whole(scene):
-    assert build_model(scene, None).nmesh == 1
+    assert build_model(scene).nmesh == 1
 
 
 @pytest.mark.parametrize("textured", [True, False])

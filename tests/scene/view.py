@@ -18,7 +18,7 @@ def look(
     up = np.array([0.0, 0.0, 1.0])
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.stack([right, up, np.cross(right, up)], axis=1).ravel())
-    spec = build_spec(scene, None)
+    spec = build_spec(scene)
     spec.worldbody.add_camera(name="eye", pos=eye, quat=quat, fovy=90.0)
     model = spec.compile()
     data = mujoco.MjData(model)

@@ -26,7 +26,7 @@ needs_embree = pytest.mark.skipif(not embree_installed(), reason="embreex is not
 @pytest.fixture(scope="module")
 def home():
     scene = load_scene("home")
-    spec = build_spec(scene, None)
+    spec = build_spec(scene)
     pose = scene.starts[0]
     right = [np.sin(pose.yaw_rad), -np.cos(pose.yaw_rad), 0.0]
     spec.worldbody.add_camera(name="camera", fovy=90.0, pos=[pose.x_m, pose.y_m, 1.25], quat=_quat(right))
