@@ -51,8 +51,25 @@ def test_a_scene_that_is_not_there_ends_with_status_2(capsys):
     assert "There is no scene" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("place", ["missing/sheet.png"])
-def test_a_sheet_that_cannot_be_written_is_named(tmp_path, capsys, place):
+def test_a_sheet_that_cannot_be_written_is_named(tmp_path, capsys):
     scene = _write(room(), tmp_path / "room")
-    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / place)]) == 2
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "missing" / "sheet.png")]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+def test_a_sheet_is_a_png_under_whatever_name(tmp_path):
+    scene = _write(room(), tmp_path / "room")
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.of")]) == 0
+    with Image.open(tmp_path / "sheet.of") as sheet:
+        assert sheet.format == "PNG"
+
+
+@pytest.mark.parametrize(("file", "says"), [("broken.png", "texture"), ("000_walls.msh", "cannot be compiled")])
+def test_a_damaged_asset_ends_with_status_2_and_one_line(tmp_path, capsys, file, says):
+    scene = _write(room(), tmp_path / "room")
+    (scene.folder / "assets" / file).write_bytes(b"damaged")
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.png")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert says in said
+    assert "import" in said
+    assert "\n" not in said

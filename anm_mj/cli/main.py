@@ -39,7 +39,10 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return parsed.command(parsed)
     except AnmError as err:
-        Console(stderr=True).print(f"anm-mj: {err}", style="red", markup=False, highlight=False, soft_wrap=True)
+        # What a library says within the sentence may come in several lines.
+        Console(stderr=True).print(
+            f"anm-mj: {' '.join(str(err).split())}", style="red", markup=False, highlight=False, soft_wrap=True
+        )
         return USAGE_ERROR
     except KeyboardInterrupt:
         return INTERRUPTED

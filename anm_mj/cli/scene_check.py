@@ -96,7 +96,7 @@ def describe(check: SceneCheck) -> list[str]:
         )
         rooms = ", ".join(f"{m2:.1f}" for m2 in check.plan.area_m2)
         known = "" if scene.rooms is None else f" (the scene says {scene.rooms})"
-        lines.append(f"rooms: {len(check.plan.area_m2)}{known}, of {rooms} m2")
+        lines.append(f"rooms: {len(check.plan.area_m2)}{known}{f', of {rooms} m2' if rooms else ''}")
         lines.append(f"doors: {len(check.plan.doors)}")
         for door in check.plan.doors:
             fits = "the robot fits" if door.fits else "too narrow for the robot"

@@ -48,21 +48,33 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
     """Look at floor, rooms and starts of a scene.
 
     Raises:
-        SceneError: if the scene's geometry cannot be read.
+        SceneError: if the scene's geometry or a texture cannot be read.
     """
     vertices, faces = scene.triangles()
     triangles = vertices[faces]
     floor = find_floor(triangles)
     sizes = []
     for path in sorted((scene.folder / ASSETS).glob("*.png")):
-        with Image.open(path) as image:
-            sizes.append(image.size)
+        try:
+            with Image.open(path) as image:
+                sizes.append(image.size)
+        except OSError as err:
+            raise SceneError(f"The texture {path} cannot be read ({err}): import the scene again.") from err
     try:
         area = scene_area(scene, footprint)
     except SceneError as err:
         problem = (str(err),)
         return SceneCheck(
-            scene, footprint, floor and float(floor.z_m), tuple(sizes), None, None, (), (), scene.starts, problem
+            scene,
+            footprint,
+            None if floor is None else float(floor.z_m),
+            tuple(sizes),
+            None,
+            None,
+            (),
+            (),
+            scene.starts,
+            problem,
         )
     clear = tuple(start for start in scene.starts if is_clear(scene, start, footprint))
     problems = []

@@ -19,6 +19,12 @@ def write_sheet(
 ) -> None:
     """Write a PNG.
 
+    Args:
+        check: what was found.
+        above: the scene from above, as the robot's world has it: x to the right, y up.
+        views: from within; the first six are shown.
+        out: the file.
+
     Raises:
         SceneError: if the file cannot be written.
     """
@@ -40,7 +46,7 @@ def write_sheet(
         axes.imshow(view)
         axes.set_title(f"view {i + 1}", fontsize=9)
     try:
-        figure.savefig(out, dpi=80)
+        figure.savefig(out, dpi=80, format="png")
     except OSError as err:
         raise SceneError(f"{out} cannot be written ({err.strerror}): choose another place with --out.") from err
 
