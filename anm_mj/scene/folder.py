@@ -191,6 +191,10 @@ def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
     bounds = np.asarray(entries["bounds"], dtype=np.float64)
     if bounds.shape != (2, 3) or not np.isfinite(bounds).all():
         raise ValueError("bounds must be [[x, y, z], [x, y, z]]")
+    for key in ("rooms", "budget_steps"):
+        count = entries.get(key, 1)
+        if type(count) is not int or count < 1:
+            raise ValueError(f"{key} must be a whole number from 1 up, not {count!r}")
     return Scene(
         name=str(entries["name"]),
         folder=folder,

@@ -65,17 +65,28 @@ def import_scene(
         furniture: False to leave the rooms of a floor plan empty.
 
     Raises:
-        SceneError: if the source cannot be used, or the folder cannot be written.
+        SceneError: if the source cannot be used, an option has no meaning for it, or the folder cannot be written.
     """
     src, out = Path(src), Path(out)
     if scale is not None and not (math.isfinite(scale) and scale > 0.0):
         raise SceneError(f"A scale of {scale:g} m per unit makes no sense: give 1 for m, 0.01 for cm, 0.001 for mm.")
     if up not in ("x", "y", "z", "auto"):
         raise SceneError(f"There is no up axis {up!r}: give x, y, z or auto.")
+    missing = next((folder for folder in model_paths if not folder.is_dir()), None)
+    if missing is not None:
+        raise SceneError(f"The folder of models {missing} (--model-path) does not exist: give one that does.")
     check_destination(out)
     if kind == "floorplan" or (kind == "auto" and is_floorplan(src)):
+        if up != "auto" or scale is not None or model_paths:
+            raise SceneError(
+                f"{src} is a floor plan, whose format fixes axes and units: leave --up, --scale and --model-path out."
+            )
         return import_floorplan(src, out, name=name, licence=licence, source=source, furniture=furniture)
     found = find_kind(src, kind)
+    if not furniture:
+        raise SceneError(
+            f"{src} is no floor plan ({found.name}), so that its furniture stays: leave --no-furniture out."
+        )
     notes = Notes()
     content = found.read(src, list(model_paths), notes)
     notes.log()

@@ -1,4 +1,5 @@
 import math
+import re
 import shutil
 
 import numpy as np
@@ -130,6 +131,14 @@ def test_folders_that_are_no_scenes_are_refused(copied, tmp_path):
 def test_a_spoilt_toml_is_said_to_be_so(copied, text, reason):
     (copied / "scene.toml").write_text(text)
     with pytest.raises(SceneError, match=reason):
+        load_scene(copied)
+
+
+@pytest.mark.parametrize(("entry", "wrong"), [("rooms", "-3"), ("rooms", "true"), ("budget_steps", '"many"')])
+def test_counts_that_are_none_are_named(copied, entry, wrong):
+    text = (copied / "scene.toml").read_text()
+    (copied / "scene.toml").write_text(f"{entry} = {wrong}\n{re.sub(rf'(?m)^{entry} = .*$', '', text)}")
+    with pytest.raises(SceneError, match=f"{entry} must be a whole number"):
         load_scene(copied)
 
 
