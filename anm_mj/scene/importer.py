@@ -74,7 +74,7 @@ def import_scene(
         raise SceneError(f"There is no up axis {up!r}: give x, y, z or auto.")
     missing = next((folder for folder in model_paths if not folder.is_dir()), None)
     if missing is not None:
-        raise SceneError(f"The folder of models {missing} (--model-path) does not exist: give one that does.")
+        raise SceneError(f"{missing} is not a folder: give folders that hold models with --model-path.")
     check_destination(out)
     if kind == "floorplan" or (kind == "auto" and is_floorplan(src)):
         if up != "auto" or scale is not None or model_paths:
@@ -116,6 +116,8 @@ def _placed(content: Content, src: Path, up: UpAxis, scale: float | None) -> tup
     """The parts in the world, with textures that can be drawn, and how axes and units were found."""
     parts = content.parts
     vertices, faces = merge_geometry(parts)
+    if not len(faces):
+        raise SceneError(f"{src} holds no triangles: give a file with a surface.")
     scale_how, up_how = ("given" if scale is not None else "found"), ("given" if up != "auto" else "found")
     if scale is None and content.scale is not None:
         scale, scale_how = content.scale, "known"

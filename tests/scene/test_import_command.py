@@ -30,7 +30,7 @@ def test_wrong_options_are_refused_in_one_line(tmp_path, capsys):
     assert "no SDF" in fails(capsys, "scene", "import", src, tmp_path / "out", "--kind", "gazebo")
     assert "does not hold" in fails(capsys, "scene", "import", tmp_path, tmp_path / "out", "--kind", "hm3d")
     assert "does not exist" in fails(capsys, "scene", "import", tmp_path / "b.glb", tmp_path / "out")
-    assert "does not exist" in fails(capsys, "scene", "import", src, tmp_path / "out", "--model-path", tmp_path / "c")
+    assert "not a folder" in fails(capsys, "scene", "import", src, tmp_path / "out", "--model-path", tmp_path / "c")
     assert "leave --no-furniture out" in fails(capsys, "scene", "import", src, tmp_path / "out", "--no-furniture")
     plan = ("scene", "import", src, tmp_path / "out", "--kind", "floorplan")
     assert "leave --up, --scale and --model-path out" in fails(capsys, *plan, "--scale", "1")

@@ -274,6 +274,12 @@ def test_the_ground_is_left_out_of_the_way_of_a_floor(tmp_path):
     assert np.allclose(parts[-1].vertices_m[:, 2], -0.02)
 
 
+_NOTHING = (
+    '<model name="a"><link name="l"><visual name="v"><geometry>'
+    "<cylinder><radius>0</radius><length>0</length></cylinder></geometry></visual></link></model>"
+)
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
@@ -284,6 +290,7 @@ def test_the_ground_is_left_out_of_the_way_of_a_floor(tmp_path):
         ("<sdf version='1.6'>" + _box("a", "<pose relative_to='b'>0 0 0 0 0 0</pose>") + "</sdf>", "'b', which is not"),
         ("<sdf version='1.6'>" + _box("a", "<pose relative_to='a'>0 0 0 0 0 0</pose>") + "</sdf>", "in a circle"),
         ("<sdf version='1.6'>" + _box("a", size="1 two 3") + "</sdf>", "3 numbers"),
+        (f"<sdf version='1.6'>{_NOTHING}</sdf>", "holds no triangles"),
     ],
 )
 def test_broken_worlds_are_refused_in_one_sentence(tmp_path, content, reason):

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-from anm_mj.errors import SceneError
-
 _VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
 _LEVELS = 5
 """A ROS package keeps its worlds up to this many folders below the folder that also holds ``models``."""
@@ -21,13 +19,7 @@ def search_folders(world: Path, given: Sequence[Path]) -> list[Path]:
 
     Those given, then those of Gazebo's environment variables, then ``models`` beside the world's folder or a few levels
     above it, and last Gazebo's own caches.
-
-    Raises:
-        SceneError: if a given one is no folder.
     """
-    for folder in given:
-        if not os.path.isdir(folder):
-            raise SceneError(f"{folder} is not a folder: give folders that hold models with --model-path.")
     folders = list(given)
     for variable in _VARIABLES:
         folders += [Path(entry).expanduser() for entry in os.environ.get(variable, "").split(os.pathsep) if entry]

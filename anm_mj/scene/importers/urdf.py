@@ -27,7 +27,7 @@ def read_urdf(path: Path, notes: Notes) -> list[Part]:
     """
     try:
         robot = ET.parse(path).getroot()
-    except (OSError, ET.ParseError) as err:
+    except (OSError, ValueError, LookupError, ET.ParseError) as err:
         raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
     joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}
     parts = []
