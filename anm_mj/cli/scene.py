@@ -101,6 +101,7 @@ def _scene_generate(parsed: argparse.Namespace) -> int:
 
 def _scene_list(parsed: argparse.Namespace) -> int:
     del parsed
+    from rich.markup import escape
     from rich.table import Table
 
     from anm_mj.scene.catalogue import list_scenes
@@ -113,6 +114,8 @@ def _scene_list(parsed: argparse.Namespace) -> int:
         extent = " x ".join(f"{length:.1f}" for length in size)
         folder = scene.folder.resolve()
         shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
-        table.add_row(scene.name, rooms, extent, str(scene.num_triangles), scene.licence, str(shown))
+        # A scene is found by its folder's name; what it calls itself may be anything.
+        cells = (folder.name, rooms, extent, str(scene.num_triangles), scene.licence, str(shown))
+        table.add_row(*(escape(cell) for cell in cells))
     Console().print(table)
     return 0

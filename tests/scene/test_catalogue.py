@@ -76,6 +76,21 @@ def test_a_scene_beside_the_user_is_listed(place: Path, monkeypatch: pytest.Monk
     assert folder in [scene.folder.resolve() for scene in list_scenes()]
 
 
+def test_the_list_shows_the_name_that_a_scene_is_found_by(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    folder = shutil.copytree(_ROOM, place / "attic[1]")
+    toml = folder / "scene.toml"
+    toml.write_text(toml.read_text().replace('name = "room"', 'name = "My attic"'))
+    monkeypatch.chdir(place)
+    assert main(["scene", "list"]) == 0
+
+    said = capsys.readouterr().out
+    assert "attic[1]" in said
+    assert "My attic" not in said
+    assert load_scene("attic[1]").name == "My attic"
+
+
 def test_the_command_generates_a_scene_that_can_then_be_named(place: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["scene", "generate", str(place / "den"), "--rooms", "1", "--seed", "2"]) == 0
 
