@@ -173,3 +173,13 @@ def test_evidence_predicts_the_error_of_a_whole_run_better_than_eq_5_does(finish
     areas = {(row["points"], row["method"]): row["area"] for row in rows}
     for points in ("surface", "everywhere"):
         assert areas[points, "evidence"] < areas[points, "closed form"]
+
+
+def test_presets_are_compared_on_the_pictures_of_a_run(finished, tmp_path):
+    folder, _ = finished
+    options = ("--presets", "quick", "--seeds", "1", "--json-file", str(tmp_path / "quality.json"))
+    assert "accuracy cm" in measure("map_quality.py", str(folder), *options)
+    (row,) = json.loads((tmp_path / "quality.json").read_text())
+    assert row["accuracy_cm"] < 3.0
+    assert row["seen_within_percent"] > 70.0
+    assert 0.0 < row["training_s"] < row["mapping_s"]

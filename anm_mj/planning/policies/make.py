@@ -13,6 +13,7 @@ from anm_mj.planning.policies.anm_s import AnmS
 from anm_mj.planning.policies.frontier import FULL_RANGE_M, Frontier
 from anm_mj.planning.policies.gvg import Gvg
 from anm_mj.planning.policies.random_walk import RandomWalk
+from anm_mj.planning.policies.upen import Upen
 from anm_mj.protocols import Policy
 from anm_mj.types import Footprint
 
@@ -22,6 +23,7 @@ POLICIES: dict[str, Callable[[PlanningConfig, Footprint, int], Policy]] = {
     "anm": Anm,
     "frontier": Frontier,
     "frontier-full": partial(Frontier, range_m=FULL_RANGE_M),
+    "upen": Upen,
     "random": RandomWalk,
 }
 
