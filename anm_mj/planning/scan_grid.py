@@ -7,13 +7,15 @@ occupancy beside the neural map it can be limited in range, as the published con
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 from skimage.draw import polygon
 
 from anm_mj.frames import pixel_directions, world_to_cell
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, TopDownMap
+from anm_mj.types import FORWARD_STEP_M, FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, TopDownMap
 
 RESOLUTION_M = 0.05
 GROWTH_CELLS = 128
@@ -58,9 +60,11 @@ class ScanGrid:
         self.log_odds[free] = np.maximum(np.nan_to_num(self.log_odds[free]) + PASS, LEAST)
         self.log_odds[struck] = np.minimum(np.nan_to_num(self.log_odds[struck]) + HIT, MOST)
 
-    def add_obstacle(self, xy_m: Float[np.ndarray, "2"]) -> None:
-        """Remember a place that the robot could not enter [m]."""
-        self.log_odds[self._mask(xy_m[None])] = MOST
+    def block_ahead(self, pose: Pose2) -> None:
+        """Remember that a forward step was refused: something stands where it would have led to."""
+        ahead = np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
+        place = pose.xy_m + (self.footprint.radius_m + FORWARD_STEP_M) * ahead
+        self.log_odds[self._mask(place[None])] = MOST
 
     def topdown(self) -> TopDownMap:
         """The grid as a map; clearance is the distance to the nearest obstacle, unknown ground counting as none [m]."""

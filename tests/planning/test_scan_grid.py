@@ -77,10 +77,10 @@ def test_growing_keeps_what_is_known_where_it_is():
     assert after.state.size > before.state.size
 
 
-def test_an_obstacle_that_was_felt_is_in_the_map():
+def test_a_refused_step_puts_an_obstacle_before_the_robot():
     grid = ScanGrid(FOOTPRINT, 10.0)
     grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
 
-    grid.add_obstacle(np.array([1.0, 0.2]))
+    grid.block_ahead(Pose2(0.5, 0.2, 0.0))
 
-    assert state_at(grid, 1.0, 0.2) == OCCUPIED
+    assert state_at(grid, 0.5 + 0.18 + 0.065, 0.2) == OCCUPIED

@@ -106,8 +106,7 @@ class Anm:
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle that the scans did not show into the grid."""
         if action is Action.MOVE_FORWARD:
-            ahead = np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
-            self._grid.add_obstacle(pose.xy_m + (self._footprint.radius_m + FORWARD_STEP_M) * ahead)
+            self._grid.block_ahead(pose)
 
     def _candidates(self, surface: SurfacePoints, routes: GridRoutes) -> list[Candidate]:
         """One target per cluster of uncertain surface that a way leads to and that the robot is not at already."""

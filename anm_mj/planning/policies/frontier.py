@@ -79,7 +79,6 @@ class Frontier:
         """
         del seed
         self._grid = ScanGrid(footprint, range_m)
-        self._footprint = footprint
         self._safe_m = footprint.radius_m + config.margin_m
         self._goal: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
         """The frontier headed for and the place to see it from [m]."""
@@ -125,8 +124,7 @@ class Frontier:
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle that the scans did not show into the grid."""
         if action is Action.MOVE_FORWARD:
-            ahead = np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
-            self._grid.add_obstacle(pose.xy_m + (self._footprint.radius_m + FORWARD_STEP_M) * ahead)
+            self._grid.block_ahead(pose)
 
     def _give_up_reached(self, pose: Pose2) -> None:
         """Give the frontier up that the robot has come to: if it were gone, it would not be chosen again anyway."""

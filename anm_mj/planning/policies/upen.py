@@ -71,7 +71,6 @@ class Upen:
         self._ensemble = load_ensemble(WEIGHTS)
         self._rng = np.random.default_rng([seed, 3])
         self._grid = ScanGrid(footprint, FULL_RANGE_M)
-        self._footprint = footprint
         self._safe_m = footprint.radius_m + config.margin_m
 
     def observe(self, observation: Observation) -> None:
@@ -113,8 +112,7 @@ class Upen:
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle that the scans did not show into the grid."""
         if action is Action.MOVE_FORWARD:
-            ahead = np.array([np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)])
-            self._grid.add_obstacle(pose.xy_m + (self._footprint.radius_m + FORWARD_STEP_M) * ahead)
+            self._grid.block_ahead(pose)
 
     def _tree(self, topdown: TopDownMap, pose: Pose2, occupied: Float32[np.ndarray, "rows cols"]) -> Tree:
         """A tree over cells that are clear of obstacles and not thought occupied."""
