@@ -74,8 +74,9 @@ def _scene_import(parsed: argparse.Namespace) -> int:
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
     start = scene.starts[0]
+    rooms = "" if scene.rooms is None else f"{scene.rooms} room{'s' * (scene.rooms > 1)}, "
     Console().print(
-        f"{scene.name}: {scene.num_triangles} triangles, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} m, "
+        f"{scene.name}: {rooms}{scene.num_triangles} triangles, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} m, "
         f"start {start.x_m:.2f},{start.y_m:.2f}. Explore it: anm-mj explore {parsed.out}",
         highlight=False,
         soft_wrap=True,

@@ -24,6 +24,7 @@ from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_f
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, choose_starts, navigable_area
 from anm_mj.scene.part import Part, merge_geometry, without_degenerate_faces
+from anm_mj.scene.rooms import find_rooms
 from anm_mj.scene.upright import covered_share
 from anm_mj.types import Pose2
 
@@ -50,6 +51,7 @@ class SceneInfo:
     floor_removed_m: float = 0.0
     """Height of the source's floor, subtracted so that the floor is at z = 0 [m]."""
     rooms: int | None = None
+    """Number of rooms; None to count them, as far as walls and doors tell."""
     budget_steps: int | None = None
     cull_face: bool = False
     """Whether the renderer may leave out triangles seen from behind. Off unless every surface is known to be closed or
@@ -59,8 +61,8 @@ class SceneInfo:
 def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pose2, ...] | None = None) -> Scene:
     """Write a scene folder and read it back.
 
-    Collision boxes, whether there is a ceiling, and start poses (unless given) are worked out from the parts. The
-    folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
+    Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) are worked out
+    from the parts. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
 
     Args:
         parts: Everything in the scene, in the world (z up, floor at z = 0) [m].
@@ -77,8 +79,12 @@ def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pos
     vertices, faces = merge_geometry(proper)
     vertices, faces = vertices.astype(np.float32), faces.astype(np.int32)
     triangles = vertices[faces]
-    if starts is None:
-        starts = choose_starts(navigable_area(triangles, DEFAULT_FOOTPRINT), DEFAULT_FOOTPRINT)
+    rooms = info.rooms
+    if starts is None or rooms is None:
+        area = navigable_area(triangles, DEFAULT_FOOTPRINT)
+        starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
+        # A scan may have no wall that parts a room from the open.
+        rooms = rooms or len(find_rooms(triangles, area).area_m2) or None
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
     entries = {
         "name": info.name,
@@ -91,7 +97,8 @@ def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pos
         "floor_removed": round(info.floor_removed_m, 4),
         "bounds": bounds.round(4).tolist(),
         "triangles": len(faces),
-        "rooms": info.rooms,
+        "rooms": rooms,
+        "rooms_how": "given" if info.rooms else "found",
         "has_ceiling": covered_share(triangles) > 0.5,
         "cull_face": info.cull_face,
         "starts": [[pose.x_m, pose.y_m, round(math.degrees(pose.yaw_rad), 2)] for pose in starts],

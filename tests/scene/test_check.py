@@ -51,6 +51,11 @@ def test_a_room_out_of_reach_does_not_count():
     assert not plan.doors
 
 
+def test_a_written_scene_counts_its_rooms_unless_told(tmp_path):
+    assert _scene(two_rooms(), tmp_path / "counted").rooms == 2
+    assert _scene(two_rooms(), tmp_path / "told", rooms=5).rooms == 5
+
+
 def test_a_usable_scene_has_no_problems(tmp_path):
     check = check_scene(_scene(two_rooms(), tmp_path / "flat"), DEFAULT_FOOTPRINT)
     assert not check.problems
