@@ -90,6 +90,21 @@ def test_a_choice_is_a_way_over_free_ground_a_look_and_a_limit_of_ten_steps():
     assert len(plan.headings_rad) == 1
 
 
+def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_once_looked_at(monkeypatch):
+    policy = Frontier(PlanningConfig(), FOOTPRINT, 0)
+    topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9), (0.1, 0.1, 0.5, 1.1)])
+    monkeypatch.setattr(policy._grid, "topdown", lambda: topdown)
+    world = BoxWorld((1.0, 1.0), [])
+
+    assert policy.plan(world, look(Pose2(2.0, 0.8, 0.0))).path_xy_m[-1][0] < 1.0
+    near = policy.plan(world, look(Pose2(1.2, 0.8, 0.0)))
+    assert near.reason == "the same frontier as before"
+    assert near.path_xy_m[-1][0] < 1.0
+
+    other = policy.plan(world, look(Pose2(*near.path_xy_m[-1].tolist(), near.headings_rad[0])))
+    assert other.path_xy_m[-1][0] > 4.0
+
+
 def test_a_room_seen_to_the_last_corner_is_complete():
     policy = Frontier(PlanningConfig(), FOOTPRINT, 0, range_m=10.0)
     for k in range(36):

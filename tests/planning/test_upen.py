@@ -144,4 +144,4 @@ def test_the_path_taken_is_clear_and_the_same_for_the_same_seed():
     np.testing.assert_array_equal(plans[0].path_xy_m, plans[1].path_xy_m)
     assert plans[0].topdown is not None
     assert clearance_at(plans[0].topdown, plans[0].path_xy_m).min() > FOOTPRINT.radius_m
-    assert plans[0].valid_steps == 10
+    assert plans[0].valid_steps == 38

@@ -2,7 +2,7 @@
 
 Four networks (:mod:`anm_mj.planning.occupancy_net`) guess the map within 8 m about the robot from what a planar grid of
 its own holds. A random tree is grown over what is thought free; among its paths of ten hops the one is taken along
-which the networks disagree most about what is occupied. A new choice is made every 10 steps.
+which the networks disagree most about what is occupied. A new choice is made after 10 steps of 25 cm or at its end.
 
 Deviations: the networks are smaller and have learnt from floor plans of our own generator
 (``scripts/train_upen.py``), not from Matterport3D; a guess is made anew at every decision instead of being fused into a
@@ -52,7 +52,9 @@ WEIGHTS = Path(__file__).with_name("upen_weights.npz")
 NUM_SAMPLES = 2500
 HOP_M = 0.25
 NUM_HOPS = 10
-REPLAN_STEPS = 10
+REPLAN_STEPS = round(10 * 0.25 / FORWARD_STEP_M)
+"""A choice holds for ten of the original's steps of 25 cm, which is about the length of a path: with ten steps of ours
+the robot turns to one path after the other and follows none."""
 THOUGHT_OCCUPIED = 0.5
 """Unknown cells with a higher mean probability are not driven over."""
 MAX_LOGGED = 20
