@@ -36,7 +36,7 @@ from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, 
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.field import decoder_shapes
-from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.rays import RayBatch
 
 ROOM_M = np.array([10.0, 8.0, 2.8])
 LEVEL_BYTES = 1 << 19

@@ -37,6 +37,16 @@ def cell_sizes_m(config: FieldConfig) -> Float[np.ndarray, " levels"]:
     return config.coarsest_cell_m * ratio ** (np.arange(config.num_levels) / (config.num_levels - 1))
 
 
+def cells_per_m(config: FieldConfig) -> Float32[np.ndarray, " levels"]:
+    """Cells to a metre on each level, as all engines have them [1/m]."""
+    return (1.0 / cell_sizes_m(config)).astype(np.float32)
+
+
+def bins_per_m(config: FieldConfig) -> Float32[np.ndarray, "3"]:
+    """Bins of the one-blob code to a metre, per axis [1/m]."""
+    return np.float32(config.blob_bins) / np.array(config.blob_period_m, np.float32)
+
+
 def index_factors(config: FieldConfig) -> tuple[Int64[np.ndarray, "3 levels"], Int64[np.ndarray, "3 levels"]]:
     """Factors ``a`` and masks ``m`` of the index formula, per axis and level; all fit into 32 bits."""
     bits = config.log2_table_size
@@ -129,8 +139,7 @@ class HashGrid:
         entries = 1 << config.log2_table_size
         self.num_levels = config.num_levels
         self.num_entries = config.num_levels * entries
-        cells_per_m = (1.0 / cell_sizes_m(config)).astype(np.float32)
-        self._cells_per_m = torch.from_numpy(cells_per_m).to(device)[None, :, None]
+        self._cells_per_m = torch.from_numpy(cells_per_m(config)).to(device)[None, :, None]
         self._factors = torch.from_numpy(factors.astype(np.int32)).to(device)[:, :, None]
         self._masks = torch.from_numpy(masks.astype(np.int32)).to(device)[:, :, None]
         offsets = torch.arange(self.num_levels, dtype=torch.int32, device=device) * entries

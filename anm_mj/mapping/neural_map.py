@@ -19,9 +19,10 @@ from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig, config_from_dict
 from anm_mj.mapping.encoding import doubled_table
-from anm_mj.mapping.keyframes import KeyframeStore, RayBatch, concatenate, part, sample_frame
+from anm_mj.mapping.keyframes import KeyframeStore
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
@@ -56,7 +57,9 @@ class NeuralMap:
         self._device = device
         self.backend: MapperBackend = make_backend(config, seed=seed, device=device)
         self._rng = np.random.default_rng([seed, 1])
-        self._keyframes = KeyframeStore(config.schedule.replay_bytes, config.schedule.pixel_share)
+        self._keyframes = KeyframeStore(
+            config.schedule.replay_bytes, config.schedule.pixel_share, self.backend.pixel_memory
+        )
         self._occupancy = OccupancyGrid(config.occupancy)
         self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
         self._mesh = MeshExtractor(self._occupancy)
@@ -223,16 +226,10 @@ class NeuralMap:
     def _batches(self, observation: Observation, count: int, *, first: bool) -> Iterator[RayBatch]:
         """Rays of the keyframes and, after the first frame, of the one at hand, for so many iterations."""
         schedule = self.config.schedule
-        num_replayed = schedule.num_rays
         num_current = 0 if first else max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
         for start in range(0, count, _DRAWN_TOGETHER):
             together = min(_DRAWN_TOGETHER, count - start)
-            replayed = self._keyframes.sample(together * num_replayed, self._rng)
-            current = sample_frame(observation, together * num_current, self._rng)
-            for k in range(together):
-                yield concatenate(
-                    part(replayed, k * num_replayed, num_replayed), part(current, k * num_current, num_current)
-                )
+            yield from self._keyframes.batches(together, schedule.num_rays, observation, num_current, self._rng)
 
     def _smoothness_corner(self) -> Float[np.ndarray, "3"]:
         """A random place for the smoothness lattice within the box that was fused so far, or about its middle."""

@@ -38,6 +38,19 @@ def valid_depth(depth_m: Float[Tensor, " n"], config: SamplingConfig) -> Bool[Te
     return (depth_m > 0.0) & (depth_m <= config.max_depth_m)
 
 
+def spaced_depths(
+    config: SamplingConfig, truncation_m: float, device: torch.device, dtype: torch.dtype = torch.float32
+) -> tuple[Float[Tensor, " free"], Float[Tensor, " near"], Float[Tensor, " near"]]:
+    """What the uniform scheme is made of [m]: depths over [0, far], offsets over the band, depths where there is none.
+
+    Computed on the host, so that the very same numbers come out in every engine.
+    """
+    even = torch.linspace(0.0, config.far_m, config.free_samples, dtype=dtype)
+    band = torch.linspace(-truncation_m, truncation_m, config.near_samples, dtype=dtype)
+    spare = torch.linspace(0.0, config.far_m, config.near_samples, dtype=dtype)
+    return even.to(device), band.to(device), spare.to(device)
+
+
 def sample_depths(
     depth_m: Float[Tensor, " n"], config: SamplingConfig, truncation_m: float, seed: int
 ) -> Float[Tensor, "n samples"]:
@@ -80,13 +93,9 @@ def _uniform(
 
     Source: Wang et al., Co-SLAM, 2023.
     """
-    device, dtype = depth_m.device, depth_m.dtype
-    n = len(depth_m)
-    even = torch.linspace(0.0, config.far_m, config.free_samples, device=device, dtype=dtype).expand(n, -1)
-    band = torch.linspace(-truncation_m, truncation_m, config.near_samples, device=device, dtype=dtype)
-    spare = torch.linspace(0.0, config.far_m, config.near_samples, device=device, dtype=dtype)
+    even, band, spare = spaced_depths(config, truncation_m, depth_m.device, depth_m.dtype)
     near = torch.where(valid[:, None], depth_m[:, None] + band, spare).clamp_min(0.0)
-    z, _ = torch.sort(torch.cat((even, near), dim=1), dim=1)
+    z, _ = torch.sort(torch.cat((even.expand(len(depth_m), -1), near), dim=1), dim=1)
     middle = 0.5 * (z[:, 1:] + z[:, :-1])
     lower = torch.cat((z[:, :1], middle), dim=1)
     upper = torch.cat((middle, z[:, -1:]), dim=1)

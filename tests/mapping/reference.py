@@ -5,8 +5,8 @@ import torch
 
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.field import DECODER_NAMES, decode_color, decode_sdf
-from anm_mj.mapping.keyframes import RayBatch
 from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.rendering import bell_weights, composite
 from anm_mj.mapping.sampling import valid_depth
 

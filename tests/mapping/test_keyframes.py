@@ -2,8 +2,15 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.keyframes import KeyframeStore, concatenate, part, sample_frame
+from anm_mj.mapping.keyframes import KeyframeStore
+from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame
 from tests.mapping.ray_room import Room
+
+
+def drawn(store: KeyframeStore, count: int, rng: np.random.Generator) -> RayBatch:
+    """So many stored pixels, and none of a frame at hand."""
+    (rays,) = store.batches(1, count, Room().observe(1.5, 1.5, 0.0), 0, rng)
+    return rays
 
 
 @pytest.mark.parametrize("stored", [True, False])
@@ -13,7 +20,7 @@ def test_rays_lead_from_the_camera_to_the_surface_they_saw(room: Room, stored: b
     if stored:
         store = KeyframeStore(10_000_000, 1.0)
         store.add(observation, rng)
-        rays = store.sample(200, rng)
+        rays = drawn(store, 200, rng)
     else:
         rays = sample_frame(observation, 200, rng)
     points = rays.origin_m + rays.direction * rays.depth_m[:, None]
@@ -29,7 +36,7 @@ def test_missing_and_far_depth_come_back_as_nan():
     observation.depth_m[:, :10] = 40.0
     store = KeyframeStore(10_000_000, 1.0)
     store.add(observation, rng)
-    rays = store.sample(500, rng)
+    rays = drawn(store, 500, rng)
     assert np.isnan(rays.depth_m).any()
     assert np.nanmax(rays.depth_m) < 10.0
 
@@ -42,7 +49,7 @@ def test_memory_stays_bounded_and_every_keyframe_keeps_being_replayed(room: Room
         store.add(observation, rng)
         assert store.num_bytes <= limit
     assert len(store) == 10
-    headings = {tuple(np.round(d, 4)) for d in store.sample(4000, rng).direction}
+    headings = {tuple(np.round(d, 4)) for d in drawn(store, 4000, rng).direction}
     yaws = np.arctan2([d[1] for d in headings], [d[0] for d in headings])
     assert np.histogram(yaws, bins=10, range=(-np.pi, np.pi))[0].min() > 0
 
@@ -55,7 +62,7 @@ def test_a_full_store_keeps_as_much_of_the_oldest_keyframe_as_of_the_newest(room
         store.add(view, rng)
     # Of quarters only twelve would fit, so each is down to an eighth.
     assert store.num_pixels.tolist() == [64 * 64 // 8] * 14
-    rays = store.sample(20_000, rng)
+    rays = drawn(store, 20_000, rng)
     shares = [(np.abs(rays.origin_m[:, 0] - 1.0 - 0.1 * k) < 0.01).mean() for k in range(14)]
     np.testing.assert_allclose(shares, 1 / 14, atol=0.01)
     # What is left of each is still what that camera saw, and spread over its whole image.
@@ -72,7 +79,7 @@ def test_images_of_several_sizes_share_a_store(room: Room):
     store.add(room.observe(1.5, 1.2, 0.0, size=32), rng)
     store.add(room.observe(1.5, 1.2, 2.0, size=300), rng)
     assert store.num_pixels.tolist() == [32 * 32, 300 * 300]
-    rays = store.sample(2000, rng)
+    rays = drawn(store, 2000, rng)
     points = rays.origin_m + rays.direction * rays.depth_m[:, None]
     assert np.abs(room.sdf(points.astype(float))).max() < 1e-3
 

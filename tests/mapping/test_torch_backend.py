@@ -9,7 +9,7 @@ from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field import DECODER_NAMES, decoder_shapes
-from anm_mj.mapping.keyframes import RayBatch, sample_frame
+from anm_mj.mapping.rays import RayBatch, sample_frame
 from tests.mapping.ray_room import Room
 
 

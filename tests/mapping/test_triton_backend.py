@@ -68,8 +68,6 @@ def test_queries_answer_as_the_torch_engine_does(config, found):
 
 @all_configs
 def test_steps_lead_to_the_same_surface(config, found):
-    # Fifty on a GPU, as many as fit into some seconds in the interpreter.
-    assert found[config]["steps"] >= 2
     assert found[config]["losses_after_steps"] < 1e-3
     assert found[config]["sdf_after_steps"] < TRUNCATION_SHARE
 
@@ -79,6 +77,25 @@ def test_checkpoints_move_both_ways(config, found):
     assert found[config]["state_kept"]
     assert found[config]["state_returns"]
     assert found[config]["answers_return"] < 1e-6
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="a GPU's own graphs are compared in the steps above")
+@all_configs
+def test_a_graph_captured_once_trains_on_a_store_that_grows_and_is_thinned(config, found):
+    replay = found[config]["replay"]
+    assert replay["on_device"]
+    assert replay["kept"] == [256, 256, 128, 128]
+    # The first of eight steps compiles; all others are replays of one graph.
+    assert replay["replays"] == 7
+    assert replay["losses"] < 1e-3
+    # Nothing that waits for the device, or reads the host's memory, which a capture would refuse or not do again.
+    for name in replay["names"]:
+        assert not any(word in name for word in ("local_scalar", "lift_fresh", "_to_copy")), name
+
+
+def test_a_map_trains_on_pixels_that_the_engine_keeps_as_on_those_of_the_host(found):
+    assert found["map"]["losses"] < 1e-3
+    assert found["map"]["sizes"] == [9, 9]
 
 
 def test_what_does_not_fit_is_refused(found):
@@ -107,6 +124,8 @@ def test_kernels_compile_for_a_gpu_that_is_not_there():
     )
     assert done.returncode == 0, done.stderr[-4000:]
     kernels = json.loads(done.stdout)
-    assert set(kernels) == {"sample", "encode", "scatter", "train", "decode", "adam_table", "adam_decoders"}
+    assert set(kernels) == {
+        f"{name}_kernel" for name in ("sample", "encode", "scatter", "train", "decode", "adam_table", "adam_decoders")
+    }
     # Both features of an entry in one atomic.
-    assert kernels["scatter"]["paired_atomics"]
+    assert kernels["scatter_kernel"]["paired_atomics"]

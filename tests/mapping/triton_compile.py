@@ -13,12 +13,17 @@ import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
-from anm_mj.mapping.backends import triton_backend, triton_field, triton_kernels, triton_step
+from anm_mj.mapping.backends.triton import backend as triton_backend
+from anm_mj.mapping.backends.triton import field, training_step
 from anm_mj.mapping.config import default_mapping
-from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.rays import RayBatch
 
 TARGET = GPUTarget("cuda", 90, 32)
-KERNELS = ("sample", "encode", "scatter", "train", "decode", "adam_table", "adam_decoders")
+KERNELS = {
+    field: ("encode_kernel", "scatter_kernel", "decode_kernel"),
+    training_step: ("sample_kernel", "train_kernel", "adam_table_kernel", "adam_decoders_kernel"),
+}
+"""Where kernels are launched from."""
 OPTIONS = ("enable_fp_fusion", "num_stages")
 TYPES = {torch.float32: "*fp32", torch.int32: "*i32", float: "fp32", int: "i32"}
 
@@ -58,18 +63,16 @@ class Recorder:
 def main() -> None:
     torch.set_num_threads(1)
     # The interpreter's way through the engine needs no GPU; the sizes are a GPU's.
-    triton_kernels.INTERPRETED = True
-    triton_field._INTERPRETED_POINTS = triton_field._DECODE_POINTS
-    triton_step._INTERPRETED_POINTS = triton_step._TILE_POINTS
-    triton_step._INTERPRETED_ADAM_BLOCK = triton_step._ADAM_BLOCK
-    recorders = {name: Recorder(getattr(triton_kernels, name)) for name in KERNELS}
-    for name, recorder in recorders.items():
-        setattr(triton_kernels, name, recorder)
+    triton_backend.INTERPRETED = True
+    recorders = {}
+    for module, names in KERNELS.items():
+        for name in names:
+            recorders[name] = Recorder(getattr(module, name))
+            setattr(module, name, recorders[name])
     config = default_mapping()
     # Small layers, because compiling takes as long as they are wide.
-    field = replace(config.field, num_levels=4, log2_table_size=9, blob_bins=5, hidden_width=16, geometry_features=7)
-    backend = triton_backend.TritonBackend(replace(config, field=field), seed=0, device="cpu")
-    backend._field._encode_points = triton_field._ENCODE_POINTS
+    small = replace(config.field, num_levels=4, log2_table_size=9, blob_bins=5, hidden_width=16, geometry_features=7)
+    backend = triton_backend.TritonBackend(replace(config, field=small), seed=0, device="cpu")
     ray = np.ones((1, 3), np.float32)
     backend.step(RayBatch(ray, ray, ray, np.ones(1, np.float32)), 0)
     backend.query_rgb(ray)

@@ -6,8 +6,8 @@ must not load it. Run with ``TRITON_INTERPRET=1`` where there is no GPU; the ker
 
 import json
 import sys
-import time
 import warnings
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -22,18 +22,23 @@ from anm_mj.errors import MapError  # noqa: E402
 from anm_mj.mapping.backends.backend import MapperBackend  # noqa: E402
 from anm_mj.mapping.backends.select import choose_engine, make_backend, triton_fault  # noqa: E402
 from anm_mj.mapping.backends.torch_backend import TorchBackend  # noqa: E402
-from anm_mj.mapping.backends.triton_backend import TritonBackend  # noqa: E402
+from anm_mj.mapping.backends.triton import field, training_step  # noqa: E402
+from anm_mj.mapping.backends.triton.backend import TritonBackend  # noqa: E402
+from anm_mj.mapping.backends.triton.captured import Captured  # noqa: E402
+from anm_mj.mapping.backends.triton.pixels import DeviceRays  # noqa: E402
 from anm_mj.mapping.config import default_mapping, paper_mapping  # noqa: E402
 from anm_mj.mapping.field import DECODER_NAMES  # noqa: E402
-from anm_mj.mapping.keyframes import RayBatch, concatenate, sample_frame  # noqa: E402
+from anm_mj.mapping.keyframes import KeyframeStore  # noqa: E402
+from anm_mj.mapping.neural_map import NeuralMap  # noqa: E402
+from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame  # noqa: E402
 from anm_mj.mapping.sampling import sample_depths  # noqa: E402
 from tests.mapping.ray_room import Room  # noqa: E402
+from tests.mapping.recorded_graph import RecordedGraph, RecordedKernel, record  # noqa: E402
 from tests.mapping.reference import reference_gradients  # noqa: E402
 
 CORNER_M = np.array([0.3, 0.4, 0.1])
-STEPS = 50
-TIME_LIMIT_S = 3.0
-"""For the steps of one configuration; as many as fit are run."""
+STEPS = 50 if torch.cuda.is_available() else 5
+"""Few in the interpreter, which takes tenths of a second for one."""
 
 
 def configs():
@@ -109,11 +114,9 @@ def compare(config, rays):
     # Both optimisers start afresh; the batch changes its size on the way.
     reference.set_state(ours.get_state())
     found["state_kept"] = all((value == state[name]).all() for name, value in reference.get_state().items())
-    start, found["steps"] = time.monotonic(), 0
-    while found["steps"] < STEPS and time.monotonic() - start < TIME_LIMIT_S:
-        batch = rays if found["steps"] % 5 else RayBatch(*(getattr(rays, f)[:60] for f in vars(rays)))
-        a, b = (backend.step(batch, found["steps"], corner) for backend in (ours, reference))
-        found["steps"] += 1
+    for k in range(STEPS):
+        batch = part(rays, 0, 60) if k % 5 == 2 else rays
+        a, b = (backend.step(batch, k, corner) for backend in (ours, reference))
     kept = np.array(b) > 0.0
     found["losses_after_steps"] = float(np.max(np.abs(np.array(a)[kept] / np.array(b)[kept] - 1.0)))
     hit = np.isfinite(rays.depth_m)
@@ -125,6 +128,65 @@ def compare(config, rays):
     found["state_returns"] = all((value == other.get_state()[name]).all() for name, value in ours.get_state().items())
     found["answers_return"] = largest(other.query_sdf(surface), ours.query_sdf(surface))
     return found
+
+
+def replay(config):
+    """Steps by replays of one captured graph on pixels of a store that grows and is thinned meanwhile, and torch's."""
+    graphs = RecordedGraph.made = []
+    ours = TritonBackend(config, seed=0)
+    reference = TorchBackend(config, seed=0, device="cpu")
+    corner = CORNER_M if config.loss.smoothness > 0.0 else None
+    room, rng = Room(ceiling=False), np.random.default_rng(0)
+    store = KeyframeStore(9 * 600, 1.0, ours.pixel_memory)
+    errors, on_device, kept = [], True, []
+    for k in range(4):
+        view = room.observe(1.5, 1.5, 1.3 * k, size=16)
+        store.add(view, rng)
+        kept.append(int(store.num_pixels[0]))
+        for rays in store.batches(2, 40, view, 20, rng):
+            on_device &= isinstance(rays, DeviceRays)
+            # Smoothness now and then elsewhere: what a graph was captured with must not stick to it.
+            at = None if corner is None else corner + 0.1 * k
+            a, b = (np.array(backend.step(rays, len(errors), at)) for backend in (ours, reference))
+            errors.append(float(np.max(np.abs(a[b > 0.0] / b[b > 0.0] - 1.0))))
+    (graph,) = graphs
+    names = sorted(set(graph.names))
+    return {"losses": max(errors), "on_device": on_device, "kept": kept, "replays": graph.num_replays, "names": names}
+
+
+@contextmanager
+def recorded_graphs():
+    """Has the engine capture where there is no CUDA."""
+    originals = {}
+    for module in (field, training_step):
+        for name in [name for name in vars(module) if name.endswith("_kernel")]:
+            originals[module, name] = getattr(module, name)
+            setattr(module, name, RecordedKernel(originals[module, name]))
+    originals[training_step, "Captured"] = training_step.Captured
+    training_step.Captured = lambda launch, enabled: Captured(launch, enabled=True)
+    originals[torch.cuda, "CUDAGraph"], originals[torch.cuda, "graph"] = torch.cuda.CUDAGraph, torch.cuda.graph
+    torch.cuda.CUDAGraph, torch.cuda.graph = RecordedGraph, record
+    try:
+        yield
+    finally:
+        for (module, name), original in originals.items():
+            setattr(module, name, original)
+
+
+def map_on_device(config):
+    """A map whose engine keeps the pixels, beside one of the torch engine: losses and the table's growth."""
+    config = replace(
+        config,
+        field=replace(config.field, log2_table_size=8, largest_log2_table_size=9, entries_per_m3=1e6),
+        schedule=replace(config.schedule, first_iterations=2, iterations=2, num_rays=40, keyframe_every=1),
+    )
+    maps = [NeuralMap(replace(config, engine=engine), seed=0, device="cpu") for engine in ("triton", "torch")]
+    losses = []
+    for k in range(2):
+        view = Room().observe(1.5, 1.5, float(k), size=16)
+        losses.append([neural_map.integrate(view).loss for neural_map in maps])
+    sizes = [neural_map.config.field.log2_table_size for neural_map in maps]
+    return {"losses": max(abs(a / b - 1.0) for a, b in losses), "sizes": sizes}
 
 
 def refusals(config):
@@ -152,6 +214,10 @@ def main() -> None:
     rays, found = make_rays(), {}
     for name, config in configs().items():
         found[name] = compare(config, rays)
+        if not torch.cuda.is_available():
+            with recorded_graphs():
+                found[name]["replay"] = replay(config)
+    found["map"] = map_on_device(configs()["guided"])
     found["refusals"] = refusals(configs()["guided"])
     found["fault"] = triton_fault()
     found["choice"] = choose_engine("triton", "auto").name

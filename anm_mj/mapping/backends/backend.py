@@ -12,7 +12,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Float32
 
-from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.pixel_memory import PixelMemory
+from anm_mj.mapping.rays import RayBatch
 
 
 class StepLosses(NamedTuple):
@@ -38,6 +39,10 @@ class MapperBackend(Protocol):
     @property
     def device(self) -> str:
         """Where it computes, for the log: "cpu" or "cuda"."""
+        ...
+
+    def pixel_memory(self, count: int) -> PixelMemory:
+        """Room for so many pixels to replay, where the engine reads them from."""
         ...
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:

@@ -20,12 +20,13 @@ import trimesh
 from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
-from anm_mj.errors import MapError
 from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import StepLosses
 from anm_mj.mapping.backends.torch_backend import resolve_device
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.field import check_state
+from anm_mj.mapping.pixel_memory import HostPixels
+from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.rendering import bell_weights
 from anm_mj.mapping.sampling import counter_uniform
 
@@ -87,6 +88,10 @@ class MlpBackend:
     def device(self) -> str:
         """Where it computes: "cpu" or "cuda"."""
         return self._device.type
+
+    def pixel_memory(self, count: int) -> HostPixels:
+        """Room for so many pixels to replay; see the protocol."""
+        return HostPixels(count)
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration on the rays that have depth; see the protocol. There are no colours and no smoothness term."""
@@ -194,13 +199,9 @@ class MlpBackend:
     @torch.no_grad()
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
         """Take over weights by name and start the optimiser afresh; see the protocol."""
-        for name, weight in zip(_names(), self._weights, strict=True):
-            if name not in state:
-                raise MapError(f"The map's state lacks {name!r}; it has {sorted(state)}.")
-            if state[name].shape != tuple(weight.shape):
-                raise MapError(
-                    f"The map's {name!r} has shape {state[name].shape}, but it must be {tuple(weight.shape)}."
-                )
+        weights = dict(zip(_names(), self._weights, strict=True))
+        check_state(state, {name: tuple(weight.shape) for name, weight in weights.items()})
+        for name, weight in weights.items():
             weight.copy_(torch.from_numpy(state[name]))
         self._optimizer = Adam(self.config.optimizer, [], self._weights)
 

@@ -14,9 +14,18 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends import _native
 from anm_mj.mapping.backends.backend import StepLosses
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.encoding import cell_sizes_m, index_factors
-from anm_mj.mapping.field import DECODER_NAMES, decoder_shapes, initial_parameters
-from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.encoding import bins_per_m, cells_per_m, index_factors
+from anm_mj.mapping.field import (
+    DECODER_NAMES,
+    check_state,
+    decoder_shapes,
+    initial_parameters,
+    parameter_shapes,
+    split_flat,
+)
+from anm_mj.mapping.pixel_memory import HostPixels
+from anm_mj.mapping.rays import RayBatch
+from anm_mj.mapping.sampling import spaced_depths
 
 _MAX_WIDTH = 1024
 """Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
@@ -46,18 +55,15 @@ class NativeBackend:
             )
         self.config = config
         factors, masks = index_factors(field)
-        # By torch, so that the very same numbers come out as in its engine.
-        free = torch.linspace(0.0, sampling.far_m, sampling.free_samples).numpy()
-        band = torch.linspace(-field.truncation_m, field.truncation_m, sampling.near_samples).numpy()
-        spare = torch.linspace(0.0, sampling.far_m, sampling.near_samples).numpy()
+        even, band, spare = spaced_depths(sampling, field.truncation_m, torch.device("cpu"))
         self._engine = _native.Engine(
             _settings(config),
-            (1.0 / cell_sizes_m(field)).astype(np.float32),
+            cells_per_m(field),
             np.ascontiguousarray(factors, np.int64),
             np.ascontiguousarray(masks, np.int64),
-            free,
-            band,
-            spare,
+            even.numpy(),
+            band.numpy(),
+            spare.numpy(),
             num_threads or torch.get_num_threads(),
             kernel,
         )
@@ -77,6 +83,10 @@ class NativeBackend:
     def kernel(self) -> str:
         """The instruction set in use: "v2", "v3" or "v4" (levels of x86-64) or "generic"."""
         return self._engine.kernel
+
+    def pixel_memory(self, count: int) -> HostPixels:
+        """Room for so many pixels to replay; see the protocol."""
+        return HostPixels(count)
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
@@ -141,23 +151,13 @@ class NativeBackend:
 
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
         """Take over parameters by name and start the optimiser afresh; see the protocol."""
-        field = self.config.field
-        shapes = {"table": (field.num_levels << field.log2_table_size, 2), **decoder_shapes(field)}
-        for name, shape in shapes.items():
-            if name not in state:
-                raise MapError(f"The map's state lacks {name!r}; it has {sorted(state)}.")
-            if state[name].shape != shape:
-                raise MapError(f"The map's {name!r} has shape {state[name].shape}, but its configuration says {shape}.")
+        check_state(state, parameter_shapes(self.config.field))
         decoders = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
         self._engine.set_state(_floats(state["table"]), _floats(decoders))
 
     def _split(self, decoders: Float32[np.ndarray, " weights"]) -> dict[str, Float32[np.ndarray, "rows cols"]]:
-        parts, start = {}, 0
-        for name, shape in decoder_shapes(self.config.field).items():
-            size = shape[0] * shape[1]
-            parts[name] = decoders[start : start + size].reshape(shape).copy()
-            start += size
-        return parts
+        parts = split_flat(decoders, decoder_shapes(self.config.field))
+        return {name: part.copy() for name, part in parts.items()}
 
 
 def kernel_names() -> list[str]:
@@ -187,8 +187,7 @@ def _settings(config: MappingConfig) -> _native.Settings:
     out.bins = field.blob_bins
     out.hidden = field.hidden_width
     out.geometry = field.geometry_features
-    bins_per_m = np.float32(field.blob_bins) / np.array(field.blob_period_m, np.float32)
-    out.bins_per_m = tuple(bins_per_m.tolist())
+    out.bins_per_m = tuple(bins_per_m(field).tolist())
     out.truncation = field.truncation_m
     out.guided = sampling.scheme == "guided"
     out.free_samples = sampling.free_samples

@@ -52,7 +52,7 @@ def triton_fault() -> str | None:
     if _software_renderer():
         return "this process has rendered in software before, and Triton's LLVM crashes if loaded beside the renderer's"
     try:
-        module = importlib.import_module("anm_mj.mapping.backends.triton_backend")
+        module = importlib.import_module("anm_mj.mapping.backends.triton.self_check")
     except ImportError as err:
         return f"it does not load ({err})"
     return module.self_check()
@@ -132,7 +132,7 @@ def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> M
         return MlpBackend(config, seed=seed, device=device)
     if choice.name == "triton":
         # Triton is not made for every platform.
-        from anm_mj.mapping.backends.triton_backend import TritonBackend
+        from anm_mj.mapping.backends.triton.backend import TritonBackend
 
         return TritonBackend(config, seed=seed, device=device)
     # The compiled module is there, as was found just now, but need not be.

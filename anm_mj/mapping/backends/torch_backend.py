@@ -13,9 +13,20 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import StepLosses
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import DECODER_NAMES, NeuralField, decode_color, decode_sdf, decoder_shapes, sdf_hidden
-from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.field import (
+    DECODER_NAMES,
+    NeuralField,
+    check_state,
+    decode_color,
+    decode_sdf,
+    decoder_shapes,
+    parameter_shapes,
+    sdf_hidden,
+    split_flat,
+)
 from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.pixel_memory import HostPixels
+from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.rendering import bell_weights, composite
 from anm_mj.mapping.sampling import sample_depths, valid_depth
 
@@ -61,6 +72,10 @@ class TorchBackend:
 
     def _make_optimizer(self) -> Adam:
         return Adam(self.config.optimizer, list(self.field.planes), list(self.field.decoders.values()))
+
+    def pixel_memory(self, count: int) -> HostPixels:
+        """Room for so many pixels to replay; see the protocol."""
+        return HostPixels(count)
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
@@ -177,12 +192,7 @@ class TorchBackend:
     @torch.no_grad()
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
         """Take over parameters by name and start the optimiser afresh; see the protocol."""
-        shapes = {"table": (len(self.field.planes[0]), len(self.field.planes)), **decoder_shapes(self.config.field)}
-        for name, shape in shapes.items():
-            if name not in state:
-                raise MapError(f"The map's state lacks {name!r}; it has {sorted(state)}.")
-            if state[name].shape != shape:
-                raise MapError(f"The map's {name!r} has shape {state[name].shape}, but its configuration says {shape}.")
+        check_state(state, parameter_shapes(self.config.field))
         for plane, column in zip(self.field.planes, state["table"].T, strict=True):
             plane.copy_(torch.from_numpy(column.copy()))
         for name in DECODER_NAMES:
@@ -203,12 +213,7 @@ class TorchBackend:
         return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self._device)
 
     def _split_decoders(self, weights: Float32[np.ndarray, " weights"]) -> list[Tensor]:
-        parts, start = [], 0
-        for shape in decoder_shapes(self.config.field).values():
-            size = shape[0] * shape[1]
-            parts.append(self._tensor(weights[start : start + size].reshape(shape)))
-            start += size
-        return parts
+        return [self._tensor(part) for part in split_flat(weights, decoder_shapes(self.config.field)).values()]
 
 
 def sensitivity(

@@ -1,8 +1,7 @@
-"""One training step of the Triton engine: the launches, their buffers, and their capture in a CUDA graph.
+"""One training step of the Triton engine: the launches and their buffers.
 
-A batch arrives in one copy: a header of 16 words (number of rays, seed and number of samples as integers; step sizes
-and the smoothness lattice's corner as floats), then ten rows of rays. The number of rays is read from it by the
-kernels, so one captured graph serves all batches that need buffers of the same capacity.
+The batch comes first into its buffer; all launches after that read device memory alone, so that on a GPU they are
+captured once and replayed from then on.
 """
 
 from __future__ import annotations
@@ -14,22 +13,20 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from anm_mj.mapping.backends import triton_kernels as kernels
 from anm_mj.mapping.backends.backend import StepLosses
-from anm_mj.mapping.backends.triton_field import TritonField, padded
+from anm_mj.mapping.backends.triton.adam import adam_decoders_kernel, adam_table_kernel
+from anm_mj.mapping.backends.triton.batch import GRANULE, BatchBuffer
+from anm_mj.mapping.backends.triton.captured import Captured
+from anm_mj.mapping.backends.triton.field import TritonField
+from anm_mj.mapping.backends.triton.launch import EXACT, FUSED, block, num_blocks, padded
+from anm_mj.mapping.backends.triton.sampling import sample_kernel
+from anm_mj.mapping.backends.triton.train import train_kernel
 from anm_mj.mapping.config import MappingConfig, OptimizerConfig
 from anm_mj.mapping.encoding import NUM_FEATURES
-from anm_mj.mapping.keyframes import RayBatch
 from anm_mj.mapping.losses import smoothness_lattice
+from anm_mj.mapping.rays import RayBatch
+from anm_mj.mapping.sampling import spaced_depths
 
-_HEADER = 16
-"""Words before the rays."""
-_RATES, _CORNER = 4, 8
-"""Where step sizes and lattice corner stand in the header."""
-_ROWS = 10
-"""Rows of rays: origin, direction, colour, depth."""
-_GRANULE = 64
-"""Capacities are multiples of this many rays."""
 _TILE_POINTS = 64
 """Samples that a program of the training kernel holds at a time on a GPU, at least one ray's."""
 _INTERPRETED_POINTS = 1024
@@ -46,11 +43,6 @@ _INTERPRETED_ADAM_BLOCK = 1 << 18
 """The same in the interpreter."""
 
 
-def capacity_for(num_rays: int) -> int:
-    """The capacity of buffers that hold so many rays."""
-    return -(-num_rays // _GRANULE) * _GRANULE
-
-
 class TrainingStep:
     """Buffers for batches up to a capacity, with or without the smoothness term, and the launches that use them."""
 
@@ -64,75 +56,36 @@ class TrainingStep:
         self._samples = sampling.samples_per_ray
         self._samples_pad = 1 << (self._samples - 1).bit_length()
         points = capacity * self._samples
-        words = _HEADER + _ROWS * capacity
-        self._host = torch.zeros(words, pin_memory=cuda)
-        self._batch = torch.zeros(words, device=device)
-        self._words = self._batch.view(torch.int32)
-        self._rays = self._batch[_HEADER:]
+        self._batch = BatchBuffer(capacity, device)
         self._z = torch.zeros(points, device=device)
         self._points = torch.zeros(3, points, device=device)
         self._features = torch.zeros(NUM_FEATURES * field.levels, points, device=device)
         self._counts = torch.zeros(3, dtype=torch.int32, device=device)
         self._results = torch.zeros(8, device=device)
-        tile = _INTERPRETED_POINTS if kernels.INTERPRETED else _TILE_POINTS
         # No product works on fewer than 16 rows.
-        self._tile_rays = max(1, max(tile, padded(1)) // self._samples_pad)
-        self._sample_rays = _SAMPLE_RAYS if sampling.scheme == "guided" else 1
-        if kernels.INTERPRETED:
-            self._sample_rays = _GRANULE
+        self._tile_rays = max(1, max(block(_TILE_POINTS, _INTERPRETED_POINTS), padded(1)) // self._samples_pad)
+        self._sample_rays = block(_SAMPLE_RAYS if sampling.scheme == "guided" else 1, GRANULE)
         # Two in the interpreter, so that sums over programs are tested too.
         limit = _PROGRAMS_PER_CORE * torch.cuda.get_device_properties(device).multi_processor_count if cuda else 2
-        self._programs = min(limit, -(-capacity // self._tile_rays))
+        self._programs = min(limit, num_blocks(capacity, self._tile_rays))
         self._partial = torch.zeros(self._programs, field.num_weights + 4, device=device)
-        # By torch on the host, so that the very same numbers come out as in its engine.
-        truncation = config.field.truncation_m
-        self._spaced = torch.cat(
-            (
-                torch.linspace(0.0, sampling.far_m, sampling.free_samples),
-                torch.linspace(-truncation, truncation, sampling.near_samples),
-                torch.linspace(0.0, sampling.far_m, sampling.near_samples),
-            )
-        ).to(device)
+        spaced = spaced_depths(sampling, config.field.truncation_m, device)
+        self._spaced = torch.cat(spaced)
         if smooth:
             self._offsets = smoothness_lattice(torch.zeros(3), config.loss).t().contiguous().to(device)
             count = self._offsets.shape[1]
             self._lattice = torch.zeros_like(self._offsets)
             self._lattice_features = torch.zeros(NUM_FEATURES * field.levels, count, device=device)
             self._lattice_count = torch.tensor([count], dtype=torch.int32, device=device)
-        self._graph: torch.cuda.CUDAGraph | None = None
-        self._compiled = False
+        self._captured = Captured(self._launch, enabled=cuda)
 
     def load(self, rays: RayBatch, seed: int, corner_m: Float[np.ndarray, "3"] | None, step: int) -> None:
         """Copy a batch, and what depends on the number of the step (from 1), to the device."""
-        num_rays = len(rays.depth_m)
-        host = self._host.numpy()
-        words = host.view(np.uint32)
-        words[:3] = num_rays, seed & 0xFFFFFFFF, num_rays * self._samples
-        host[_RATES : _RATES + 3] = _rates(self._config.optimizer, step)
-        if corner_m is not None:
-            host[_CORNER : _CORNER + 3] = corner_m
-        rows = host[_HEADER:].reshape(_ROWS, self.capacity)
-        rows[0:3, :num_rays] = rays.origin_m.T
-        rows[3:6, :num_rays] = rays.direction.T
-        rows[6:9, :num_rays] = rays.rgb.T
-        rows[9, :num_rays] = rays.depth_m
-        self._batch.copy_(self._host, non_blocking=True)
+        self._batch.load(rays, seed, self._samples, _rates(self._config.optimizer, step), corner_m)
 
     def run(self) -> None:
-        """Gradients and update for the batch at hand.
-
-        On a GPU the first run compiles, the second captures what the later ones replay.
-        """
-        if self._field.device.type == "cuda" and self._compiled:
-            if self._graph is None:
-                self._graph = torch.cuda.CUDAGraph()
-                # Capturing records the launches and runs none.
-                with torch.cuda.graph(self._graph):
-                    self._launch()
-            self._graph.replay()
-        else:
-            self._launch()
-            self._compiled = True
+        """Gradients and update for the batch at hand."""
+        self._captured.run()
 
     def _launch(self) -> None:
         self.compute_gradients()
@@ -143,9 +96,9 @@ class TrainingStep:
         field, loss = self._field, self._config.loss
         self.draw_samples()
         field.encode_into(self._features, self._points)
-        kernels.train[(self._programs,)](
-            self._words,
-            self._rays,
+        train_kernel[(self._programs,)](
+            self._batch.header,
+            self._batch.rays,
             self.capacity,
             self._z,
             self._points,
@@ -167,10 +120,10 @@ class TrainingStep:
             NO_DEPTH_IS_FREE=loss.no_depth_is_free,
             RAYS=self._tile_rays,
             **field.sizes,
-            **kernels.FUSED,
+            **FUSED,
             **_ONE_STAGE,
         )
-        field.scatter(self._points, self._words[2:3], self._features)
+        field.scatter(self._points, self._batch.num_samples, self._features)
         torch.sum(self._partial[:, field.num_weights :], dim=0, out=self._results[:4])
         self._results[4:7].copy_(self._counts)
         if self.smooth:
@@ -180,9 +133,9 @@ class TrainingStep:
         """Depths and points of the samples, and how many are free and in the band."""
         config, sampling = self._config, self._config.sampling
         self._counts.zero_()
-        kernels.sample[(-(-self.capacity // self._sample_rays),)](
-            self._words,
-            self._rays,
+        sample_kernel[(num_blocks(self.capacity, self._sample_rays),)](
+            self._batch.header,
+            self._batch.rays,
             self.capacity,
             self._spaced,
             self._z,
@@ -197,14 +150,14 @@ class TrainingStep:
             TRUNCATION=config.field.truncation_m,
             NO_DEPTH_IS_FREE=config.loss.no_depth_is_free,
             RAYS=self._sample_rays,
-            **kernels.EXACT,
+            **EXACT,
         )
 
     def _smoothness(self) -> None:
         """The smoothness term and its gradient; in torch, as differences of neighbours leave a kernel little to win."""
         loss = self._config.loss
         k = loss.smoothness_points
-        torch.add(self._offsets, self._batch[_CORNER : _CORNER + 3, None], out=self._lattice)
+        torch.add(self._offsets, self._batch.corner_m[:, None], out=self._lattice)
         self._field.encode_into(self._lattice_features, self._lattice)
         lattice = self._lattice_features.view(-1, k, k, k)
         gradient = torch.zeros_like(lattice)
@@ -220,11 +173,11 @@ class TrainingStep:
 
     def _update(self) -> None:
         field, optimizer = self._field, self._config.optimizer
-        rates = self._batch[_RATES:]
+        rates = self._batch.rates
         split, size = field.table_size, field.num_weights
-        block = _INTERPRETED_ADAM_BLOCK if kernels.INTERPRETED else _ADAM_BLOCK
+        size_of_block = block(_ADAM_BLOCK, _INTERPRETED_ADAM_BLOCK)
         betas = {"BETA1": optimizer.beta1, "BETA2": optimizer.beta2}
-        kernels.adam_table[(-(-split // block),)](
+        adam_table_kernel[(num_blocks(split, size_of_block),)](
             rates,
             field.parameters,
             field.first,
@@ -233,10 +186,10 @@ class TrainingStep:
             split,
             optimizer.epsilon,
             **betas,
-            BLOCK=block,
-            **kernels.FUSED,
+            BLOCK=size_of_block,
+            **FUSED,
         )
-        kernels.adam_decoders[(-(-size // block),)](
+        adam_decoders_kernel[(num_blocks(size, size_of_block),)](
             rates,
             field.parameters[split:],
             field.first[split:],
@@ -247,8 +200,8 @@ class TrainingStep:
             optimizer.decoder_weight_decay,
             optimizer.epsilon,
             **betas,
-            BLOCK=block,
-            **kernels.FUSED,
+            BLOCK=size_of_block,
+            **FUSED,
         )
 
     def losses(self, num_rays: int) -> StepLosses:

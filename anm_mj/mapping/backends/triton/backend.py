@@ -3,8 +3,8 @@
 Not measured on a GPU. Its results were compared with the torch engine's in Triton's interpreter, which runs the kernels
 on the host, and the kernels were compiled for a GPU that was not there. The CUDA graph has not run, nor has anything
 said what a step costs; the interpreter multiplies in float32 where the compiled kernels sum three TF32 products.
-Therefore :func:`self_check` compares a few steps with the torch engine before this one is first used, and the tests run
-on a GPU where they find one.
+Therefore :mod:`anm_mj.mapping.backends.triton.self_check` compares a few steps with the torch engine before this one is
+first used, and the tests run on a GPU where they find one.
 
 Kernels do the sampling, the encoding, the decoders with rendering, losses and their gradients (in one), the scatter
 into the table's gradient, and Adam. Left to torch on the device, because they are rare or leave a kernel little to win:
@@ -15,9 +15,7 @@ differ in the last bits.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -25,23 +23,21 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.backends import triton_kernels as kernels
 from anm_mj.mapping.backends.backend import StepLosses
-from anm_mj.mapping.backends.torch_backend import TorchBackend, resolve_device, sensitivity
-from anm_mj.mapping.backends.triton_field import TritonField
-from anm_mj.mapping.backends.triton_step import TrainingStep, capacity_for
-from anm_mj.mapping.config import MappingConfig, default_mapping
+from anm_mj.mapping.backends.torch_backend import resolve_device, sensitivity
+from anm_mj.mapping.backends.triton.batch import capacity_for
+from anm_mj.mapping.backends.triton.field import TritonField
+from anm_mj.mapping.backends.triton.launch import INTERPRETED
+from anm_mj.mapping.backends.triton.pixels import DevicePixels
+from anm_mj.mapping.backends.triton.training_step import TrainingStep
+from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.encoding import one_blob
 from anm_mj.mapping.field import initial_parameters, sdf_hidden
-from anm_mj.mapping.keyframes import RayBatch
+from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.rendering import bell_weights, composite
 
 _CHUNK = 1 << 18
 """Points per query."""
-_CHECK_STEPS = 3
-"""Steps of the check before first use: the first compiles, the second captures and replays, the third replays."""
-_CHECK_TOLERANCE = 1e-3
-"""How far losses may be apart after them, as a share."""
 
 
 class TritonBackend:
@@ -61,7 +57,7 @@ class TritonBackend:
         """
         self.config = config
         self._device = resolve_device(device)
-        if self._device.type == "cpu" and not kernels.INTERPRETED:
+        if self._device.type == "cpu" and not INTERPRETED:
             raise MapError("The Triton engine needs a CUDA device, and there is none; use engine 'auto' or 'torch'.")
         self._field = TritonField(config, self._device)
         self._period_m = torch.tensor(config.field.blob_period_m, device=self._device)
@@ -79,12 +75,16 @@ class TritonBackend:
         """Where it computes: "cuda", or "cpu" in the interpreter."""
         return self._device.type
 
+    def pixel_memory(self, count: int) -> DevicePixels:
+        """Room for so many pixels to replay, on the device; see the protocol."""
+        return DevicePixels(count, self._device)
+
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
         self._num_steps += 1
         training = self._loaded(rays, seed, smoothness_corner_m)
         training.run()
-        return training.losses(len(rays.depth_m))
+        return training.losses(len(rays))
 
     def sample_depths(self, depth_m: Float32[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, "n samples"]:
         """The planar depths [m] that :meth:`step` samples rays of these measured depths at."""
@@ -102,9 +102,9 @@ class TritonBackend:
         """
         training = self._loaded(rays, seed, smoothness_corner_m)
         training.compute_gradients()
-        flat = torch.cat((self._field.table_gradient, training.decoder_gradient())).cpu().numpy()
+        gradients = self._field.split(torch.cat((self._field.table_gradient, training.decoder_gradient())))
         self._field.table_gradient.zero_()
-        return training.losses(len(rays.depth_m)), self._field.split(flat)
+        return training.losses(len(rays)), gradients
 
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """The SDF s at world points, in fractions of the truncation; see the protocol."""
@@ -187,7 +187,7 @@ class TritonBackend:
 
     def _loaded(self, rays: RayBatch, seed: int, corner_m: Float[np.ndarray, "3"] | None) -> TrainingStep:
         """The training step with this batch in its buffers; other buffers if these are of another size."""
-        capacity, smooth = capacity_for(len(rays.depth_m)), corner_m is not None
+        capacity, smooth = capacity_for(len(rays)), corner_m is not None
         training = self._training
         if training is None or (training.capacity, training.smooth) != (capacity, smooth):
             # The old buffers go before the new ones come.
@@ -206,36 +206,3 @@ class TritonBackend:
 
     def _tensor(self, array: Float[np.ndarray, "..."]) -> Float[Tensor, "..."]:
         return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self._device)
-
-
-@functools.cache
-def self_check() -> str | None:
-    """What is wrong with the engine's results on the device at hand; None if nothing is.
-
-    The first call trains a few steps on a small table and compares them with the torch engine; this compiles the
-    kernels of the default configuration.
-    """
-    config = default_mapping()
-    config = replace(config, field=replace(config.field, log2_table_size=10))
-    rng = np.random.default_rng(0)
-    direction = rng.uniform(-1.0, 1.0, (48, 3)).astype(np.float32)
-    depth = np.where(np.arange(48) % 4 == 0, np.nan, rng.uniform(0.5, 3.0, 48)).astype(np.float32)
-    rays = RayBatch(np.zeros_like(direction), direction, np.abs(direction), depth)
-    # Whatever a compiler or a driver may raise, torch can do the work.
-    try:
-        backend = TritonBackend(config, seed=0)
-        losses = [backend.step(rays, seed) for seed in range(_CHECK_STEPS)]
-    except Exception as err:
-        return f"its kernels do not run ({type(err).__name__}: {_first_line(err)})"
-    reference = TorchBackend(config, seed=0, device="cpu")
-    expected = [reference.step(rays, seed) for seed in range(_CHECK_STEPS)]
-    # Without smoothness, which is zero here.
-    ours, theirs = np.array(losses)[:, :5], np.array(expected)[:, :5]
-    error = np.max(np.abs(ours / theirs - 1.0))
-    if not error < _CHECK_TOLERANCE:
-        return f"its losses differ from the torch engine's by {error:.1e} after {_CHECK_STEPS} steps"
-    return None
-
-
-def _first_line(err: Exception) -> str:
-    return next(iter(str(err).splitlines()), "")

@@ -1,0 +1,109 @@
+"""Where replayed pixels lie: packed, 9 bytes each, in an amount of memory that does not grow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float32, Int64, Shaped, UInt16
+
+from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, concatenate, part, rays_of_pixels
+from anm_mj.types import Observation
+
+DEPTH_UNIT_M = 2e-4
+"""Depth is stored in multiples of this [m]; 16 bits reach 13.1 m."""
+NO_DEPTH = 0
+_DEPTH_LIMIT = np.iinfo(np.uint16).max
+PIXEL = np.dtype([("index", "<u4"), ("rgb", np.uint8, 3), ("depth", "<u2")])
+"""A stored pixel: its place in the image, row by row, its colour and its depth in units."""
+
+
+def pack(observation: Observation, pixel: Int64[np.ndarray, " p"]) -> Shaped[np.ndarray, " p"]:
+    """Some pixels of an observation, of type :data:`PIXEL`."""
+    packed = np.empty(len(pixel), PIXEL)
+    packed["index"] = pixel
+    packed["rgb"] = observation.rgb.reshape(-1, 3)[pixel]
+    packed["depth"] = _pack_depth(observation.depth_m.reshape(-1)[pixel])
+    return packed
+
+
+def _pack_depth(depth_m: Float32[np.ndarray, " p"]) -> UInt16[np.ndarray, " p"]:
+    """Depth in storage units; what is missing or beyond their reach becomes "no depth"."""
+    units = np.rint(np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0) / DEPTH_UNIT_M)
+    return np.where((units < 0) | (units > _DEPTH_LIMIT), NO_DEPTH, units).astype(np.uint16)
+
+
+@runtime_checkable
+class PixelMemory(Protocol):
+    """Room for packed pixels where an engine wants them, and for the cameras that saw them.
+
+    What is kept and drawn is decided by :class:`anm_mj.mapping.keyframes.KeyframeStore`, on the host, so that from the
+    same seed all engines keep and draw the same.
+    """
+
+    def __len__(self) -> int:
+        """How many pixels there is room for."""
+        ...
+
+    def add_keyframe(self, start: int, pixels: Shaped[np.ndarray, " p"], camera: Float32[np.ndarray, "17"]) -> None:
+        """Take in a keyframe.
+
+        Args:
+            start: Place of its first pixel.
+            pixels: As :func:`pack` has them.
+            camera: As :func:`anm_mj.mapping.rays.camera_row` has it.
+        """
+        ...
+
+    def move(self, old: int, new: int, count: int) -> None:
+        """Move ``count`` pixels from place ``old`` on to ``new``, which is no later; the two may overlap."""
+        ...
+
+    def batches(
+        self, place: Int64[np.ndarray, "k n"], keyframe: Int64[np.ndarray, "k n"], current: RayBatch
+    ) -> Iterator[RayBatch]:
+        """World rays of ``k`` batches, to be trained on before the next are asked for.
+
+        Args:
+            place: Where the pixels of each batch lie.
+            keyframe: Which keyframe each was seen in, counted in the order of adding.
+            current: Other rays, of which each batch gets an equal share in their order, behind its own.
+        """
+        ...
+
+
+class HostPixels:
+    """Implements :class:`PixelMemory` in arrays of the host."""
+
+    def __init__(self, count: int) -> None:
+        # One array for all, so that a batch is one look-up however many frames there are. The system hands out its
+        # memory only as it is written to.
+        self._pixels = np.empty(count, PIXEL)
+        self._cameras = np.zeros((0, CAMERA_NUMBERS), np.float32)
+
+    def __len__(self) -> int:
+        return len(self._pixels)
+
+    def add_keyframe(self, start: int, pixels: Shaped[np.ndarray, " p"], camera: Float32[np.ndarray, "17"]) -> None:
+        """Take in a keyframe; see the protocol."""
+        self._pixels[start : start + len(pixels)] = pixels
+        self._cameras = np.concatenate((self._cameras, camera[None]))
+
+    def move(self, old: int, new: int, count: int) -> None:
+        """Move pixels; see the protocol."""
+        self._pixels[new : new + count] = self._pixels[old : old + count]
+
+    def batches(
+        self, place: Int64[np.ndarray, "k n"], keyframe: Int64[np.ndarray, "k n"], current: RayBatch
+    ) -> Iterator[RayBatch]:
+        """World rays of batches; see the protocol."""
+        (num_batches, num_stored), num_current = place.shape, len(current) // len(place)
+        pixels = self._pixels[place.ravel()]
+        units = pixels["depth"]
+        depth_m = np.where(units == NO_DEPTH, np.float32(np.nan), units * np.float32(DEPTH_UNIT_M))
+        stored = rays_of_pixels(
+            pixels["index"].astype(np.int64), pixels["rgb"], depth_m, self._cameras[keyframe.ravel()]
+        )
+        for k in range(num_batches):
+            yield concatenate(part(stored, k * num_stored, num_stored), part(current, k * num_current, num_current))

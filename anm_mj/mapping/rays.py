@@ -1,0 +1,89 @@
+"""Rays to train on: what a camera saw along them, in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Integer, UInt8
+
+from anm_mj.types import Observation
+
+CAMERA_NUMBERS = 17
+"""Length of a camera's row."""
+
+
+@dataclass(frozen=True)
+class RayBatch:
+    """Rays with what the camera saw along them; direction is scaled to planar depth 1, so depth times it is a point."""
+
+    origin_m: Float32[np.ndarray, "n 3"]
+    direction: Float32[np.ndarray, "n 3"]
+    rgb: Float32[np.ndarray, "n 3"]
+    """In [0, 1]."""
+    depth_m: Float32[np.ndarray, " n"]
+    """Planar depth [m]; NaN where there is none."""
+
+    def __len__(self) -> int:
+        return len(self.depth_m)
+
+
+def part(rays: RayBatch, start: int, count: int) -> RayBatch:
+    """So many rays of a batch from one on; views, not copies."""
+    rows = slice(start, start + count)
+    return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
+
+
+def concatenate(a: RayBatch, b: RayBatch) -> RayBatch:
+    """Both batches as one."""
+    return RayBatch(
+        np.concatenate((a.origin_m, b.origin_m)),
+        np.concatenate((a.direction, b.direction)),
+        np.concatenate((a.rgb, b.rgb)),
+        np.concatenate((a.depth_m, b.depth_m)),
+    )
+
+
+def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
+    """Draw ``count`` pixels of one observation."""
+    pixel = rng.integers(observation.depth_m.size, size=count)
+    return rays_of_pixels(
+        pixel,
+        observation.rgb.reshape(-1, 3)[pixel],
+        observation.depth_m.reshape(-1)[pixel],
+        np.broadcast_to(camera_row(observation), (count, CAMERA_NUMBERS)),
+    )
+
+
+def camera_row(observation: Observation) -> Float32[np.ndarray, "17"]:
+    """What makes world rays of pixels: width, focal lengths, principal point [px]; three rows of T_world_camera [m]."""
+    k = observation.intrinsics
+    pose = observation.T_world_camera[:3].ravel()
+    return np.concatenate(((k.width, k.fx, k.fy, k.cx, k.cy), pose)).astype(np.float32)
+
+
+def rays_of_pixels(
+    pixel: Integer[np.ndarray, " n"],
+    rgb: UInt8[np.ndarray, "n 3"],
+    depth_m: Float32[np.ndarray, " n"],
+    camera: Float32[np.ndarray, "n 17"],
+) -> RayBatch:
+    """World rays through the middles of pixels.
+
+    Args:
+        pixel: Place in the image, row by row.
+        rgb: Colours.
+        depth_m: Planar depth [m]; NaN where there is none.
+        camera: What each was seen by, as :func:`camera_row` has it.
+    """
+    width, fx, fy, cx, cy = camera.T[:5]
+    T_world_camera = camera[:, 5:].reshape(-1, 3, 4)
+    row, col = np.divmod(pixel, width.astype(np.int64))
+    ahead = np.stack(((col + np.float32(0.5) - cx) / fx, (row + np.float32(0.5) - cy) / fy, np.ones_like(fx)), axis=1)
+    direction = np.einsum("nij,nj->ni", T_world_camera[:, :, :3], ahead.astype(np.float32))
+    return RayBatch(
+        np.ascontiguousarray(T_world_camera[:, :, 3]),
+        direction.astype(np.float32),
+        rgb.astype(np.float32) / np.float32(255.0),
+        depth_m,
+    )
