@@ -71,18 +71,22 @@ class PlanningConfig:
     """Tours kept at each depth of the search."""
     discount_steps: float = 100.0
     """Gain that is had only after this many steps counts 1/e [steps]."""
-    min_gain_m2: float = 0.3
+    min_gain_m2: float = 0.2
     """Expected new surface below which nothing is worth a step [m2]."""
-    poor_target_m2: float = 0.5
+    poor_target_m2: float = 0.25
     """A target that brought less new surface than this was not worth its way [m2]."""
-    patience_targets: int = 2
+    patience_targets: int = 3
     """After so many poor targets in a row nothing more is expected of small ones."""
-    large_gain_m2: float = 3.0
+    large_gain_m2: float = 1.5
     """A promise larger than this is looked into for as long again [m2]."""
     hysteresis: float = 1.25
     """A new target must score this many times the present one to replace it."""
     replan_steps: int = 8
     """The gvg policy decides anew after this many steps."""
+    news_m2: float = 1.0
+    """While less new surface than this was seen since the last full decision, a target that stands is kept [m2]."""
+    keep_decisions: int = 6
+    """After so many short decisions a full one is due."""
     gvg_bootstrap_turns: int = 27
     """Turns of the first look around of the gvg policy: three quarters of a turn show all to a view of 90 degrees."""
     target: str = "hierarchical"

@@ -1,9 +1,9 @@
 """What a view from a place would add: expected new surface, cast as rays through the tri-state grid.
 
 From every place 36 azimuths times a few elevations are followed to the first cell that is not free. Unknown there
-means surface yet unseen; a surface that was only ever seen from far away means surface not yet covered at 5 cm. Each
-ray stands for the wall area it would hit, rho^2 d_azimuth d_slope. A camera with a 90-degree field of view takes in a
-quarter of the azimuths, so that the gain of all yaws is a sliding sum over one panorama.
+means surface yet unseen. Each ray stands for the wall area it would hit, rho^2 d_azimuth d_slope. A camera with a
+90-degree field of view takes in a quarter of the azimuths, so that the gain of all yaws is a sliding sum over one
+panorama. Surface that was seen, however far away, is not counted again: nearly all of it is within 5 cm of a pixel.
 
 Panoramas are remembered as the cell each ray meets. What a ray is worth is looked up anew at every decision; it is cast
 anew only where the cell it met has changed since.
@@ -21,7 +21,7 @@ from jaxtyping import Float, Float32, Int, Int32
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.viewgrid import ViewGrid
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2
+from anm_mj.types import FREE, UNKNOWN, Pose2
 
 MAX_SLOPE = 0.95
 """Rise per metre of the steepest rays: just inside a 90-degree vertical field of view."""
@@ -29,10 +29,10 @@ NEAREST_M = 0.25
 """Rays begin this far from the camera's axis [m]: the robot's own body is free."""
 BEYOND_M = 1.5
 """Surface is expected behind as much unknown as there is, at most this far behind where it begins [m]."""
-NEARER = 0.75
-"""A seen surface counts again only when it would be seen from this share of its former distance."""
 MUCH_NEARER = 0.6
 """Unknown that a view left unknown counts again only from this share of that view's distance."""
+CLEARLY_NEARER = 0.9
+"""Trials from nearer than this share of the nearest one so far are noted."""
 CAST_TOGETHER = 50_000
 """Rays followed at once: more would only take more memory."""
 MIN_ROWS = 256
@@ -54,8 +54,10 @@ class GainCaster:
             camera_height_m: height that places are looked from [m].
         """
         self.config = config
-        self.view = ViewGrid(config.gain_range_m + 1.0, config.gain_range_m)
+        self.view = ViewGrid(config.gain_range_m + 1.0)
         self.camera_height_m = camera_height_m
+        self.changed_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None = None
+        """Corners of where panoramas may have changed since this was last set to None [m]."""
         self._num_rays = config.num_azimuths * config.num_elevations
         edges = np.linspace(-MAX_SLOPE, MAX_SLOPE, config.num_elevations + 1)
         self._slope = (edges[:-1] + edges[1:]) / 2
@@ -134,8 +136,20 @@ class GainCaster:
             cells: flat indices into the view grid.
             rho_m: distance they were looked at from, or should have been [m].
         """
-        unknown = self.view.state.ravel()[cells] == UNKNOWN
-        np.minimum.at(self.view.tried_from_m.reshape(-1), cells[unknown], rho_m[unknown].astype(np.float32))
+        tried = self.view.tried_from_m.reshape(-1)
+        news = (self.view.state.ravel()[cells] == UNKNOWN) & (rho_m < CLEARLY_NEARER * tried[cells])
+        if not news.any():
+            return
+        np.minimum.at(tried, cells[news], rho_m[news].astype(np.float32))
+        xy = self.view.centres(cells[news])[:, :2]
+        self.note_change(xy.min(axis=0), xy.max(axis=0))
+
+    def note_change(self, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]) -> None:
+        """Note that the worth of rays between two corners in the plane has changed [m]."""
+        if self.changed_xy_m is not None:
+            low_xy_m = np.minimum(low_xy_m, self.changed_xy_m[0])
+            high_xy_m = np.maximum(high_xy_m, self.changed_xy_m[1])
+        self.changed_xy_m = low_xy_m, high_xy_m
 
     def patches(self, hit: Int32[np.ndarray, "*rays"]) -> Int[np.ndarray, "*rays"]:
         """The patch of space each cell belongs to: views that meet the same patches show the same things."""
@@ -188,15 +202,10 @@ class GainCaster:
         beyond: Float32[np.ndarray, "n rays"],
     ) -> Float32[np.ndarray, "n rays"]:
         what = self.view.state.ravel()[hit]
-        limit = np.float32(self.config.gain_range_m)
-        worth = np.minimum(rho + beyond, limit) ** 2
+        worth = np.minimum(rho + beyond, np.float32(self.config.gain_range_m)) ** 2
         _, rows, cols = self.view.state.shape
         worth *= self.view.layer_share[hit // (rows * cols)]
         worth[(what != UNKNOWN) | (rho >= MUCH_NEARER * self.view.tried_from_m.ravel()[hit])] = 0.0
-        surface = np.nonzero(what == OCCUPIED)
-        seen = self.view.seen_range_m.ravel()[hit[surface]]
-        near = rho[surface]
-        worth[surface] = np.where((seen > limit) & (near < NEARER * seen), near**2, 0.0)
         return worth * np.float32(self._ray_area_m2)
 
     def _follow_growth(self) -> None:

@@ -64,12 +64,22 @@ class Stages:
     def read(self, mapper: Mapper, observation: Observation, *, with_regions: bool = True) -> Situation:
         """Top-down map, graph, shortest paths and, if asked for, regions as of now."""
         watch = Stopwatch()
+        return self.work_out(mapper, observation, self.look(mapper, observation, watch), watch, with_regions)
+
+    def look(self, mapper: Mapper, observation: Observation, watch: Stopwatch) -> TopDownMap:
+        """The first stage alone: the top-down map as of now."""
         pose = observation.pose
         self._follow_way(pose)
-        grid = mapper.occupancy
         with watch.stage("topdown"):
-            topdown = self.topdown.update(grid, mapper.sdf, pose, self._box(pose))
+            topdown = self.topdown.update(mapper.occupancy, mapper.sdf, pose, self._box(pose))
             self._last_pose, self._turned_as_planned = pose, False
+        return topdown
+
+    def work_out(
+        self, mapper: Mapper, observation: Observation, topdown: TopDownMap, watch: Stopwatch, with_regions: bool
+    ) -> Situation:
+        """The other stages, on the top-down map that :meth:`look` has given."""
+        pose = observation.pose
         with watch.stage("gvg"):
             graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m)
         with watch.stage("paths"):
@@ -81,7 +91,7 @@ class Stages:
                 radius = self.config.region_radius_m
                 self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
                 # Edges meet there, several ways and views open: the vertices in the paper's sense.
-                regions = self.finder.regions(graph, grid, height, np.flatnonzero(graph.degree >= 3))
+                regions = self.finder.regions(graph, mapper.occupancy, height, np.flatnonzero(graph.degree >= 3))
         return Situation(pose, topdown, graph, paths, regions, height, watch)
 
     def set_out(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:

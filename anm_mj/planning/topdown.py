@@ -31,6 +31,9 @@ MAX_CLEARANCE_M = 1.2
 """Larger clearances are given as this [m]: a body has no use for more, and near ones can be kept up locally."""
 MAX_DEPTH_M = 0.2
 """Clearance inside of obstacles and the unknown is given down to minus this [m]."""
+LOW_SEEN_M = 3.0
+"""In the lowest layer surface counts as an obstacle when it was seen from within this [m]: of what was seen from
+farther, a camera that nods takes the floor for one."""
 NO_FLOOR_M = 0.1
 """A column that is seen free from z = 0 down to this depth has no floor [m]."""
 _HOLE_REACH_CELLS = 20
@@ -141,7 +144,13 @@ class TopDownMapper:
         )
         body = grid.state[z0:z1, window[0], window[1]]
         self._layers.num_free[window] = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
-        self._layers.hit[window] = body.max(axis=0, initial=UNKNOWN) == OCCUPIED
+        hit = body.max(axis=0, initial=UNKNOWN) == OCCUPIED
+        # What is as low as the body's underside may lie in a layer that is mostly below it.
+        lowest = max(math.floor((self.footprint.z_min_m - grid.origin_m[2]) / grid.resolution_m + 1e-6), 0)
+        for layer in range(lowest, min(z0, len(grid.state))):
+            near = grid.seen_range_m[layer, window[0], window[1]] <= LOW_SEEN_M
+            hit |= near & (grid.state[layer, window[0], window[1]] == OCCUPIED)
+        self._layers.hit[window] = hit
         deep, floor = (math.floor((z - grid.origin_m[2]) / grid.resolution_m + 1e-6) for z in (-NO_FLOOR_M, 0.0))
         if deep >= 0:
             below = grid.state[deep : floor + 1, window[0], window[1]]

@@ -1,9 +1,9 @@
 """The occupancy as rays for expected gain see it: pooled to twice the voxel size, padded, kept up where it changed.
 
 A cell is occupied where any of its voxels is, else unknown where half of them are, else free. Cautious carving leaves
-an unseen skin on surfaces; what is partly unknown next to occupied is therefore taken for surface that was seen. Where
-there is no floor, as beyond an open door to the outside, nothing is looked for: such columns count as seen too. Around
-the grid lies a rim of unknown, as wide as rays are long, so that no ray ever leaves the array.
+an unseen skin on surfaces; what is partly unknown next to occupied therefore counts as known. Where there is no floor,
+as beyond an open door to the outside, nothing is looked for: such columns count as known too. Around the grid lies a
+rim of unknown, as wide as rays are long, so that no ray ever leaves the array.
 """
 
 from __future__ import annotations
@@ -21,87 +21,112 @@ BLOCK = 32
 """The grid grows by multiples of this many cells, so that it seldom does."""
 LOWEST_M = 0.2
 """Nothing is looked for deeper below the floor than this [m]."""
+KNOWN = 2
+"""State of cells that are not free and where nothing new is looked for, beside those of voxels."""
 USUAL_SHARE = 0.02
 """Layers of rooms hold at least this share of surface; those above rooms without a ceiling hold next to none."""
 
 
 class ViewGrid:
-    """Tri-state cells ``[layer, row, col]`` with how near each was seen from."""
+    """Cells ``[layer, row, col]``: free, occupied, unknown, or ``KNOWN`` without surface of their own."""
 
-    def __init__(self, rim_m: float, near_m: float) -> None:
+    def __init__(self, rim_m: float) -> None:
         """Start empty.
 
         Args:
             rim_m: width of the rim of unknown around what was observed [m].
-            near_m: surface seen from farther does not count as seen [m].
         """
         self.rim_m = rim_m
-        self.near_m = near_m
         self.cell_m = 0.0
         self.origin_m = np.zeros(3)
         """World x, y, z of the outer corner of cell [0, 0, 0]."""
         shape = (0, 0, 0)
         self.state: Int8[np.ndarray, "layers rows cols"] = np.zeros(shape, np.int8)
-        self.seen_range_m: Float32[np.ndarray, "layers rows cols"] = np.zeros(shape, np.float32)
         self.tried_from_m: Float32[np.ndarray, "layers rows cols"] = np.zeros(shape, np.float32)
         """Nearest distance from which a view had each cell in sight and left it unknown; +inf where none had."""
         self.layer_share: Float32[np.ndarray, " layers"] = np.zeros(0, np.float32)
         """How likely it is that what is unknown in a layer holds surface: from how much of the known part does."""
-        self.seen_m2 = 0.0
-        """How much surface was seen from near enough, each cell counting with one face [m2]: how far exploration is."""
+        self._num_free = np.zeros(0, np.int64)
+        self._num_surface = np.zeros(0, np.int64)
         self.epoch = 0
         """Changes whenever the array does, so that flat indices into it are no longer valid."""
+        self._voxels = np.zeros(shape, np.int8)
+        self._voxels_origin_m = np.zeros(3)
 
-    def update(self, grid: VoxelGrid, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]) -> None:
-        """Pool the voxels between two corners in the plane anew [m]."""
+    @property
+    def seen_m2(self) -> float:
+        """How much surface was seen, each cell counting with one face [m2]: how far exploration is."""
+        return float(self._num_surface.sum()) * self.cell_m**2
+
+    def update(
+        self, grid: VoxelGrid, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]
+    ) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+        """Pool anew what has changed between two corners in the plane [m].
+
+        Returns:
+            Corners of the part that has changed [m]; None when nothing has.
+        """
         self._cover(grid)
-        offset = np.rint((grid.origin_m - self.origin_m) / grid.resolution_m).astype(int)[::-1]
+        resolution = grid.resolution_m
+        offset = np.rint((grid.origin_m - self.origin_m) / resolution).astype(int)[::-1]
         shape = np.array(grid.state.shape)
-        low = np.zeros(3, int)
-        high = shape.copy()
-        for axis, corner in ((1, 1), (2, 0)):
-            low[axis] = math.floor((low_xy_m[corner] - grid.origin_m[corner]) / grid.resolution_m)
-            high[axis] = math.ceil((high_xy_m[corner] - grid.origin_m[corner]) / grid.resolution_m)
-        # Whole cells only: their first voxel has an even index from this grid's own origin.
         # No ray goes below the floor.
-        low[0] = math.floor((-LOWEST_M - grid.origin_m[2]) / grid.resolution_m)
-        low = np.maximum(low, 0)
-        low -= (low + offset) % POOL
-        high = np.minimum(high, shape)
-        high += (high + offset) % POOL
-        if (high <= low).any():
-            return
+        floor = max(math.floor((-LOWEST_M - grid.origin_m[2]) / resolution), 0)
+        rows, cols = (
+            slice(max(math.floor(a), 0), min(max(math.ceil(b), 0), n))
+            for a, b, n in zip(
+                ((low_xy_m - grid.origin_m[:2]) / resolution)[::-1],
+                ((high_xy_m - grid.origin_m[:2]) / resolution)[::-1],
+                shape[1:],
+                strict=True,
+            )
+        )
+        changed = (grid.state[floor:, rows, cols] != self._voxels[floor:, rows, cols]).any(axis=0)
+        in_rows, in_cols = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+        if not len(in_rows):
+            return None
+        rows = slice(rows.start + int(in_rows[0]), rows.start + int(in_rows[-1]) + 1)
+        cols = slice(cols.start + int(in_cols[0]), cols.start + int(in_cols[-1]) + 1)
+        self._voxels[:, rows, cols] = grid.state[:, rows, cols]
+        # Whole cells only: their first voxel has an even index from this grid's own origin. What borders on surface
+        # counts as known: to know that, one cell more is written on all sides and another one looked at.
+        low, high = np.array([floor, rows.start, cols.start]), np.array([shape[0], rows.stop, cols.stop])
+        low = low - (low + offset) % POOL - [0, 2 * POOL, 2 * POOL]
+        high = high + (high + offset) % POOL + [0, 2 * POOL, 2 * POOL]
         inside = tuple(slice(max(a, 0), min(b, n)) for a, b, n in zip(low, high, shape, strict=True))
-        state, seen = grid.state[inside], grid.seen_range_m[inside]
+        state = grid.state[inside]
         pad = [(max(-int(a), 0), max(int(b - n), 0)) for a, b, n in zip(low, high, shape, strict=True)]
         if any(max(p) for p in pad):
             state = np.pad(state, pad, constant_values=UNKNOWN)
-            seen = np.pad(seen, pad, constant_values=np.inf)
-        to = (low + offset) // POOL
-        n = np.array(state.shape) // POOL
-        where = tuple(slice(int(a), int(a + b)) for a, b in zip(to, n, strict=True))
+        to = (low + offset) // POOL + [0, 1, 1]
         pooled, partly = _pooled(state)
-        occupied = np.nonzero(pooled == OCCUPIED)
-        nearest = np.full(len(occupied[0]), np.inf, np.float32)
-        layer, row, col = (axis * POOL for axis in occupied)
-        for corner in range(POOL**3):
-            at = (layer + (corner & 1), row + (corner >> 1 & 1), col + (corner >> 2 & 1))
-            np.minimum(nearest, seen[at], out=nearest)
-        pooled_seen = np.full(pooled.shape, np.inf, np.float32)
-        pooled_seen[occupied] = nearest
-        skin = partly & next_to(pooled == OCCUPIED)
-        pooled[skin], pooled_seen[skin] = OCCUPIED, 0.0
-        outside = _without_floor(pooled, math.floor(-self.origin_m[2] / self.cell_m) - int(to[0]))
-        pooled[:, outside], pooled_seen[:, outside] = OCCUPIED, 0.0
-        face_m2 = self.cell_m**2
-        self.seen_m2 += face_m2 * (
-            _num_near(pooled_seen, self.near_m) - _num_near(self.seen_range_m[where], self.near_m)
-        )
-        self.state[where], self.seen_range_m[where] = pooled, pooled_seen
-        num_free = np.count_nonzero(pooled == FREE, axis=(1, 2))
-        num_occupied = np.bincount(occupied[0], minlength=len(pooled))
-        share = num_occupied / np.maximum(num_free + num_occupied, 1)
-        self.layer_share[where[0]] = np.where(num_free > 0, np.minimum(share / USUAL_SHARE, 1.0), 1.0)
+        pooled[partly & next_to(pooled == OCCUPIED)] = KNOWN
+        pooled[:, _without_floor(pooled, math.floor(-self.origin_m[2] / self.cell_m) - int(to[0]))] = KNOWN
+        pooled = pooled[:, 1:-1, 1:-1]
+        where = tuple(slice(int(a), int(a + b)) for a, b in zip(to, pooled.shape, strict=True))
+        self._count(where, -1)
+        self.state[where] = pooled
+        self._count(where, 1)
+        share = self._num_surface / np.maximum(self._num_free + self._num_surface, 1)
+        self.layer_share[:] = np.where(self._num_free > 0, np.minimum(share / USUAL_SHARE, 1.0), 1.0)
+        corner = self.origin_m[:2] + to[:0:-1] * self.cell_m
+        return corner, corner + np.array(pooled.shape[:0:-1]) * self.cell_m
+
+    def _count(self, where: tuple[slice, ...], sign: int) -> None:
+        """Add or take away the cells of a part in what is known of every layer."""
+        state = self.state[where]
+        self._num_free[where[0]] += sign * np.count_nonzero(state == FREE, axis=(1, 2))
+        self._num_surface[where[0]] += sign * np.count_nonzero(state == OCCUPIED, axis=(1, 2))
+
+    def _follow(self, grid: VoxelGrid) -> None:
+        """Keep the voxels as they were last seen aligned with a grid that has grown."""
+        if self._voxels.shape == grid.state.shape and np.allclose(self._voxels_origin_m, grid.origin_m):
+            return
+        grown = np.full(grid.state.shape, UNKNOWN, np.int8)
+        if self._voxels.size:
+            at = np.rint((self._voxels_origin_m - grid.origin_m) / grid.resolution_m).astype(int)[::-1]
+            grown[tuple(slice(a, a + n) for a, n in zip(at, self._voxels.shape, strict=True))] = self._voxels
+        self._voxels, self._voxels_origin_m = grown, grid.origin_m.astype(float)
 
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
@@ -116,6 +141,7 @@ class ViewGrid:
 
     def _cover(self, grid: VoxelGrid) -> None:
         """Make room for all of ``grid`` and the rim."""
+        self._follow(grid)
         cell = POOL * grid.resolution_m
         if not self.cell_m:
             self.cell_m = cell
@@ -140,7 +166,6 @@ class ViewGrid:
         new_shape = tuple((new_high - new_low)[::-1].tolist())
         for name, fill, kind in (
             ("state", UNKNOWN, np.int8),
-            ("seen_range_m", np.inf, np.float32),
             ("tried_from_m", np.inf, np.float32),
         ):
             new = np.full(new_shape, fill, kind)
@@ -150,6 +175,8 @@ class ViewGrid:
                 )
             setattr(self, name, new)
         self.layer_share = np.ones(new_shape[0], np.float32)
+        self._num_free = np.count_nonzero(self.state == FREE, axis=(1, 2))
+        self._num_surface = np.count_nonzero(self.state == OCCUPIED, axis=(1, 2))
         self.origin_m = self.origin_m + new_low * cell
         self.epoch += 1
 
@@ -159,11 +186,6 @@ def _without_floor(state: Int8[np.ndarray, "layers rows cols"], floor: int) -> B
     if not 1 <= floor < len(state):
         return np.zeros(state.shape[1:], bool)
     return (state[floor] == FREE) & (state[floor - 1] == FREE)
-
-
-def _num_near(seen_range_m: Float32[np.ndarray, "layers rows cols"], near_m: float) -> int:
-    """Cells with surface seen from within a distance; the unseen skin, which is noted as 0, does not count."""
-    return int(np.count_nonzero((seen_range_m > 0.0) & (seen_range_m <= near_m)))
 
 
 def _pooled(

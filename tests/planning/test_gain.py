@@ -56,14 +56,6 @@ def test_nearness_to_the_gain_raises_it_until_it_is_seen_whole():
     assert gain_at(grid, 5.5, 1.7)[0] > 0.5
 
 
-def test_surface_seen_only_from_afar_counts_again_and_well_seen_surface_does_not():
-    grid = with_lid(room(4, 3))
-    grid.seen_range_m[grid.state == OCCUPIED] = 9.0
-    assert gain_at(grid, 2.0, 1.5)[0] > 1.0
-    grid.seen_range_m[grid.state == OCCUPIED] = 2.0
-    assert gain_at(grid, 2.0, 1.5)[0] == 0.0
-
-
 def test_unknown_that_a_view_does_not_resolve_is_expected_from_nearer_only():
     caster = caster_of(with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)])))
     place = np.array([[1.5, 1.7]])
@@ -141,3 +133,30 @@ def test_the_best_view_wraps_around_north():
     assert abs(math.remainder(yaw, math.tau)) < math.radians(36)
     start = int(np.argmax(view_sums(panorama[None])[0]))
     assert view_yaw(start, 36) == pytest.approx(yaw)
+
+
+def test_what_is_expected_does_not_depend_on_the_part_that_was_looked_at_last():
+    grid = with_lid(room(6, 4, boxes=[(3.0, 1.0, 3.4, 3.0)], unknown=[(3.4, 1.0, 3.5, 3.0), (2.9, 1.0, 3.0, 3.0)]))
+    whole, parts = caster_of(grid), caster_of(grid)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        low = rng.uniform(0.0, 4.0, 2)
+        grid.state[20, 30, 30] = -grid.state[20, 30, 30]  # Something changes in every part.
+        parts.view.update(grid, low, low + rng.uniform(0.5, 3.0, 2))
+    whole.view.update(grid, *ALL)
+    parts.view.update(grid, *ALL)
+    assert np.array_equal(whole.view.state, parts.view.state)
+    assert np.array_equal(whole.view.layer_share, parts.view.layer_share)
+    assert whole.view.seen_m2 == pytest.approx(parts.view.seen_m2)
+
+
+def test_an_update_says_where_the_map_has_changed():
+    grid = with_lid(room(4, 3))
+    caster = caster_of(grid)
+    assert caster.view.update(grid, *ALL) is None
+    grid.state[20, 30, 40] = OCCUPIED
+    changed = caster.view.update(grid, *ALL)
+    assert changed is not None
+    assert (changed[0] <= [2.0, 1.5]).all()
+    assert (changed[1] >= [2.05, 1.55]).all()
+    assert (changed[1] - changed[0] < 0.6).all()

@@ -5,9 +5,9 @@ import pytest
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gvg import voronoi_graph
-from anm_mj.planning.paths import clearance_at, path_steps, reach, segments_clear
+from anm_mj.planning.paths import along_headings, clearance_at, path_steps, reach, rest_of_path, segments_clear
 from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.types import Footprint, Pose2
+from anm_mj.types import TURN_STEP_RAD, Footprint, Pose2
 from tests.planning.worlds import room
 
 SAFE_M = 0.22
@@ -83,3 +83,28 @@ def test_steps_count_metres_and_turns_as_the_budget_does():
     assert path_steps(path, math.pi / 2) == pytest.approx(9 + 10 + 9 + 10)
     assert path_steps(path, 0.0, final_yaw_rad=math.pi) == pytest.approx(10 + 9 + 10 + 9)
     assert path_steps(np.zeros((0, 2)), 0.0, final_yaw_rad=math.radians(-30)) == pytest.approx(3)
+
+
+def test_legs_run_along_headings_that_the_robot_can_have_and_are_hardly_longer():
+    pose = Pose2(1.0, 1.0, 0.3)
+    _, topdown = situation(room(8, 6), pose)
+    straight = np.array([[1.0, 1.0], [6.0, 2.0], [7.0, 5.0]])
+    path = along_headings(straight, topdown, SAFE_M, pose)
+    legs = np.diff(path, axis=0)
+    turns = (np.arctan2(legs[:, 1], legs[:, 0]) - pose.yaw_rad) / TURN_STEP_RAD
+    assert np.allclose(turns, np.round(turns), atol=1e-6)
+    assert all(np.isclose(path, corner).all(axis=1).any() for corner in straight)
+    assert length(path) < 1.005 * length(straight)
+
+
+def test_where_there_is_no_room_beside_the_straight_way_it_is_kept():
+    pose = Pose2(0.7, 0.44, TURN_STEP_RAD / 2)
+    _, topdown = situation(room(8, 0.5), pose)
+    straight = np.array([[0.7, 0.44], [7.5, 0.46]])
+    assert np.array_equal(along_headings(straight, topdown, SAFE_M, pose), straight)
+
+
+def test_the_rest_of_a_way_begins_at_the_robot_and_leaves_out_what_lies_behind():
+    way = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]])
+    assert np.allclose(rest_of_path(way, Pose2(1.0, 0.05, 0.0)), [[1.0, 0.05], [2.0, 0.0], [2.0, 2.0]])
+    assert np.allclose(rest_of_path(way, Pose2(2.0, 0.0, 0.0)), [[2.0, 0.0], [2.0, 2.0]])

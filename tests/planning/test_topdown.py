@@ -117,3 +117,15 @@ def test_a_map_kept_up_step_by_step_is_the_map_made_at_once():
     at_once = fresh.update(world.occupancy, world.sdf, places[-1])
     assert np.array_equal(topdown.state, at_once.state)
     assert np.allclose(topdown.clearance_m, at_once.clearance_m, atol=1e-5)
+
+
+def test_low_surface_at_the_body_s_underside_is_an_obstacle_once_it_was_seen_from_near():
+    # Voxel centres lie at multiples of their edge, as in the mapper's grid: the body begins in the middle of a layer.
+    world = room(4, 3)
+    old = world.occupancy
+    grid = VoxelGrid(old.state, old.seen_range_m, np.array([0.0, 0.0, -0.025]), RESOLUTION_M)
+    grid.state[1, 30:32, 40:42], grid.seen_range_m[1, 30:32, 40:42] = OCCUPIED, 1.0
+    grid.state[1, 30:32, 60:62], grid.seen_range_m[1, 30:32, 60:62] = OCCUPIED, 6.0
+    topdown = TopDownMapper(PlanningConfig(), BODY).update(grid, world.sdf, Pose2(1, 1, 0))
+    assert state_at(topdown, 2.05, 1.55) == OCCUPIED
+    assert state_at(topdown, 3.05, 1.55) == FREE

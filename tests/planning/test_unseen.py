@@ -16,7 +16,7 @@ def left_in(world):
     grid_below = grid.state.copy()
     grid.state[1] = grid_below[5]  # The body's lowest heights are free.
     topdown = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)).update(grid, world.sdf, pose)
-    view = ViewGrid(5.5, 4.5)
+    view = ViewGrid(5.5)
     view.update(grid, np.array([-50.0, -50]), np.array([50.0, 50]))
     return unseen_patches(view, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
 

@@ -9,21 +9,23 @@ When no reachable place has gain worth a step the run is complete.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gain import GainCaster, view_sums
 from anm_mj.planning.ledger import Ledger
-from anm_mj.planning.paths import path_steps
+from anm_mj.planning.paths import along_headings, path_steps, rest_of_path, segments_clear
 from anm_mj.planning.stages import Situation, Stages
 from anm_mj.planning.tour import NUM_AZIMUTHS, SIDE, Places, Tour, TourSearch
 from anm_mj.planning.unseen import unseen_patches
 from anm_mj.protocols import Mapper
+from anm_mj.stopwatch import Stopwatch
 from anm_mj.types import (
-    ARRIVED_M,
     FORWARD_STEP_M,
     TURN_STEP_RAD,
     Action,
@@ -33,12 +35,19 @@ from anm_mj.types import (
     Plan,
     Pose2,
     StopReason,
+    TopDownMap,
 )
 
 HERE = -1
 """Stands for the robot's own place among the candidate vertices."""
 IN_VIEW = np.arange(-SIDE, SIDE + 1)
 """Azimuth sectors that a view takes in, counted from the one it looks along."""
+SAME_PLACE_M = 0.2
+"""A vertex this near is looked from without going there: turning to it costs more than it shows [m]."""
+NEWS_SHARE = 0.2
+"""Of what is expected at the target may have been seen since it was chosen, without a new choice."""
+STILL_SHARE = 0.7
+"""While the view that the robot is sent to promises this share of what it did, it still stands."""
 MAX_TOURS = 8
 """Best tours whose first path is worked out before one is taken."""
 
@@ -67,6 +76,11 @@ class Gvg:
         self._caster: GainCaster | None = None
         self._bootstrapped = False
         self._ledger = Ledger(config)
+        self._plan: Plan | None = None
+        self._kept_on = 0
+        self._decided_at_m2 = 0.0
+        self._expected_m2 = 0.0
+        self._aim = np.zeros(2), IN_VIEW
         self._remembered: dict[tuple[int, int], Float[np.ndarray, " azimuths"]] = {}
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
@@ -75,12 +89,21 @@ class Gvg:
             self._bootstrapped = True
             turns = (Action.TURN_LEFT,) * self.config.gvg_bootstrap_turns
             return Plan("bootstrap: a look around before the first decision", np.zeros((0, 2)), actions=turns)
-        now = self._stages.read(mapper, observation, with_regions=False)
-        with now.watch.stage("gain"):
+        watch = Stopwatch()
+        topdown = self._stages.look(mapper, observation, watch)
+        with watch.stage("gain"):
             if self._caster is None:
-                self._caster = GainCaster(self.config, now.camera_height_m)
-            self._caster.view.update(mapper.occupancy, *self._stages.topdown.changed_xy_m)
-            self._caster.note_view(now.pose)
+                self._caster = GainCaster(self.config, float(observation.T_world_camera[2, 3]))
+            changed = self._caster.view.update(mapper.occupancy, *self._stages.topdown.changed_xy_m)
+            if changed is not None:
+                self._caster.note_change(*changed)
+            self._caster.note_view(observation.pose)
+            kept = self._keep_on(topdown, observation.pose, self._caster, watch)
+        if kept is not None:
+            self._stages.set_out(kept.path_xy_m)
+            return kept
+        now = self._stages.work_out(mapper, observation, topdown, watch, with_regions=False)
+        with now.watch.stage("gain"):
             if self._ledger.is_done(now.pose):
                 self._settle(now, self._caster)
             options = self._options(now, self._caster, fresh=False)
@@ -90,12 +113,40 @@ class Gvg:
         with now.watch.stage("choice"):
             plan = self._choose(now, options, self._caster)
         self._stages.set_out(plan.path_xy_m)
+        self._plan = plan
         return plan
+
+    def _keep_on(self, topdown: TopDownMap, pose: Pose2, caster: GainCaster, watch: Stopwatch) -> Plan | None:
+        """The present plan again, where nothing has come to light that could change it."""
+        plan, ledger = self._plan, self._ledger
+        if plan is None or ledger.target_xy_m is None or ledger.is_done(pose):
+            return None
+        news_m2 = caster.view.seen_m2 - self._decided_at_m2
+        enough_m2 = max(self.config.news_m2, NEWS_SHARE * self._expected_m2)
+        if news_m2 > enough_m2 or self._kept_on >= self.config.keep_decisions:
+            return None
+        path = plan.path_xy_m
+        if len(path):
+            path = rest_of_path(path, pose)
+            if not segments_clear(topdown, path[:-1], path[1:], self._stages.safe_m, pose).all():
+                return None
+        _, _, still_m2 = caster.expectation(*self._aim)
+        if still_m2 < max(STILL_SHARE * self._expected_m2, self.config.min_gain_m2):
+            return None
+        self._kept_on += 1
+        return replace(
+            plan,
+            reason=f"goes on: {still_m2:.1f} m2 expected, {news_m2:.1f} m2 seen since it was decided",
+            path_xy_m=path,
+            topdown=topdown,
+            stage_ms=watch.ms,
+        )
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and give the present target up."""
         self._stages.blocked(pose, action)
         self._ledger.target_xy_m = None
+        self._plan = None
 
     def _settle(self, now: Situation, caster: GainCaster) -> None:
         """Hold what the present target brought against what it promised."""
@@ -109,7 +160,7 @@ class Gvg:
     def _options(self, now: Situation, caster: GainCaster, *, fresh: bool) -> _Options:
         reachable = np.isfinite(now.reach.distance_m)
         # What is reached already is weighed as the robot's own place.
-        away = np.linalg.norm(now.graph.vertex_xy_m - now.pose.xy_m, axis=1) > ARRIVED_M
+        away = np.linalg.norm(now.graph.vertex_xy_m - now.pose.xy_m, axis=1) > SAME_PLACE_M
         vertices = self._thin(now, reachable & away)
         places = np.concatenate([now.pose.xy_m[None], now.graph.vertex_xy_m[vertices]])
         panoramas = self._panoramas(now, caster, places, fresh)
@@ -132,9 +183,15 @@ class Gvg:
         self, now: Situation, caster: GainCaster, places_xy_m: Float[np.ndarray, "n 2"], fresh: bool
     ) -> Float[np.ndarray, "n azimuths"]:
         keys = [(int(x), int(y)) for x, y in np.floor(places_xy_m / self.config.candidate_spacing_m)]
-        low, high = self._stages.topdown.changed_xy_m
-        reach = self.config.gain_range_m
-        stale = ((places_xy_m >= low - reach) & (places_xy_m <= high + reach)).all(axis=1)
+        stale = np.zeros(len(places_xy_m), bool)
+        if caster.changed_xy_m is not None:
+            low, high = caster.changed_xy_m
+            reach = self.config.gain_range_m
+            stale = ((places_xy_m >= low - reach) & (places_xy_m <= high + reach)).all(axis=1)
+            # What lies there and is no place now may be one again.
+            for key in self._squares_between(low - reach, high + reach):
+                del self._remembered[key]
+            caster.changed_xy_m = None
         stale |= np.array([key not in self._remembered for key in keys]) | fresh
         panoramas = np.zeros((len(places_xy_m), self.config.num_azimuths))
         for i in np.flatnonzero(~stale):
@@ -142,6 +199,15 @@ class Gvg:
         panoramas[stale] = caster.panoramas(places_xy_m[stale])
         self._remembered.update({keys[i]: panoramas[i].copy() for i in np.flatnonzero(stale)})
         return panoramas
+
+    def _squares_between(
+        self, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]
+    ) -> list[tuple[int, int]]:
+        """Squares of remembered places that touch the part between two corners [m]."""
+        keys = np.array(list(self._remembered), np.int64).reshape(-1, 2)
+        side = self.config.candidate_spacing_m
+        touch = ((keys + 1) * side >= low_xy_m).all(axis=1) & (keys * side <= high_xy_m).all(axis=1)
+        return [(int(x), int(y)) for x, y in keys[touch]]
 
     def _shortlist(self, options: _Options) -> Int[np.ndarray, " k"]:
         """The robot's own place, and the most promising others, no two in the same square metre."""
@@ -167,8 +233,7 @@ class Gvg:
         places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
         preferred = np.array([self.config.hysteresis if self._ledger.is_target(xy) else 1.0 for xy in places.xy_m])
         search = TourSearch(places, now.reach, discount_steps=self.config.discount_steps, preferred=preferred)
-        heading = round(now.pose.yaw_rad / TURN_STEP_RAD) % self.config.num_azimuths
-        tours = search.best(heading, depth=self.config.tour_depth, width=self.config.tour_width)
+        tours = search.best(self._sector(now.pose), depth=self.config.tour_depth, width=self.config.tour_width)
         candidates = self._candidates(places, tours)
         for tour in tours[:MAX_TOURS]:
             first = tour.stops[0]
@@ -177,8 +242,14 @@ class Gvg:
                 continue
             if self._ledger.is_exhausted(first.gain_m2):
                 return self._stop(now, options, caster)
+            if len(path):
+                path = along_headings(path, now.topdown, now.reach.safe_m, now.pose)
             return self._go(now, tour, places, path, candidates, caster)
         return self._stop(now, options, caster)
+
+    def _sector(self, pose: Pose2) -> int:
+        """The azimuth sector that the robot looks along."""
+        return math.floor(pose.yaw_rad / TURN_STEP_RAD + 0.5) % self.config.num_azimuths
 
     def _candidates(self, places: Places, tours: list[Tour]) -> tuple[Candidate, ...]:
         """The first stops of the tours found, each once, with the worth of its best tour."""
@@ -198,11 +269,16 @@ class Gvg:
         caster: GainCaster,
     ) -> Plan:
         first = tour.stops[0]
-        xy, yaw = places.xy_m[first.place], first.heading * TURN_STEP_RAD
+        # Headings that the robot can have: those of the sectors may lie half a turn beside them.
+        turns = first.heading - self._sector(now.pose)
+        xy, yaw = places.xy_m[first.place], wrap_angle(now.pose.yaw_rad + turns * TURN_STEP_RAD)
         kept = self._ledger.is_target(xy)
         if not kept:
             self._settle(now, caster)
             self._ledger.open(xy, first.heading, first.gain_m2, caster.view.seen_m2)
+        self._kept_on, self._decided_at_m2 = 0, caster.view.seen_m2
+        self._aim = xy, (first.heading + IN_VIEW) % self.config.num_azimuths
+        _, _, self._expected_m2 = caster.expectation(*self._aim)
         cost = path_steps(path, now.pose.yaw_rad, yaw)
         total = sum(stop.gain_m2 for stop in tour.stops)
         reason = (
