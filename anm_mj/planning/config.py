@@ -12,6 +12,9 @@ _MAY_BE_ZERO = ("margin_m", "bootstrap_turns", "gvg_bootstrap_turns", "start_rad
 TARGETS = ("hierarchical", "best-anchored", "random")
 """Ways of the anm-s policy to choose: local horizon first, then near to far; the most uncertain; any unvisited."""
 
+VISITED_BY = ("place", "sight")
+"""What makes a vertex visited: to have been near it; or also to have seen what surrounds it from elsewhere."""
+
 
 @dataclass(frozen=True)
 class PlanningConfig:
@@ -37,14 +40,14 @@ class PlanningConfig:
     """The same outside of the horizon [m]."""
     min_site_distance_m: float = 0.3
     """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
-    region_percentile: float = 80.0
-    """Surface points above this percentile of uncertainty may form regions [%]; as in the authors' released code."""
+    region_contrast: float = 4.0
+    """Surface points this many times as uncertain as the median of all surface may form regions."""
     region_radius_m: float = 3.5
     """Uncertainty is asked anew within this distance of the robot and remembered beyond [m]."""
     region_max_height_m: float = 1.5
     """Higher surface forms no regions [m]."""
-    region_link_m: float = 0.25
-    """Members of one region lie nearer to each other than this [m]."""
+    region_link_m: float = 0.45
+    """Parts of one region, a quarter of a metre in size, lie nearer to each other than this [m]."""
     region_min_members: int = 12
     """Smaller clusters are noise."""
     anchor_range_m: float = 3.5
@@ -53,6 +56,8 @@ class PlanningConfig:
     """Largest angle between the view and the region's normal [deg]."""
     visited_radius_m: float = 0.975
     """Vertices nearer than this to where the robot has been are visited [m]: 15 forward steps."""
+    visited_by: str = "place"
+    """Whether vertices are also visited whose surroundings were seen well from elsewhere: one of ``VISITED_BY``."""
     gain_range_m: float = 4.5
     """Surface seen from farther than this does not count as covered at 5 cm [m]."""
     num_azimuths: int = 36
@@ -112,7 +117,7 @@ class PlanningConfig:
             raise PlanError(f"planning.target is '{self.target}'; it must be one of {', '.join(TARGETS)}.")
         if self.free_share > 1.0:
             raise PlanError(f"planning.free_share is {self.free_share}; it must be in (0, 1].")
-        if self.region_percentile >= 100.0:
-            raise PlanError(f"planning.region_percentile is {self.region_percentile}; it must be below 100.")
+        if self.visited_by not in VISITED_BY:
+            raise PlanError(f"planning.visited_by is '{self.visited_by}'; it must be one of {', '.join(VISITED_BY)}.")
         if self.gain_range_m < 0.5:
             raise PlanError(f"planning.gain_range_m is {self.gain_range_m}; nothing is seen nearer than 0.5.")

@@ -1,16 +1,19 @@
 """Regions of interest: uncertain surface, clustered by geometry and topology, anchored to vertices that can see it.
 
-Surface points whose uncertainty stands out (paper, eq. 5, by default weighed by how well each place was seen) are
-clustered where they lie close together *in front of* the surface, so that the two sides of a wall never join. Each
-cluster is anchored to the nearest vertex that sees it: within range, not at a grazing angle, with nothing in between.
+Surface points that are far more uncertain than most (paper, eq. 5, by default weighed by how well each place was seen)
+are anchored, each to the nearest vertex that sees it: within range, not at a grazing angle, with nothing in between.
+What lies close together *in front of* the surface, so that the two sides of a wall never join, and is anchored to the
+same vertex is one region. Surface that was seen from as near as from an anchor is of no more interest, however
+uncertain it stays; nor is what the robot has turned to from its anchor. So all regions vanish in the end.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float32, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -20,10 +23,10 @@ from anm_mj.types import OCCUPIED, Region, SurfacePoints, VoronoiGraph, VoxelGri
 
 IN_FRONT_M = 0.25
 """Points are clustered this far in front of their surface [m]: more than half of any wall's thickness."""
-LOOKED_AT_CELL_M = 0.3
-"""Size of the cells in which looked-at surface is remembered [m]."""
+PATCH_M = 0.25
+"""Edge of the cubes whose points are anchored together and suppressed together [m]."""
 MAX_ANCHORS = 12
-"""Nearest vertices that a region tries to be anchored to."""
+"""Nearest vertices that a patch tries to be anchored to."""
 
 
 class RegionFinder:
@@ -35,7 +38,12 @@ class RegionFinder:
         self._points = SurfacePoints(
             np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
         )
-        self._looked_at: set[tuple[int, int, int]] = set()
+        self._looked_at: set[tuple[int, ...]] = set()
+        """Cubes whose patches are suppressed."""
+        self._patches = _Patches.of(np.zeros((0, 3)), np.zeros((0, 3)))
+        """Of the regions found last."""
+        self._patches_of: dict[tuple[float, ...], Int[np.ndarray, " k"]] = {}
+        """Patches of each of these regions, by its centre."""
 
     def update(self, surface: SurfacePoints, centre_xy_m: Float[np.ndarray, 2], radius_m: float) -> None:
         """Replace what is remembered within ``radius_m`` of a place by ``surface``."""
@@ -49,19 +57,16 @@ class RegionFinder:
         )
 
     def mark_looked_at(self, region: Region) -> None:
-        """Suppress a region from now on: the robot has turned to it from its anchor."""
-        cell = np.floor(region.centre_m / LOOKED_AT_CELL_M).astype(int)
-        for dz in (-1, 0, 1):
-            for dy in (-1, 0, 1):
-                for dx in (-1, 0, 1):
-                    self._looked_at.add((int(cell[0]) + dx, int(cell[1]) + dy, int(cell[2]) + dz))
+        """Suppress a region from now on: the robot has turned to it from its anchor, and there is no better view."""
+        for patch in self._patches_of.get(tuple(region.centre_m.tolist()), ()):
+            self._looked_at.add(tuple(self._patches.cube[patch].tolist()))
 
     def regions(
         self,
         graph: VoronoiGraph,
         grid: VoxelGrid,
         camera_height_m: float,
-        vertices: Int[np.ndarray, " v"] | None = None,
+        preferred: Int[np.ndarray, " v"] | None = None,
     ) -> tuple[Region, ...]:
         """The regions that can be seen from some vertex, most uncertain first.
 
@@ -69,40 +74,62 @@ class RegionFinder:
             graph: the road map.
             grid: what may stand between a vertex and a region.
             camera_height_m: height that vertices look from [m].
-            vertices: those that may be anchored to; None = all of them.
+            preferred: vertices that are anchored to before all others; the others serve for what these do not see.
         """
         points = self._points
-        if vertices is None:
-            vertices = np.arange(len(graph.vertex_xy_m))
-        if not len(points.uncertainty) or not len(vertices):
-            return ()
-        uncertain = points.uncertainty > np.percentile(points.uncertainty, self.config.region_percentile)
-        if not uncertain.any():
+        self._patches, self._patches_of = _Patches.of(np.zeros((0, 3)), np.zeros((0, 3))), {}
+        if not len(points.uncertainty) or not len(graph.vertex_xy_m):
             return ()
         median = max(float(np.median(points.uncertainty)), 1e-12)
-        xyz, normal = points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float)
+        uncertain = points.uncertainty > self.config.region_contrast * median
+        uncertain[uncertain] = _nearest_view_m(grid, points.xyz_m[uncertain]) > self.config.anchor_range_m
+        patches = _Patches.of(points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float))
+        fresh = np.array([tuple(cube) not in self._looked_at for cube in patches.cube.tolist()], bool)
+        tiers = [np.arange(len(graph.vertex_xy_m))] if preferred is None else [preferred]
+        if preferred is not None:
+            tiers.append(np.setdiff1d(np.arange(len(graph.vertex_xy_m)), preferred))
+        anchor = np.full(len(patches.cube), -1, np.int64)
+        for vertices in tiers:
+            left = np.flatnonzero((anchor < 0) & fresh)
+            anchor[left] = _anchors(
+                patches.xyz_m[left],
+                patches.normal[left],
+                graph.vertex_xy_m,
+                vertices,
+                grid,
+                camera_height_m,
+                self.config,
+            )
+        self._patches = patches
         relative = points.uncertainty[uncertain] / median
-        label = _clusters(xyz + IN_FRONT_M * normal, self.config.region_link_m)
-        size = np.bincount(label)
-        centre = np.stack([np.bincount(label, xyz[:, i]) / size for i in range(3)], axis=1)
-        mean_normal = np.stack([np.bincount(label, normal[:, i]) for i in range(3)], axis=1)
-        length = np.linalg.norm(mean_normal, axis=1, keepdims=True)
-        mean_normal = np.divide(mean_normal, length, out=np.zeros_like(mean_normal), where=length > 1e-9)
-        score = np.bincount(label, relative) / size
-        kept = np.flatnonzero(size >= self.config.region_min_members)
-        kept = np.array([k for k in kept if not self._is_looked_at(centre[k])], np.int64)
-        vertex = _anchors(
-            centre[kept], mean_normal[kept], graph.vertex_xy_m[vertices], grid, camera_height_m, self.config
-        )
-        found = [
-            Region(centre[k], mean_normal[k], int(size[k]), float(score[k]), int(vertices[v]))
-            for k, v in zip(kept, vertex, strict=True)
-            if v >= 0
-        ]
+        found = []
+        for members in _clusters(patches, anchor, self.config.region_link_m):
+            mine = np.isin(patches.patch_of, members)
+            if mine.sum() < self.config.region_min_members:
+                continue
+            middle = np.average(patches.xyz_m[members], axis=0, weights=patches.num_points[members])
+            nearest = members[np.argmin(np.linalg.norm(patches.xyz_m[members] - middle, axis=1))]
+            region = Region(
+                patches.xyz_m[nearest],
+                patches.normal[nearest],
+                int(mine.sum()),
+                float(relative[mine].mean()),
+                int(anchor[members[0]]),
+            )
+            found.append(region)
+            self._patches_of[tuple(region.centre_m.tolist())] = members
         return tuple(sorted(found, key=lambda region: -region.score))
 
-    def _is_looked_at(self, centre_m: Float[np.ndarray, 3]) -> bool:
-        return tuple(np.floor(centre_m / LOOKED_AT_CELL_M).astype(int).tolist()) in self._looked_at
+
+def _nearest_view_m(grid: VoxelGrid, xyz_m: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+    """Smallest depth at which the surface about points was seen; +inf where never [m]."""
+    cell = np.floor((xyz_m - grid.origin_m) / grid.resolution_m).astype(np.int64)[:, ::-1]
+    nearest = np.full(len(xyz_m), np.inf, np.float32)
+    # The surface lies between voxel centres and may have been put into any voxel about it.
+    for offset in np.ndindex(3, 3, 3):
+        z, y, x = np.clip(cell + offset - 1, 0, np.array(grid.state.shape) - 1).T
+        nearest = np.minimum(nearest, grid.seen_range_m[z, y, x])
+    return nearest
 
 
 def line_of_sight(
@@ -119,37 +146,78 @@ def line_of_sight(
     return ~occupied.any(axis=1)
 
 
-def _clusters(points: Float[np.ndarray, "n 3"], link_m: float) -> Int[np.ndarray, " n"]:
-    pairs = KDTree(points).query_pairs(link_m, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    return connected_components(links, directed=False)[1]
+@dataclass(frozen=True)
+class _Patches:
+    """Uncertain surface, its points taken together by the cubes that the places in front of them lie in."""
+
+    xyz_m: Float[np.ndarray, "p 3"]
+    normal: Float[np.ndarray, "p 3"]
+    cube: Int[np.ndarray, "p 3"]
+    num_points: Int[np.ndarray, " p"]
+    patch_of: Int[np.ndarray, " n"]
+    """Patch of each point."""
+
+    @classmethod
+    def of(cls, xyz_m: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"]) -> _Patches:
+        """Patches of points with normals [m]."""
+        cubes = np.floor((xyz_m + IN_FRONT_M * normal) / PATCH_M).astype(np.int64)
+        cube, patch_of, size = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
+        patch_of = patch_of.reshape(-1)
+        mean = [np.bincount(patch_of, values[:, i], len(cube)) for values in (xyz_m, normal) for i in range(3)]
+        middle = np.stack(mean[:3], axis=1) / size[:, None]
+        direction = np.stack(mean[3:], axis=1)
+        length = np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+        return cls(middle, direction / length, cube, size, patch_of)
+
+
+def _clusters(patches: _Patches, anchor: Int[np.ndarray, " p"], link_m: float) -> list[Int[np.ndarray, " k"]]:
+    """Anchored patches that are connected in front of the surface and anchored alike."""
+    anchored = np.flatnonzero(anchor >= 0)
+    if not len(anchored):
+        return []
+    in_front = patches.xyz_m[anchored] + IN_FRONT_M * patches.normal[anchored]
+    pairs = KDTree(in_front).query_pairs(link_m, output_type="ndarray")
+    pairs = pairs[anchor[anchored[pairs[:, 0]]] == anchor[anchored[pairs[:, 1]]]]
+    n = len(anchored)
+    links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    count, label = connected_components(links, directed=False)
+    return [anchored[label == k] for k in range(count)]
+
+
+def _frontal(
+    view: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"], config: PlanningConfig
+) -> Bool[np.ndarray, " n"]:
+    """Whether vectors from surface to camera stand steeply enough on it."""
+    length = np.maximum(np.linalg.norm(view, axis=1), 1e-9)
+    least = math.cos(math.radians(config.anchor_max_incidence_deg))
+    return (view * normal).sum(axis=1) >= least * length
 
 
 def _anchors(
     centre_m: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
     vertex_xy_m: Float[np.ndarray, "v 2"],
+    vertices: Int[np.ndarray, " w"],
     grid: VoxelGrid,
     camera_height_m: float,
     config: PlanningConfig,
 ) -> Int[np.ndarray, " n"]:
-    """For each region the nearest vertex that sees it, -1 where none does."""
-    if not len(centre_m):
-        return np.zeros(0, np.int64)
-    tree = KDTree(vertex_xy_m)
-    k = min(MAX_ANCHORS, len(vertex_xy_m))
-    distance, vertex = tree.query(centre_m[:, :2], k=k, distance_upper_bound=config.anchor_range_m)
-    distance, vertex = distance.reshape(len(centre_m), k), vertex.reshape(len(centre_m), k)
-    region, rank = np.nonzero(np.isfinite(distance))
-    eye = np.column_stack([vertex_xy_m[vertex[region, rank]], np.full(len(region), camera_height_m)])
-    # The sight ends just in front of the surface, whose own voxels would block it.
-    seen = centre_m[region] + 2 * grid.resolution_m * normal[region]
-    view = eye - centre_m[region]
-    view /= np.maximum(np.linalg.norm(view, axis=1, keepdims=True), 1e-9)
-    frontal = (view * normal[region]).sum(axis=1) >= math.cos(math.radians(config.anchor_max_incidence_deg))
-    visible = frontal.copy()
-    visible[frontal] = line_of_sight(grid, eye[frontal], seen[frontal])
+    """For each place the nearest of the given vertices that sees it, -1 where none does."""
     anchor = np.full(len(centre_m), -1, np.int64)
-    for i, r in zip(region[visible][::-1], rank[visible][::-1], strict=True):
-        anchor[i] = vertex[i, r]  # Ranks ascend within a region, so the nearest is written last.
+    if not len(centre_m) or not len(vertices):
+        return anchor
+    k = min(MAX_ANCHORS, len(vertices))
+    distance, rank_vertex = KDTree(vertex_xy_m[vertices]).query(
+        centre_m[:, :2], k=k, distance_upper_bound=config.anchor_range_m
+    )
+    distance, rank_vertex = distance.reshape(len(centre_m), k), rank_vertex.reshape(len(centre_m), k)
+    place, rank = np.nonzero(np.isfinite(distance))
+    vertex = vertices[rank_vertex[place, rank]]
+    eye = np.column_stack([vertex_xy_m[vertex], np.full(len(place), camera_height_m)])
+    frontal = _frontal(eye - centre_m[place], normal[place], config)
+    place, vertex, eye = place[frontal], vertex[frontal], eye[frontal]
+    # The sight ends just in front of the surface, whose own voxels would block it.
+    visible = line_of_sight(grid, eye, centre_m[place] + 2 * grid.resolution_m * normal[place])
+    # Ranks ascend within a place, so the nearest vertex is written last.
+    anchor[place[visible][::-1]] = vertex[visible][::-1]
     return anchor

@@ -7,11 +7,12 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gvg import voronoi_graph
+from anm_mj.planning.junctions import decision_vertices, roomy_frontier
 from anm_mj.planning.paths import Reach, reach
 from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.topdown import TopDownMapper
@@ -46,6 +47,10 @@ class Situation:
     regions: tuple[Region, ...]
     camera_height_m: float
     watch: Stopwatch = field(default_factory=Stopwatch)
+    decisions: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Vertices at which there is something to decide; read together with the regions."""
+    frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    """Border of the unknown that the robot fits into [m]; read together with the regions."""
 
 
 class Stages:
@@ -86,13 +91,15 @@ class Stages:
             paths = reach(graph, topdown, pose, self.safe_m)
         height = float(observation.T_world_camera[2, 3])
         regions: tuple[Region, ...] = ()
+        decisions, frontier = np.zeros(0, np.int64), np.zeros((0, 2))
         if with_regions:
             with watch.stage("regions"):
                 radius = self.config.region_radius_m
                 self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
-                # Edges meet there, several ways and views open: the vertices in the paper's sense.
-                regions = self.finder.regions(graph, mapper.occupancy, height, np.flatnonzero(graph.degree >= 3))
-        return Situation(pose, topdown, graph, paths, regions, height, watch)
+                frontier = roomy_frontier(topdown, self.safe_m)
+                decisions = decision_vertices(graph, frontier)
+                regions = self.finder.regions(graph, mapper.occupancy, height, decisions)
+        return Situation(pose, topdown, graph, paths, regions, height, watch, decisions, frontier)
 
     def set_out(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:
         """Remember the way that the robot is sent, of which the next reading counts what it has gone as visited [m]."""

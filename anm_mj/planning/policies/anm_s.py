@@ -1,14 +1,21 @@
 """The paper's policy: anchored vertices in the local horizon first, then near to far (sections III-C, III-D, IV-A).
 
-After a full turn at the start, every decision weighs the vertices where three or more edges meet. A vertex is better
-when it has not been visited, when it lies visible in the local horizon, and when a region of interest is anchored to
-it; among equals the nearest along the graph is taken (target "hierarchical"; the paper's ablation knows "random", any
-unvisited vertex, and "best-anchored", the one with the most uncertain region). On arrival the robot turns to the
-regions anchored there. The tiers and the visited radius are those of the authors' released code, because the paper
-leaves them open. Where paper and code differ, the paper is followed: a bootstrap of 36 turns without tilting, both
-decoders perturbed, regions anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown
-space is a state of its own, so that vertices lie in observed free space only, and bounds are never taken from ground
-truth.
+After a full turn at the start, every decision weighs the vertices at which something is to be decided
+(:mod:`anm_mj.planning.junctions`), and any other that a region of interest is anchored to. Only those are candidates
+that lie in an area not visited yet or have a region anchored to them. A candidate is better when it is unvisited, when
+it lies in the local horizon and in the view ahead, and when it does and a region is anchored to it; among equals the
+nearest along the graph is taken (target "hierarchical"; the paper's ablation knows "random", any unvisited vertex, and
+"best-anchored", the one with the most uncertain region). On arrival the robot turns until every region anchored there
+has been in view. A target is kept until it is reached, blocked, or no longer a candidate because of what was seen on
+the way. With no candidate left the robot looks around once more, as the authors' released code does, then the run ends.
+
+The tiers, the visited radius and the view ahead are those of the released code, because the paper leaves them open.
+Where paper and code differ, the paper is followed: a bootstrap of 36 turns without tilting, both decoders perturbed,
+regions anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown space is a state of its
+own, so that vertices lie in observed free space only, and bounds are never taken from ground truth; regions must be
+far more uncertain than most surface, instead of belonging to a fixed share of it, and vanish once looked at, so that
+there is an end; spurs of the graph into corners are no decision vertices. With ``visited_by`` "sight" an area also
+counts as visited when all that surrounds the vertex was seen from near enough.
 """
 
 from __future__ import annotations
@@ -18,13 +25,16 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from anm_mj.frames import pixel_directions, wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import segments_clear
 from anm_mj.planning.stages import Situation, Stages
+from anm_mj.planning.visited import num_within, seen_around, visited
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
     FORWARD_STEP_M,
+    TURN_STEP_RAD,
     Action,
     Candidate,
     Footprint,
@@ -33,12 +43,25 @@ from anm_mj.types import (
     Pose2,
     Region,
     StopReason,
+    VoxelGrid,
 )
 
 UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
 """Weights of a vertex's properties in the authors' released code."""
 FAIL_RADIUS_M = 0.3
 """Vertices this near to a target that led into an obstacle are put last [m]."""
+MAX_FAILS = 2
+"""After so many blocked ways a target is given up."""
+REPLAN_STEPS = 10
+"""So often it is asked whether the target is still worth going to."""
+SAME_TARGET_M = 1.0
+"""The graph changes; the vertex nearest to the target within this distance takes its place [m]."""
+FULL_TURN = 36
+"""Turns of a look around when nothing is left to go to."""
+PIXEL_STEP = 4
+"""Of a view every so many columns and rows tell how far it reaches [px]."""
+WELL_IN_VIEW_RAD = math.radians(30.0)
+"""A region less than this off the camera's axis is well inside a view of 90 degrees [rad]."""
 
 
 class AnmS:
@@ -47,34 +70,44 @@ class AnmS:
     def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
         """Start before the bootstrap rotation; the seed decides about random targets alone."""
         self.config = config
+        self._footprint = footprint
         self._rng = np.random.default_rng(seed)
         self._stages = Stages(config, footprint)
         self._bootstrapped = False
+        self._looked_around = False
         self._target_xy_m: Float[np.ndarray, 2] | None = None
         self._failed_xy_m: list[Float[np.ndarray, 2]] = []
         self._headed_for: tuple[Region, ...] = ()
+        self._last_xy_m: Float[np.ndarray, 2] | None = None
+        self._ahead: Observation | None = None
+        """The last view taken while driving: what lies in it is ahead."""
+
+    def observe(self, observation: Observation) -> None:
+        """Take note of what lies ahead, and of which regions come into view at the target."""
+        pose = observation.pose
+        if self._last_xy_m is None or np.linalg.norm(pose.xy_m - self._last_xy_m) > FORWARD_STEP_M / 2:
+            self._ahead = observation
+        self._last_xy_m = pose.xy_m
+        if self._target_xy_m is not None and np.linalg.norm(self._target_xy_m - pose.xy_m) < 2 * ARRIVED_M:
+            # There is no better place to see them from, so that is all there is to see of them.
+            for region in self._headed_for:
+                if abs(_off_axis(region, pose.xy_m, pose.yaw_rad)) < WELL_IN_VIEW_RAD + TURN_STEP_RAD:
+                    self._stages.finder.mark_looked_at(region)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the best vertex by tier and distance."""
         if not self._bootstrapped and self.config.bootstrap_turns:
             self._bootstrapped = True
-            return self._look_around("bootstrap: one full turn before the first decision")
-        self._mark_looked_at(observation.pose)
+            return self._look_around("bootstrap: one full turn before the first decision", self.config.bootstrap_turns)
         now = self._stages.read(mapper, observation)
-        nodes = np.flatnonzero(now.graph.degree >= 3)
-        away = np.linalg.norm(now.graph.vertex_xy_m[nodes] - now.pose.xy_m, axis=1) > ARRIVED_M
-        reachable = nodes[np.isfinite(now.reach.distance_m[nodes]) & away]
-        if not len(reachable):
-            if self._target_xy_m is None:
-                return self._stop(now, "no vertex of the graph can be reached, even after a look around")
-            self._target_xy_m = None
-            return self._look_around("no vertex of the graph can be reached: another full turn")
-        score = self._scores(now, reachable)
-        for best in self._order(now, reachable, score):
-            path = now.reach.path_to(int(reachable[best]))
-            if len(path):
-                return self._go(now, int(reachable[best]), path, reachable, score)
-        return self._stop(now, "no safe path leads to any vertex")
+        nodes, unvisited = self._candidates(now, mapper.occupancy)
+        score = self._scores(now, nodes, unvisited)
+        for best in self._order(now, nodes, unvisited, score):
+            plan = self._go(now, int(nodes[best]), nodes, score)
+            if plan is not None:
+                self._looked_around = False
+                return plan
+        return self._at_a_loss(now)
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
@@ -82,65 +115,93 @@ class AnmS:
         self._headed_for = ()
         if self._target_xy_m is not None:
             self._failed_xy_m.append(self._target_xy_m)
+            self._target_xy_m = None
 
-    def _mark_looked_at(self, pose: Pose2) -> None:
-        """Suppress the regions of the target if the robot has come there; a way cut short has shown nothing of them."""
-        if self._target_xy_m is not None and np.linalg.norm(self._target_xy_m - pose.xy_m) < 2 * ARRIVED_M:
-            for region in self._headed_for:
-                self._stages.finder.mark_looked_at(region)
-        self._headed_for = ()
+    def _candidates(self, now: Situation, grid: VoxelGrid) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Vertices that a way leads to and that are unvisited or have a region anchored, and which are unvisited."""
+        anchored = np.array([region.vertex for region in self._guiding(now)], np.int64)
+        nodes = np.union1d(now.decisions, anchored)
+        nodes = nodes[np.isfinite(now.reach.distance_m[nodes])]
+        nodes = nodes[num_within(now.graph.vertex_xy_m[nodes], self._failed_xy_m, FAIL_RADIUS_M) < MAX_FAILS]
+        known = visited(now.graph, nodes, self._stages.topdown.trail_xy_m, self.config)
+        if self.config.visited_by == "sight":
+            known |= seen_around(now.graph, nodes, now.topdown, now.frontier_xy_m, grid, self._footprint, self.config)
+        unvisited = ~known & np.isin(nodes, now.decisions)
+        if self.config.target == "random":
+            return nodes[unvisited], unvisited[unvisited]
+        active = unvisited | np.isin(nodes, anchored)
+        return nodes[active], unvisited[active]
 
-    def _scores(self, now: Situation, nodes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    def _scores(
+        self, now: Situation, nodes: Int[np.ndarray, " n"], unvisited: Bool[np.ndarray, " n"]
+    ) -> Int[np.ndarray, " n"]:
         xy = now.graph.vertex_xy_m[nodes]
-        visited = _within(xy, self._stages.topdown.trail_xy_m, self.config.visited_radius_m)
-        failed = _within(xy, self._failed_xy_m, FAIL_RADIUS_M)
-        in_horizon = (np.abs(xy - now.pose.xy_m) <= self.config.horizon_m / 2).all(axis=1)
-        start = np.repeat(now.pose.xy_m[None], len(xy), axis=0)
-        in_horizon &= segments_clear(now.topdown, start, xy, 0.0, now.pose)
+        failed = num_within(xy, self._failed_xy_m, FAIL_RADIUS_M) > 0
         anchored = np.isin(nodes, [region.vertex for region in self._guiding(now)])
-        return UNVISITED * ~visited + IN_HORIZON * in_horizon + ANCHORED * anchored + FAILED * failed
+        near = self._in_horizon(now, xy)
+        return UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * (anchored & near) + FAILED * failed
+
+    def _in_horizon(self, now: Situation, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        """Which places lie in the local horizon, in sight and, where there are such, in the view ahead."""
+        near = (np.abs(xy_m - now.pose.xy_m) <= self.config.horizon_m / 2).all(axis=1)
+        near &= segments_clear(now.topdown, np.repeat(now.pose.xy_m[None], len(xy_m), axis=0), xy_m, 0.0, now.pose)
+        if self._ahead is not None:
+            low, high = _view_box(self._ahead)
+            ahead = near & ((xy_m >= low) & (xy_m <= high)).all(axis=1)
+            near = ahead if ahead.any() else near
+        return near
 
     def _order(
-        self, now: Situation, nodes: Int[np.ndarray, " n"], score: Int[np.ndarray, " n"]
+        self,
+        now: Situation,
+        nodes: Int[np.ndarray, " n"],
+        unvisited: Bool[np.ndarray, " n"],
+        score: Int[np.ndarray, " n"],
     ) -> Int[np.ndarray, " n"]:
-        """The vertices from best to worst: by tier and distance, or as the ablation asks."""
-        distance = now.reach.distance_m[nodes]
-        failed = _within(now.graph.vertex_xy_m[nodes], self._failed_xy_m, FAIL_RADIUS_M)
+        """From best to worst: the present target first, then by tier and distance, or as the ablation asks."""
+        xy, distance = now.graph.vertex_xy_m[nodes], now.reach.distance_m[nodes]
+        failed = num_within(xy, self._failed_xy_m, FAIL_RADIUS_M)
+        present = np.zeros(len(nodes), bool)
+        if self._target_xy_m is not None and len(nodes):
+            away = np.linalg.norm(xy - self._target_xy_m, axis=1)
+            present[np.argmin(away)] = away.min() <= SAME_TARGET_M
         if self.config.target == "hierarchical":
-            return np.lexsort((distance, -score))
-        visited = _within(now.graph.vertex_xy_m[nodes], self._stages.topdown.trail_xy_m, self.config.visited_radius_m)
+            return np.lexsort((distance, -score, ~present))
         if self.config.target == "random":
-            return np.lexsort((self._rng.random(len(nodes)), visited, failed))
+            return np.lexsort((self._rng.random(len(nodes)), failed, ~present))
         most = np.zeros(len(now.graph.vertex_xy_m))
         for region in now.regions:
             most[region.vertex] = max(most[region.vertex], region.score)
-        return np.lexsort((distance, visited, -most[nodes], failed))
+        return np.lexsort((distance, ~unvisited, -most[nodes], failed, ~present))
 
     def _guiding(self, now: Situation) -> tuple[Region, ...]:
         """The regions that lead the robot: none without visibility guidance."""
         return now.regions if self.config.visibility_guidance else ()
 
     def _go(
-        self,
-        now: Situation,
-        vertex: int,
-        path: Float[np.ndarray, "k 2"],
-        nodes: Int[np.ndarray, " n"],
-        score: Int[np.ndarray, " n"],
-    ) -> Plan:
+        self, now: Situation, vertex: int, nodes: Int[np.ndarray, " n"], score: Int[np.ndarray, " n"]
+    ) -> Plan | None:
+        """The plan that leads to a vertex and looks at its regions; None when nothing is to be done for that."""
         xy = now.graph.vertex_xy_m[vertex]
-        self._target_xy_m = xy
+        regions = tuple(region for region in self._guiding(now) if region.vertex == vertex)
+        path = now.reach.path_to(vertex)
+        here = np.linalg.norm(xy - now.pose.xy_m) < ARRIVED_M
+        leg = path[-1] - path[-2] if len(path) > 1 else np.zeros(2)
+        arrival_yaw = now.pose.yaw_rad if here else math.atan2(leg[1], leg[0])
+        headings = view_headings(regions, xy, arrival_yaw)
+        if not len(path) or (here and not headings):
+            for region in regions if here else ():
+                self._stages.finder.mark_looked_at(region)
+            return None
+        self._target_xy_m, self._headed_for = xy, regions
         self._stages.set_out(path)
-        self._headed_for = tuple(region for region in self._guiding(now) if region.vertex == vertex)
-        towards = [region.centre_m[:2] - xy for region in self._headed_for]
-        headings = tuple(math.atan2(d[1], d[0]) for d in towards)
         tier = int(score[np.flatnonzero(nodes == vertex)[0]])
         chosen = {
             "hierarchical": f"nearest of {int((score == tier).sum())} vertices",
             "best-anchored": "the most uncertain region",
             "random": "drawn at random",
         }[self.config.target]
-        reason = f"tier {tier}: {chosen}, {len(headings)} regions anchored, {now.reach.distance_m[vertex]:.1f} m away"
+        reason = f"tier {tier}: {chosen}, {len(regions)} regions anchored, {now.reach.distance_m[vertex]:.1f} m away"
         steps = now.reach.distance_m[nodes] / FORWARD_STEP_M
         candidates = tuple(
             Candidate(now.graph.vertex_xy_m[n], float(s), float(s), float(c))
@@ -150,6 +211,7 @@ class AnmS:
             reason,
             path,
             headings,
+            valid_steps=REPLAN_STEPS,
             candidates=candidates,
             topdown=now.topdown,
             graph=now.graph,
@@ -157,25 +219,59 @@ class AnmS:
             stage_ms=now.watch.ms,
         )
 
-    def _look_around(self, reason: str) -> Plan:
-        return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * self.config.bootstrap_turns)
-
-    def _stop(self, now: Situation, reason: str) -> Plan:
+    def _at_a_loss(self, now: Situation) -> Plan:
+        """Look around once, as the authors' released code does; when that has brought nothing, stop."""
+        self._target_xy_m, self._headed_for = None, ()
+        reachable = np.isfinite(now.reach.distance_m).any()
+        what = "every vertex is visited and no region is left" if reachable else "no vertex of the graph can be reached"
+        if not self._looked_around:
+            self._looked_around = True
+            return self._look_around(f"{what}: another full turn", FULL_TURN)
         return Plan(
-            reason,
+            f"{what}, even after a look around",
             np.zeros((0, 2)),
-            stop=StopReason.NO_REACHABLE_TARGET,
+            stop=StopReason.COMPLETE if reachable else StopReason.NO_REACHABLE_TARGET,
             topdown=now.topdown,
             graph=now.graph,
             regions=now.regions,
             stage_ms=now.watch.ms,
         )
 
+    def _look_around(self, reason: str, turns: int) -> Plan:
+        return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * turns)
 
-def _within(
-    xy_m: Float[np.ndarray, "n 2"], places_xy_m: list[Float[np.ndarray, 2]], radius_m: float
-) -> Bool[np.ndarray, " n"]:
-    if not places_xy_m:
-        return np.zeros(len(xy_m), bool)
-    places = np.array(places_xy_m)
-    return (np.linalg.norm(xy_m[:, None] - places[None], axis=-1) < radius_m).any(axis=1)
+
+def view_headings(regions: tuple[Region, ...], xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> tuple[float, ...]:
+    """Yaws to turn to, one after the other, until every region has been well in view.
+
+    Args:
+        regions: what is to be looked at.
+        xy_m: from where [m].
+        yaw_rad: heading before the first turn.
+    """
+    headings: list[float] = []
+    left = list(regions)
+    while left:
+        left.sort(key=lambda region: abs(_off_axis(region, xy_m, yaw_rad)))
+        error = _off_axis(left.pop(0), xy_m, yaw_rad)
+        if abs(error) > WELL_IN_VIEW_RAD:
+            yaw_rad = wrap_angle(yaw_rad + error - math.copysign(WELL_IN_VIEW_RAD, error))
+            headings.append(yaw_rad)
+    return tuple(headings)
+
+
+def _off_axis(region: Region, xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> float:
+    """Angle from a heading to a region, counter-clockwise [rad]."""
+    towards = region.centre_m[:2] - xy_m
+    return wrap_angle(math.atan2(towards[1], towards[0]) - yaw_rad)
+
+
+def _view_box(view: Observation) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Lower and upper corner of all that a view shows [m]."""
+    rays = pixel_directions(view.intrinsics)[::PIXEL_STEP, ::PIXEL_STEP]
+    depth = view.depth_m[::PIXEL_STEP, ::PIXEL_STEP, None]
+    points = (rays * depth) @ view.T_world_camera[:2, :3].T
+    points = points[np.isfinite(points).all(axis=-1)]
+    here = view.T_world_camera[:2, 3]
+    corners = np.concatenate([np.zeros((1, 2)), points]) + here
+    return corners.min(axis=0), corners.max(axis=0)
