@@ -110,7 +110,7 @@ def test_gvg_goes_where_the_unknown_is():
 
 def test_anm_s_looks_around_and_then_visits_vertices_without_collision():
     world = seen_room(boxes=[(2.2, 1.6, 2.6, 2.0)])
-    outcome, recorder = run(make("anm-s"), world, Pose2(1.0, 1.5, 0.0), num_steps=500)
+    outcome, recorder = run(make("anm-s", visited_by="place"), world, Pose2(1.0, 1.5, 0.0), num_steps=500)
     actions = [result.action for _, result, *_ in recorder.steps]
     assert set(actions[:36]) == {Action.TURN_LEFT}
     assert outcome.stop_reason is StopReason.COMPLETE
@@ -163,7 +163,7 @@ def test_a_policy_gets_past_an_obstacle_that_the_map_does_not_show(name):
 
 
 def test_vertices_passed_on_the_way_count_as_visited():
-    policy = make("anm-s", bootstrap_turns=0)
+    policy = make("anm-s", bootstrap_turns=0, visited_by="place")
     _, recorder = run(policy, seen_room(boxes=[(2.2, 1.6, 2.6, 2.0)]), Pose2(1.0, 1.5, 0.0), num_steps=120)
     trail = np.array(policy._stages.topdown.trail_xy_m)
     driven = np.array([pose.xy_m for _, _, pose, _ in recorder.steps])

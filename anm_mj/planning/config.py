@@ -12,8 +12,8 @@ _MAY_BE_ZERO = ("margin_m", "bootstrap_turns", "gvg_bootstrap_turns", "start_rad
 TARGETS = ("hierarchical", "best-anchored", "random")
 """Ways of the anm-s policy to choose: local horizon first, then near to far; the most uncertain; any unvisited."""
 
-VISITED_BY = ("place", "sight")
-"""What makes a vertex visited: to have been near it; or also to have seen what surrounds it from elsewhere."""
+VISITED_BY = ("sight", "place")
+"""What makes a vertex visited: to have been near it or to have seen what surrounds it; to have been near it alone."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class PlanningConfig:
     """Largest angle between the view and the region's normal [deg]."""
     visited_radius_m: float = 0.975
     """Vertices nearer than this to where the robot has been are visited [m]: 15 forward steps."""
-    visited_by: str = "place"
+    visited_by: str = "sight"
     """Whether vertices are also visited whose surroundings were seen well from elsewhere: one of ``VISITED_BY``."""
     gain_range_m: float = 4.5
     """Surface seen from farther than this does not count as covered at 5 cm [m]."""

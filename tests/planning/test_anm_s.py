@@ -82,7 +82,7 @@ def test_a_place_without_any_way_out_ends_the_run():
 def test_by_sight_all_that_was_seen_from_near_is_visited_so_the_robot_looks_around_once_and_the_run_ends():
     world = two_rooms()
     world.occupancy.seen_range_m[:] = 2.0
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, visited_by="sight"), BODY, 0)
+    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
     around = policy.plan(world, observation(1.0, 1.7))
     assert len(around.actions) == 36
     assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.COMPLETE
@@ -91,7 +91,7 @@ def test_by_sight_all_that_was_seen_from_near_is_visited_so_the_robot_looks_arou
 def test_by_place_only_where_the_robot_was_is_visited():
     world = two_rooms()
     world.occupancy.seen_range_m[:] = 2.0
-    plan = decide(world)
+    plan = decide(world, visited_by="place")
     assert plan.target_xy_m is not None
     assert math.dist(plan.target_xy_m, (1.0, 1.7)) > PlanningConfig().visited_radius_m
 

@@ -14,8 +14,8 @@ Where paper and code differ, the paper is followed: a bootstrap of 36 turns with
 regions anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown space is a state of its
 own, so that vertices lie in observed free space only, and bounds are never taken from ground truth; regions must be
 far more uncertain than most surface, instead of belonging to a fixed share of it, and vanish once looked at, so that
-there is an end; spurs of the graph into corners are no decision vertices. With ``visited_by`` "sight" an area also
-counts as visited when all that surrounds the vertex was seen from near enough.
+there is an end; spurs of the graph into corners are no decision vertices; an area also counts as visited when all that
+surrounds the vertex was seen from near enough (``visited_by`` "place" leaves that out, as in the released code).
 """
 
 from __future__ import annotations
@@ -76,6 +76,7 @@ class AnmS:
         self._bootstrapped = False
         self._looked_around = False
         self._target_xy_m: Float[np.ndarray, 2] | None = None
+        self._target_unvisited = False
         self._failed_xy_m: list[Float[np.ndarray, 2]] = []
         self._headed_for: tuple[Region, ...] = ()
         self._last_xy_m: Float[np.ndarray, 2] | None = None
@@ -105,6 +106,7 @@ class AnmS:
         for best in self._order(now, nodes, unvisited, score):
             plan = self._go(now, int(nodes[best]), nodes, score)
             if plan is not None:
+                self._target_unvisited = bool(unvisited[best])
                 self._looked_around = False
                 return plan
         return self._at_a_loss(now)
@@ -120,17 +122,25 @@ class AnmS:
     def _candidates(self, now: Situation, grid: VoxelGrid) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Vertices that a way leads to and that are unvisited or have a region anchored, and which are unvisited."""
         anchored = np.array([region.vertex for region in self._guiding(now)], np.int64)
-        nodes = np.union1d(now.decisions, anchored)
+        decisions = np.union1d(now.decisions, self._kept(now))
+        nodes = np.union1d(decisions, anchored)
         nodes = nodes[np.isfinite(now.reach.distance_m[nodes])]
         nodes = nodes[num_within(now.graph.vertex_xy_m[nodes], self._failed_xy_m, FAIL_RADIUS_M) < MAX_FAILS]
         known = visited(now.graph, nodes, self._stages.topdown.trail_xy_m, self.config)
         if self.config.visited_by == "sight":
             known |= seen_around(now.graph, nodes, now.topdown, now.frontier_xy_m, grid, self._footprint, self.config)
-        unvisited = ~known & np.isin(nodes, now.decisions)
+        unvisited = ~known & np.isin(nodes, decisions)
         if self.config.target == "random":
             return nodes[unvisited], unvisited[unvisited]
         active = unvisited | np.isin(nodes, anchored)
         return nodes[active], unvisited[active]
+
+    def _kept(self, now: Situation) -> Int[np.ndarray, " k"]:
+        """The vertex that now stands for the present target, if that was unvisited: no junction any more, maybe."""
+        if self._target_xy_m is None or not self._target_unvisited or not len(now.graph.vertex_xy_m):
+            return np.zeros(0, np.int64)
+        away = np.linalg.norm(now.graph.vertex_xy_m - self._target_xy_m, axis=1)
+        return np.flatnonzero((away == away.min()) & (away <= SAME_TARGET_M))[:1]
 
     def _scores(
         self, now: Situation, nodes: Int[np.ndarray, " n"], unvisited: Bool[np.ndarray, " n"]
