@@ -78,6 +78,8 @@ class PlanningConfig:
     """Gain that is had only after this many steps counts 1/e [steps]."""
     min_gain_m2: float = 0.2
     """Expected new surface below which nothing is worth a step [m2]."""
+    min_rate_m2: float = 0.004
+    """A tour that promises less new surface per step is not worth its way [m2 per step]."""
     poor_target_m2: float = 0.25
     """A target that brought less new surface than this was not worth its way [m2]."""
     patience_targets: int = 3

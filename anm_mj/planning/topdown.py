@@ -6,8 +6,8 @@ leads out of the model, and the column counts as occupied. Near surfaces the neu
 SDF over the heights (paper, footnote 1) says where within a cell the surface lies. A sign that the field only
 extrapolates never opens a way: the SDF is asked next to observed surface alone.
 
-The map is kept up, not made anew: an update touches the part that views from where the robot has been since the last
-one can have changed, so that its cost does not grow with the scene.
+The map is kept up, not made anew: an update looks at the part that views from where the robot has been since the last
+one can have changed, and works on what has changed of it, so that its cost does not grow with the scene.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ LOW_SEEN_M = 3.0
 farther, a camera that nods takes the floor for one."""
 NO_FLOOR_M = 0.1
 """A column that is seen free from z = 0 down to this depth has no floor [m]."""
+_HOLE_WIDTH_CELLS = 20
+"""Small unknown patches are no wider than about this."""
 _HOLE_REACH_CELLS = 20
 """Unknown patches are followed this far beyond what changed, to see whether they are small and enclosed."""
 
@@ -97,10 +99,10 @@ class TopDownMapper:
         self.visit(pose.xy_m)
         self._follow_growth(grid)
         window = self._window(grid, box_xy_m)
-        self._stamp(grid)
         layers, resolution = self._layers, grid.resolution_m
-        self._read_columns(grid, window)
-        self._ask_sdf(grid, sdf, pose)
+        changed = self._stamp(grid) + self._read_columns(grid, window) + self._ask_sdf(grid, sdf, pose)
+        # Whether an unknown patch is a hole may change as far away as the patch is wide.
+        window = _grown(_hull(changed), _HOLE_WIDTH_CELLS, layers.state.shape)
         state = self._column_state(grid, window)
         field = np.where(state == OCCUPIED, np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
         field = np.minimum(field, layers.min_sdf_m[window])
@@ -136,25 +138,32 @@ class TopDownMapper:
         last = np.ceil((high - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         return _clipped(first, last, shape)
 
-    def _read_columns(self, grid: VoxelGrid, window: Window) -> None:
-        """Count the free voxels of each column over the body's heights, and note where anything was hit."""
+    def _read_columns(self, grid: VoxelGrid, window: Window) -> list[Window]:
+        """Count the free voxels of each column over the body's heights, and note where anything was hit.
+
+        Returns:
+            Where that has changed.
+        """
         z0, z1 = (
             max(math.ceil((z - grid.origin_m[2]) / grid.resolution_m - 1e-6), 0)
             for z in (self.footprint.z_min_m, self.footprint.z_max_m)
         )
         body = grid.state[z0:z1, window[0], window[1]]
-        self._layers.num_free[window] = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
+        num_free = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
         hit = body.max(axis=0, initial=UNKNOWN) == OCCUPIED
         # What is as low as the body's underside may lie in a layer that is mostly below it.
         lowest = max(math.floor((self.footprint.z_min_m - grid.origin_m[2]) / grid.resolution_m + 1e-6), 0)
         for layer in range(lowest, min(z0, len(grid.state))):
             near = grid.seen_range_m[layer, window[0], window[1]] <= LOW_SEEN_M
             hit |= near & (grid.state[layer, window[0], window[1]] == OCCUPIED)
-        self._layers.hit[window] = hit
         deep, floor = (math.floor((z - grid.origin_m[2]) / grid.resolution_m + 1e-6) for z in (-NO_FLOOR_M, 0.0))
         if deep >= 0:
             below = grid.state[deep : floor + 1, window[0], window[1]]
-            self._layers.hit[window] |= (below == FREE).all(axis=0)
+            hit |= (below == FREE).all(axis=0)
+        layers = self._layers
+        changed = _changed((num_free != layers.num_free[window]) | (hit != layers.hit[window]), window)
+        layers.num_free[window], layers.hit[window] = num_free, hit
+        return changed
 
     def _column_state(self, grid: VoxelGrid, window: Window) -> Int8[np.ndarray, "rows cols"]:
         layers = self._layers
@@ -186,8 +195,8 @@ class TopDownMapper:
         self._layers = grown
         self._origin_xy_m = grid.origin_m[:2].astype(float)
 
-    def _stamp(self, grid: VoxelGrid) -> None:
-        """Draw new places of the trail and new obstacles into their layers."""
+    def _stamp(self, grid: VoxelGrid) -> list[Window]:
+        """Draw new places of the trail and new obstacles into their layers, and say where those are."""
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
         for xy in self._new_trail_xy_m:
             first = xy is self.trail_xy_m[0]
@@ -195,10 +204,17 @@ class TopDownMapper:
             _stamp_disc(layers.under_robot, grid, xy, body - cell)
         for xy in self._new_blocked_xy_m:
             _stamp_disc(layers.blocked, grid, xy, BLOCKED_CELLS * cell)
+        stamped = np.array([*self._new_trail_xy_m, *self._new_blocked_xy_m])
+        around = (
+            max(body, BLOCKED_CELLS * cell, self.config.start_radius_m if len(self.trail_xy_m) == 1 else 0.0) + cell
+        )
+        low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
+        high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         self._new_trail_xy_m, self._new_blocked_xy_m = [], []
+        return [_clipped(low, high, layers.state.shape)]
 
-    def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> None:
-        """Ask for the smallest SDF of the columns next to surface inside the horizon."""
+    def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
+        """Ask for the smallest SDF of the columns next to surface inside the horizon, and say where it has changed."""
         layers, config = self._layers, self.config
         centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         half = int(np.ceil(config.horizon_m / 2 / grid.resolution_m))
@@ -207,14 +223,16 @@ class TopDownMapper:
         near = np.asarray(ndimage.binary_dilation(hit, iterations=2), bool) & (hit | (layers.num_free[window] > 0))
         cells = np.argwhere(near)
         remembered = layers.min_sdf_m[window]
+        before = remembered.copy()
         remembered[...] = TRUNCATION_M
         if not len(cells):
-            return
+            return _changed(before != remembered, window)
         heights = np.arange(self.footprint.z_min_m + 0.05, self.footprint.z_max_m + 1e-6, config.sdf_height_spacing_m)
         centres = (cells + np.array([window[0].start, window[1].start]))[:, ::-1] + 0.5
         xy = grid.origin_m[:2] + centres * grid.resolution_m
         points = np.concatenate([np.repeat(xy, len(heights), axis=0), np.tile(heights, len(xy))[:, None]], axis=1)
         remembered[cells[:, 0], cells[:, 1]] = sdf(points).reshape(len(cells), len(heights)).min(axis=1)
+        return _changed(before != remembered, window)
 
     def _update_clearance(self, window: Window, resolution_m: float) -> None:
         cap, depth = (math.ceil(d / resolution_m) for d in (MAX_CLEARANCE_M, MAX_DEPTH_M))
@@ -295,6 +313,21 @@ class _Layers:
 
 def _clipped(first: Int[np.ndarray, 2], last: Int[np.ndarray, 2], shape: tuple[int, ...]) -> Window:
     a, b = (slice(min(max(int(f), 0), n), min(max(int(e), 0), n)) for f, e, n in zip(first, last, shape, strict=True))
+    return a, b
+
+
+def _changed(mask: Bool[np.ndarray, "rows cols"], window: Window) -> list[Window]:
+    """The smallest part of a window that holds all of a mask over it; none when the mask is empty."""
+    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return []
+    r, c = window[0].start, window[1].start
+    return [(slice(r + int(rows[0]), r + int(rows[-1]) + 1), slice(c + int(cols[0]), c + int(cols[-1]) + 1))]
+
+
+def _hull(windows: list[Window]) -> Window:
+    """The smallest window that holds some others."""
+    a, b = (slice(min(w[k].start for w in windows), max(w[k].stop for w in windows)) for k in (0, 1))
     return a, b
 
 

@@ -240,7 +240,8 @@ class Gvg:
             path = np.zeros((0, 2)) if first.place == 0 else now.reach.path_to(int(places.vertex[first.place]))
             if first.place and not len(path):
                 continue
-            if self._ledger.is_exhausted(first.gain_m2):
+            rate = sum(stop.gain_m2 for stop in tour.stops) / max(tour.stops[-1].at_step, 1.0)
+            if rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
                 return self._stop(now, options, caster)
             if len(path):
                 path = along_headings(path, now.topdown, now.reach.safe_m, now.pose)
