@@ -50,7 +50,7 @@ name = choice.name
 if name == "native":
     from anm_mj.mapping.backends.native_backend import kernel_names
     name = f"native ({kernel_names()[0]})"
-print(json.dumps([name, choice.reason, choice.fallback]))
+print(json.dumps([name, choice.reason, choice.instead_of]))
 """
 
 
@@ -163,9 +163,9 @@ def check_engine() -> Check:
     if done.returncode != 0:
         advice = "Run make setup, or explore with --set mapping.engine=torch."
         return Check("map engine", State.NOTE, f"does not start: {_last_line(done.stderr)}", advice)
-    name, reason, fallback = json.loads(done.stdout)
-    if fallback:
-        return Check("map engine", State.NOTE, f"{name}, many times slower than native", f"Why: {reason}.")
+    name, reason, instead_of = json.loads(done.stdout)
+    if instead_of is not None:
+        return Check("map engine", State.NOTE, f"{name}, slower than {instead_of} would be", f"Why: {reason}.")
     return Check("map engine", State.GOOD, f"{name}, {reason}")
 
 

@@ -1,14 +1,15 @@
 """Measures the mapping engines of this machine side by side, prints one table and writes it as JSON.
 
-Workloads: the paper's training step (2048 rays of 43 samples), the default preset's step ("B": 538 rays of 12),
-1.6 million SDF queries on a lattice, and 50,000 points under 20 perturbed decoders. Torch is measured as the engine
-that it is, with its own gather and scatter, and "eager": the table is indexed, and autograd finds the way back. The
+Workloads: the paper's training step (2048 rays of 43 samples), the default preset's step ("B": 538 rays of 12), four of
+those with the drawing of their rays from 20 keyframes, 1.6 million SDF queries on a lattice, and 50,000 points under 20
+perturbed decoders. Torch is measured as the engine that it is, with its own gather and scatter, and "eager": the table
+is indexed, and autograd finds the way back. The Triton engine is measured where there is a CUDA device for it. The
 limit beside the paper's step ("roofline") is made of rates that the script measures on the same core: random reads and
 updates of a table of one level's size, multiply-adds on registers, and memory read and written in order.
 
-Times are medians; of one thread CPU time, which other programs on the machine disturb least, of several threads wall
-time. Run it pinned (``taskset -c 1 python scripts/bench_mapper.py --threads 1``) and on a quiet machine for numbers to
-keep.
+Times are medians; of one thread CPU time, which other programs on the machine disturb least, of several threads and of
+a GPU wall time, until the result is on the host. Run it pinned (``taskset -c 1 python scripts/bench_mapper.py --threads
+1``) and on a quiet machine for numbers to keep.
 """
 
 from __future__ import annotations
@@ -33,16 +34,22 @@ from torch import Tensor
 from anm_mj.io.manifest import cpu_model
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
+from anm_mj.mapping.backends.select import triton_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.field import decoder_shapes
+from anm_mj.mapping.keyframes import KeyframeStore
 from anm_mj.mapping.rays import RayBatch
+from anm_mj.types import Intrinsics, Observation, Pose2
 
 ROOM_M = np.array([10.0, 8.0, 2.8])
 LEVEL_BYTES = 1 << 19
 """The table of one level of the common shape."""
 BLOB_INPUTS = 9
 """Bins of the one-blob code that are not zero, of 48."""
+ENGINES = ["native", "torch", "torch eager", "triton"]
+NUM_KEYFRAMES = 20
+"""In the store that rays are drawn from."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +102,14 @@ def room_rays(count: int, rng: np.random.Generator) -> RayBatch:
 def measure(workload: str, backend: MapperBackend, threads: int, runs: int, call: Callable[[int], object]) -> Row:
     """Median and fastest of ``runs`` calls, after one to warm up."""
     call(0)
-    clock = time.process_time if threads == 1 else time.perf_counter
+    # What a GPU does takes no time of the processor's.
+    name = "cpu" if threads == 1 and backend.device == "cpu" else "wall"
+    clock = time.process_time if name == "cpu" else time.perf_counter
     times = []
     for run in range(runs):
         start = clock()
         call(run + 1)
         times.append(1e3 * (clock() - start))
-    name = "cpu" if threads == 1 else "wall"
     return Row(workload, backend.name, threads, runs, statistics.median(times), min(times), name)
 
 
@@ -109,6 +117,30 @@ def lattice_points() -> np.ndarray:
     """400 x 400 x 10 points over the room, as a top-down map asks for."""
     axes = [np.linspace(0.0, extent, n, dtype=np.float32) for extent, n in zip(ROOM_M, (400, 400, 10), strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def noise_view(rng: np.random.Generator) -> Observation:
+    """A picture that shows nothing, of the size that a run takes."""
+    depth = rng.uniform(0.5, 4.0, (256, 256)).astype(np.float32)
+    rgb = rng.integers(256, size=(256, 256, 3), dtype=np.uint8)
+    return Observation(
+        0, 0.0, rgb, depth, Intrinsics(256, 256, 128.0, 128.0, 128.0, 128.0), np.eye(4), Pose2(0.0, 0.0, 0.0)
+    )
+
+
+def replay_steps(backend: MapperBackend, rng: np.random.Generator) -> Callable[[int], None]:
+    """What takes a training step's worth of iterations, from the draw of their rays on."""
+    schedule = default_mapping().schedule
+    store = KeyframeStore(schedule.replay_bytes, schedule.pixel_share, backend.pixel_memory)
+    view = noise_view(rng)
+    for _ in range(NUM_KEYFRAMES):
+        store.add(view, rng)
+
+    def run(seed: int) -> None:
+        for rays in store.batches(schedule.iterations, schedule.num_rays, view, schedule.min_current_rays, rng):
+            backend.step(rays, seed)
+
+    return run
 
 
 def bench_engine(make: Callable[[MappingConfig], MapperBackend], threads: int, runs: dict[str, int]) -> list[Row]:
@@ -124,6 +156,9 @@ def bench_engine(make: Callable[[MappingConfig], MapperBackend], threads: int, r
     trained = make(default)
     small = [room_rays(538, rng) for _ in range(16)]
     rows.append(measure("B 538 x 12, step", trained, threads, runs["B"], lambda k: trained.step(small[k % 16], k)))
+    rows.append(
+        measure("B, 4 steps with their draw", trained, threads, max(1, runs["B"] // 4), replay_steps(trained, rng))
+    )
     points = lattice_points()
     if runs["sdf"]:
         rows.append(measure("1.6 M SDF queries", trained, threads, runs["sdf"], lambda _: trained.query_sdf(points)))
@@ -164,12 +199,23 @@ def step_limit_ms(rates: dict[str, float], config: MappingConfig, num_samples: i
     }
 
 
+def triton_fault_here() -> str | None:
+    """Why the Triton engine is not to be measured here; None if it is."""
+    # Its interpreter would run without, but says nothing about its speed.
+    return triton_fault() if torch.cuda.is_available() else "there is no CUDA device"
+
+
 def engine_maker(name: str, kernel: str, threads: int) -> Callable[[MappingConfig], MapperBackend]:
     """What makes an engine with so many threads."""
     if name == "torch eager":
         return lambda config: EagerTorchBackend(config, seed=0, device="cpu")
     if name == "torch":
         return lambda config: TorchBackend(config, seed=0, device="cpu")
+    if name == "triton":
+        # Triton is not made for every platform.
+        from anm_mj.mapping.backends.triton.backend import TritonBackend
+
+        return lambda config: TritonBackend(config, seed=0, device="cuda")
     return lambda config: NativeBackend(config, seed=0, num_threads=threads, kernel=kernel)
 
 
@@ -188,6 +234,7 @@ def print_table(rows: list[Row], console: Console) -> None:
 def main() -> int:
     """Measure, print, write; exit status 0."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--engines", nargs="+", choices=ENGINES, default=ENGINES, help="engines to measure")
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="thread counts to measure")
     parser.add_argument("--kernels", nargs="+", default=kernel_names(), help="instruction sets of the native engine")
     parser.add_argument("--runs", type=int, default=15, help="runs per native row; the slow torch rows get fewer")
@@ -196,19 +243,27 @@ def main() -> int:
     console = Console(width=132)
     native_runs = {"paper": options.runs, "B": 5 * options.runs, "sdf": options.runs, "perturbed": options.runs}
     torch_runs = {"paper": max(3, options.runs // 5), "B": max(3, options.runs // 2), "sdf": 0, "perturbed": 0}
+    kernels = options.kernels if "native" in options.engines else []
     rows: list[Row] = []
+    if "triton" in options.engines:
+        fault = triton_fault_here()
+        if fault is None:
+            rows += bench_engine(engine_maker("triton", "", 1), 1, native_runs)
+        else:
+            console.print(f"The Triton engine is left out: {fault}.")
     with console.status("Measuring"):
         for threads in options.threads:
             torch.set_num_threads(threads)
-            for kernel in options.kernels:
+            for kernel in kernels:
                 rows += bench_engine(engine_maker("native", kernel, threads), threads, native_runs)
             for name in ("torch", "torch eager"):
-                rows += bench_engine(engine_maker(name, "", threads), threads, torch_runs)
-        rates = {kernel: roofline(LEVEL_BYTES, kernel) for kernel in options.kernels}
+                if name in options.engines:
+                    rows += bench_engine(engine_maker(name, "", threads), threads, torch_runs)
+        rates = {kernel: roofline(LEVEL_BYTES, kernel) for kernel in kernels}
     print_table(rows, console)
     medians = {(row.workload, row.threads, row.engine): row.median_ms for row in rows}
     limits = {}
-    for kernel in options.kernels:
+    for kernel in kernels:
         parts = step_limit_ms(rates[kernel], paper_mapping(), 2048 * 43)
         limit = sum(parts.values())
         reached = medians.get(("paper 2048 x 43, step", 1, f"native-{kernel}"))
@@ -219,6 +274,7 @@ def main() -> int:
         console.print(f"Roofline of the paper's step, {kernel}, one core: {limit:.1f} ms ({text}){told}")
     result = {
         "cpu": cpu_model(),
+        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
         "python": sys.version.split()[0],
         "torch": torch.__version__,
         "rows": [asdict(row) for row in rows],

@@ -17,13 +17,10 @@ _recording: list["RecordedGraph"] = []
 class RecordedGraph:
     """Takes the place of ``torch.cuda.CUDAGraph``."""
 
-    made: list["RecordedGraph"] = []  # noqa: RUF012  All there are, for whoever wants to look into them.
-
     def __init__(self) -> None:
         self.calls: list[Callable[[], None]] = []
         self.names: list[str] = []
         self.num_replays = 0
-        self.made.append(self)
 
     def note(self, name: str, call: Callable[[], None]) -> None:
         self.names.append(name)

@@ -1,6 +1,7 @@
 """Which engine is taken when, and what is said about it."""
 
 import logging
+import sys
 from dataclasses import replace
 
 import pytest
@@ -47,12 +48,12 @@ def without_triton(monkeypatch):
 
 
 def test_a_gpu_gets_triton(with_native, with_cuda, with_triton):
-    assert choose_engine("auto", "auto") == ("triton", "the quickest on a GPU", False)
+    assert choose_engine("auto", "auto") == ("triton", "the quickest on a GPU", None)
 
 
 def test_a_gpu_without_triton_gets_torch(with_native, with_cuda, without_triton):
     reason = "the Triton engine cannot be used: its kernels do not run"
-    assert choose_engine("auto", "auto") == ("torch", reason, True)
+    assert choose_engine("auto", "auto") == ("torch", reason, "triton")
 
 
 def test_asking_for_triton_where_it_does_not_run_is_an_error(with_cuda, without_triton):
@@ -71,6 +72,25 @@ def test_triton_is_not_loaded_beside_a_software_renderer(with_cuda, monkeypatch)
 def test_a_gpu_is_what_triton_is_for(monkeypatch):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     assert triton_fault() == "there is no CUDA device"
+
+
+def test_a_machine_with_cuda_but_without_triton_says_so(with_cuda, monkeypatch):
+    monkeypatch.setattr(select, "_software_renderer", lambda: False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("sys.platform", "linux")
+    assert triton_fault() == "Triton is not installed (pip install triton)"
+    monkeypatch.setattr("sys.platform", "win32")
+    assert triton_fault() == "Triton is not made for win32"
+
+
+@pytest.mark.parametrize(
+    ("compiler", "told"), [(None, "install a C++17 compiler"), ("/usr/bin/c++", "though there is a compiler (/usr/bin")]
+)
+def test_a_native_engine_that_was_not_built_says_what_is_missing(compiler, told, monkeypatch):
+    monkeypatch.setitem(sys.modules, "anm_mj.mapping.backends._native", None)
+    monkeypatch.setattr("shutil.which", lambda name: compiler)
+    assert told in (native_fault() or "")
+    assert "run make setup" in (native_fault() or "")
 
 
 def test_what_is_named_is_taken(with_native, with_cuda):

@@ -7,7 +7,7 @@ must not load it. Run with ``TRITON_INTERPRET=1`` where there is no GPU; the ker
 import json
 import sys
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -132,7 +132,6 @@ def compare(config, rays):
 
 def replay(config):
     """Steps by replays of one captured graph on pixels of a store that grows and is thinned meanwhile, and torch's."""
-    graphs = RecordedGraph.made = []
     ours = TritonBackend(config, seed=0)
     reference = TorchBackend(config, seed=0, device="cpu")
     corner = CORNER_M if config.loss.smoothness > 0.0 else None
@@ -149,9 +148,11 @@ def replay(config):
             at = None if corner is None else corner + 0.1 * k
             a, b = (np.array(backend.step(rays, len(errors), at)) for backend in (ours, reference))
             errors.append(float(np.max(np.abs(a[b > 0.0] / b[b > 0.0] - 1.0))))
-    (graph,) = graphs
-    names = sorted(set(graph.names))
-    return {"losses": max(errors), "on_device": on_device, "kept": kept, "replays": graph.num_replays, "names": names}
+    graph = ours._training._captured._graph
+    found = {"losses": max(errors), "on_device": on_device, "kept": kept, "captured": graph is not None}
+    if isinstance(graph, RecordedGraph):
+        found |= {"replays": graph.num_replays, "names": sorted(set(graph.names))}
+    return found
 
 
 @contextmanager
@@ -180,7 +181,7 @@ def map_on_device(config):
         field=replace(config.field, log2_table_size=8, largest_log2_table_size=9, entries_per_m3=1e6),
         schedule=replace(config.schedule, first_iterations=2, iterations=2, num_rays=40, keyframe_every=1),
     )
-    maps = [NeuralMap(replace(config, engine=engine), seed=0, device="cpu") for engine in ("triton", "torch")]
+    maps = [NeuralMap(replace(config, engine=engine), seed=0) for engine in ("triton", "torch")]
     losses = []
     for k in range(2):
         view = Room().observe(1.5, 1.5, float(k), size=16)
@@ -214,9 +215,8 @@ def main() -> None:
     rays, found = make_rays(), {}
     for name, config in configs().items():
         found[name] = compare(config, rays)
-        if not torch.cuda.is_available():
-            with recorded_graphs():
-                found[name]["replay"] = replay(config)
+        with nullcontext() if torch.cuda.is_available() else recorded_graphs():
+            found[name]["replay"] = replay(config)
     found["map"] = map_on_device(configs()["guided"])
     found["refusals"] = refusals(configs()["guided"])
     found["fault"] = triton_fault()

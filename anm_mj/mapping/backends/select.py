@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import logging
 import os
+import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -27,8 +30,8 @@ class EngineChoice(NamedTuple):
 
     name: Engine
     reason: str
-    fallback: bool = False
-    """Whether a quicker engine should have been there."""
+    instead_of: Engine | None = None
+    """The quicker engine that should have been there."""
 
 
 def native_fault() -> str | None:
@@ -36,6 +39,9 @@ def native_fault() -> str | None:
     try:
         module = importlib.import_module("anm_mj.mapping.backends._native")
     except ModuleNotFoundError:
+        compiler = next((path for path in map(shutil.which, ("c++", "g++", "clang++")) if path), None)
+        if compiler is not None:
+            return f"it was not built, though there is a compiler ({compiler}); run make setup, which says why"
         return "it was not built; install a C++17 compiler (apt install g++) and run make setup"
     except ImportError as err:
         return f"it does not load ({err}); run make setup"
@@ -51,6 +57,9 @@ def triton_fault() -> str | None:
         return "there is no CUDA device"
     if _software_renderer():
         return "this process has rendered in software before, and Triton's LLVM crashes if loaded beside the renderer's"
+    if importlib.util.find_spec("triton") is None:
+        told = "not installed (pip install triton)" if sys.platform == "linux" else f"not made for {sys.platform}"
+        return f"Triton is {told}"
     try:
         module = importlib.import_module("anm_mj.mapping.backends.triton.self_check")
     except ImportError as err:
@@ -109,11 +118,11 @@ def choose_engine(engine: str = "auto", device: str = "auto") -> EngineChoice:
     if cuda:
         fault = triton_fault()
         if fault is not None:
-            return EngineChoice("torch", f"the Triton engine cannot be used: {fault}", fallback=True)
+            return EngineChoice("torch", f"the Triton engine cannot be used: {fault}", instead_of="triton")
         return EngineChoice("triton", "the quickest on a GPU")
     fault = native_fault()
     if fault is not None:
-        return EngineChoice("torch", f"the native engine is missing: {fault}", fallback=True)
+        return EngineChoice("torch", f"the native engine is missing: {fault}", instead_of="native")
     return EngineChoice("native", "the quickest on a CPU")
 
 
@@ -124,8 +133,8 @@ def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> M
         MapError: If it cannot be had, see :func:`choose_engine`.
     """
     choice = choose_engine(config.engine, device)
-    if choice.fallback:
-        _LOG.warning("The map is trained by torch, many times slower, because %s.", choice.reason)
+    if choice.instead_of is not None:
+        _LOG.warning("The map is trained by torch, slower than by %s, because %s.", choice.instead_of, choice.reason)
     if choice.name == "torch":
         return TorchBackend(config, seed=seed, device=device)
     if choice.name == "mlp":
