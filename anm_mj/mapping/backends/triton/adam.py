@@ -30,7 +30,10 @@ def adam_table_kernel(
     BETA2: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
-    """One step of Adam on the table; leaves its gradient zero for the next step."""
+    """One step of Adam on the table; leaves its gradient zero for the next step.
+
+    All arrays are "size" but ``rates`` ("3"): step sizes of table and decoders, root of the second moment's bias.
+    """
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
     p, m, v = _adam(
@@ -66,7 +69,10 @@ def adam_decoders_kernel(
     BETA2: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
-    """One step of Adam, with weight decay, on the decoders; sums up the rows of ``partial`` on the way."""
+    """One step of Adam, with weight decay, on the decoders; sums up the rows of ``partial`` on the way.
+
+    ``partial`` is "num_partial size+4", of which the last four columns are no gradients; the rest as for the table.
+    """
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
     gradient = tl.zeros((BLOCK,), tl.float32)

@@ -107,7 +107,11 @@ def decode_kernel(
     OUTPUTS_PAD: tl.constexpr,
     POINTS: tl.constexpr,
 ):
-    """The SDF s ("sets points") and, if COLOR, colours ("sets 3 points") under each set of decoder weights."""
+    """The SDF s and, if COLOR, colours in [0, 1] of points under each set of decoder weights.
+
+    ``points`` is "3 stride" [m], ``features`` "FEATURES stride", ``weights`` "sets num_weights", ``s_out`` "sets
+    stride", ``rgb_out`` "sets 3 stride".
+    """
     which = tl.program_id(1)
     weights += which * num_weights
     point = tl.program_id(0) * POINTS + tl.arange(0, POINTS)

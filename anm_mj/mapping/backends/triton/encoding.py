@@ -50,7 +50,11 @@ def _corner(x_keys, y_keys, z_keys, CORNER: tl.constexpr):
 def encode_kernel(
     points, stride, table, entries, features, grid_floats, grid_ints, LEVELS: tl.constexpr, POINTS: tl.constexpr
 ):
-    """Interpolated grid features of ``stride`` points; one program per level and block of points."""
+    """Interpolated grid features of points; one program per level and block of points.
+
+    ``points`` is "3 stride" [m], ``table`` "LEVELS*entries 2", ``features`` "2*LEVELS stride"; ``grid_floats`` holds
+    cells per metre ("LEVELS"), ``grid_ints`` the factors, then the masks of the index formula ("3 LEVELS" each).
+    """
     level = tl.program_id(1)
     point = tl.program_id(0) * POINTS + tl.arange(0, POINTS)
     inside = point < stride
@@ -79,7 +83,11 @@ def scatter_kernel(
     LEVELS: tl.constexpr,
     POINTS: tl.constexpr,
 ):
-    """Adds the gradients of the first ``count`` (a word in device memory) points' features to the table's."""
+    """Adds the gradients by features of the first ``count`` (a word in device memory) points to the table's.
+
+    ``feature_gradient`` is "2*LEVELS stride", ``table_gradient`` "LEVELS*entries 2", the rest as for the encoding. Sums
+    are made by atomics, in no fixed order.
+    """
     level = tl.program_id(1)
     point = tl.program_id(0) * POINTS + tl.arange(0, POINTS)
     inside = point < tl.load(count)

@@ -88,8 +88,10 @@ def sample_kernel(
 ):
     """Depths and world points of all samples, and how many are free, in the band, and how many rays have depth.
 
-    ``header`` holds the number of rays and the seed; ``rays`` has rows of ``capacity``: origin, direction, colour,
-    depth. To be launched without fused multiply-adds, so that points are those of the other engines bit for bit.
+    ``header`` holds the number of rays and the seed; ``rays`` ("10 capacity") origin, direction, colour, depth;
+    ``spaced`` ("FREE+2*NEAR") what the uniform scheme is made of. ``z_out`` is "capacity samples", ``points_out`` "3
+    capacity*samples" [m], both written for the rays there are; ``counts`` ("3") must be zero. To be launched without
+    fused multiply-adds, so that points are those of the other engines bit for bit.
     """
     samples: tl.constexpr = FREE + NEAR
     num_rays = tl.load(header)

@@ -54,6 +54,9 @@ def train_kernel(
 ):
     """Decoders, rendering, losses and their gradients for all rays; nothing in between leaves the processor.
 
+    ``header``, ``rays``, ``z_in``, ``points`` and ``counts`` are those of the sampling, ``features`` is "FEATURES
+    capacity*SAMPLES", ``weights`` "num_weights", ``partial`` "programs num_weights+4".
+
     Gradients by the features take the features' place. Those by the decoders' weights are summed over the tiles of a
     program and written to its row of ``partial``, followed by the sums of squares of colour, depth, SDF and free
     space: no atomics, so the sums are the same in every run.
