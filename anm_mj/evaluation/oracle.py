@@ -1,43 +1,62 @@
 """The oracle: a policy that knows the scene, for what the others are to be measured by.
 
-It knows the true surface, which of it can be seen and where the robot can go, and looks for a short tour of views that
-covers it (:mod:`anm_mj.evaluation.oracle_tour`). It drives that tour in the simulator like every other policy. On its
-way it keeps account of what the frames have covered: views that have become needless are left out, and the tour through
-the others is planned anew on every arrival, so that what is seen in passing is not looked at again. Its steps are an
-estimate of the fewest possible from above, not a proof: no tour is known to be shorter, and none is known not to be.
+It knows the true surface, which of it can be seen and where the robot can go, and looks for a short tour that covers it
+before it makes the first step (:mod:`anm_mj.evaluation.oracle_tour`). It drives that tour in the simulator like every
+other policy, and keeps account of what the frames cover; when the tour has ended it looks for another one through what
+is left. Its steps are an estimate of the fewest possible from above, not a proof: no tour is known to be shorter, and
+none is known not to be.
+
+What was found is kept in the user's cache folder under a name made from everything it depends on.
 """
 
 from __future__ import annotations
 
+import hashlib
+import logging
 import math
+from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, UInt64
 
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.observable import Floor
-from anm_mj.evaluation.oracle_tour import Start, View, cover, shorten, step_costs
-from anm_mj.evaluation.oracle_views import Views
-from anm_mj.evaluation.oracle_ways import Ways, spread_places
+from anm_mj.evaluation.oracle_cache import load_tour, store_tour
+from anm_mj.evaluation.oracle_pieces import NO_YAW, Pieces
+from anm_mj.evaluation.oracle_tour import Level, Stop, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle_views import WORD, count, frame_bits, pack, unpack
+from anm_mj.evaluation.oracle_walk import shorter, turned, walk
+from anm_mj.evaluation.oracle_ways import Ways, num_places
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, Mount, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import move_pose
 from anm_mj.protocols import Mapper
-from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopReason
+from anm_mj.types import TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopReason
 
-LEVELS = (0.90, 0.95, 0.99, 1.0)
-"""Shares of the observable surface that are gone for one after the other: the shortest tour for the last would be a
-long one for the first."""
-SLACK = 0.003
-"""Planned beyond a level, so that what a view promises and does not keep costs no extra way."""
-PLACE_SPACING_M = 0.35
+_logger = logging.getLogger(__name__)
+
+METHOD = 1
+"""Raised when the search changes, so that tours that older versions kept are not used."""
+LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.5))
+"""Shares of the observable surface, and how much the steps to each count: one tour is made for all of them, and the
+lower ones lead the search to tours that see much early."""
+LAST_WEIGHT = 0.1
+"""How much the steps to everything else count, once the first tour has been driven."""
+SLACK = 0.004
+"""Planned beyond a level, since not everything that a view promises is kept."""
+PLACE_SPACING_M = 0.25
 """Spacing of the places to look from [m], wider in scenes with more than ``MAX_PLACES``."""
-MAX_PLACES = 1500
-NUM_SAMPLES = 12_000
+MAX_PLACES = 2500
+MAX_SAMPLES = 8192
 """Samples of the observable surface that are planned with."""
+ROUNDS = 120_000
+"""Changes tried of the first tour."""
+ROUNDS_AFTER = 20_000
+"""Changes tried of each tour through what is left."""
 SEED = 0
 AHEAD_M = 0.1
 """How far before the robot an obstacle is that has blocked it [m], beyond its own radius."""
@@ -46,13 +65,22 @@ AHEAD_M = 0.1
 class Oracle:
     """Goes where it knows that something is left to see."""
 
-    def __init__(self, truth: GroundTruth, floor: Floor, mount: Mount) -> None:
-        """Look at the scene from everywhere.
+    def __init__(
+        self,
+        truth: GroundTruth,
+        floor: Floor,
+        mount: Mount,
+        rounds: int = ROUNDS,
+        on_progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> None:
+        """Take note of the scene.
 
         Args:
             truth: The true surface, with its observable part.
             floor: Where the robot can get to.
             mount: Its camera.
+            rounds: Changes tried of the first tour.
+            on_progress: Told how much of the search is done.
 
         Raises:
             PlanError: It is not known which part of the surface can be seen.
@@ -62,18 +90,23 @@ class Oracle:
                 "The policy 'oracle' needs the observable surface; pip install 'anm-mj[embree]' brings what finds it."
             )
         observable = truth.samples[truth.observable]
-        chosen = np.random.default_rng(SEED).permutation(len(observable))[:NUM_SAMPLES]
-        self._samples = observable[np.sort(chosen)]
+        chosen = np.random.default_rng(SEED).permutation(len(observable))[:MAX_SAMPLES]
+        self._samples = observable[np.sort(chosen[: len(chosen) // WORD * WORD])]
         self._coverage = Coverage(self._samples)
-        self._ways = Ways(floor)
-        self._cells = _places(floor, self._ways)
-        self._places_m = self._ways.xy_m(self._cells)
-        rays = PixelRays(RayCaster(truth.vertices, truth.faces), mount)
-        self._views = Views(self._samples, self._places_m, rays)
-        self._refused = np.zeros(len(self._samples), bool)
-        """Samples given up: a view said that it would cover them and did not."""
-        self._target: View | None = None
-        self._expected = np.zeros(0, np.int32)
+        self._truth, self._floor, self._mount = truth, floor, mount
+        self._rounds = rounds
+        self._on_progress = on_progress
+        self._yaw_rad: float | None = None
+        self._stops = list[Stop]()
+        self._stop: Stop | None = None
+        """The stop that the robot is on its way to."""
+        self._place = 0
+        """Where the robot is, or nearly so."""
+        self._given_up = np.zeros(len(self._samples), bool)
+        """Samples that a tour promised and did not show."""
+        self._promised = np.zeros(len(self._samples), bool)
+        """Samples that the present tour could show."""
+        self._tours = 0
 
     def observe(self, observation: Observation) -> None:
         """Keep account of what the frames cover."""
@@ -81,78 +114,120 @@ class Oracle:
         self._coverage.add(depth_mm, observation.intrinsics, observation.T_world_camera)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The next view of a tour through what is left, or the end when nothing is."""
+        """The way to the next stop of the tour, or the end when nothing is left."""
         del mapper  # What is true needs no map.
-        left = self._coverage.distance_m >= COVERED_M
         pose = observation.pose
-        # A view on the way is kept as long as most of what it is for is left.
-        if self._target is not None and 2 * np.count_nonzero(left[self._expected]) < len(self._expected):
-            self._target = None
-        if self._target is not None and self._is_at(self._target, pose):
-            # Whatever it still does not show from here it will not show the next time.
-            self._refused[self._expected[left[self._expected]]] = True
-            self._target = None
-        if self._target is None:
-            self._target = self._next_view(left & ~self._refused, len(left) - int(left.sum()), pose)
-            if self._target is not None:
-                expected = self._views.covered(self._target.place, self._target.yaw, self._target.yaw)
-                self._expected = expected[left[expected] & ~self._refused[expected]]
-        if self._target is None:
-            return Plan("nothing is left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
-        place_m = self._places_m[self._target.place]
-        path_m = np.zeros((0, 2))
-        if math.dist(place_m, pose.xy_m) >= ARRIVED_M:
-            target = (int(self._cells[self._target.place, 0]), int(self._cells[self._target.place, 1]))
-            path_m = self._ways.path_m(self._ways.cell(pose.xy_m), target)
-            path_m[0] = pose.xy_m
-        done = 100.0 * (1.0 - left.mean())
-        return Plan(
-            f"{done:.1f} % covered, {len(self._expected)} samples to be seen next",
-            path_m,
-            headings_rad=(self._target.yaw * TURN_STEP_RAD,),
-        )
+        if self._yaw_rad is None:
+            self._yaw_rad = pose.yaw_rad
+            self._place = int(self._ways.nearest(pose.xy_m[None])[0])
+        left = self._coverage.distance_m >= COVERED_M
+        while True:
+            while self._stops:
+                self._stop = self._stops.pop(0)
+                actions = self._actions(pose, self._stop)
+                self._place = self._stop[0]
+                if actions:
+                    done = 100.0 * (1.0 - left.mean())
+                    reason = f"{done:.1f} % covered, {len(self._stops)} stops left"
+                    return Plan(reason, np.zeros((0, 2)), actions=actions)
+            self._stops = self._next_tour(pose, left)
+            if not self._stops:
+                return Plan("nothing is left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
 
     def blocked(self, pose: Pose2, action: Action) -> None:
-        """Make the spot ahead dear, so that the next way leads round it."""
+        """Make the spot ahead dear, so that the next way leads round it, and plan anew."""
         self._ways.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)
-        self._target = None
+        self._place = int(self._ways.nearest(pose.xy_m[None])[0])
+        if self._stop is not None:
+            self._stops.insert(0, self._stop)
+            # A second time it is left out.
+            self._stop = None
         del action  # Only moves forward are ever blocked.
 
-    def _next_view(self, left: np.ndarray, num_covered: int, pose: Pose2) -> View | None:
-        """The first view of a short tour to the next level."""
-        total = len(left)
-        start = Start(pose.xy_m, pose.yaw_rad, self._distances(self._ways.cell(pose.xy_m), keep=False))
-        for level in LEVELS:
-            enough = math.ceil(min(level + SLACK, 1.0) * total) - num_covered
-            if num_covered >= level * total or enough <= 0:
-                continue
-            tour = cover(self._views, left, enough, start, self._places_m, self._distances_of)
-            costs = step_costs(tour, start, self._places_m, self._distances_of)
-            for k in shorten(costs)[1:]:
-                view = tour[k - 1]
-                if not self._is_at(view, pose):
-                    return view
-                # What the robot has before its eyes and does not cover is for another place to cover.
-                before = self._views.covered(view.place, (view.yaw - 1) % NUM_YAWS, (view.yaw + 1) % NUM_YAWS)
-                self._refused[before[left[before]]] = True
-        return None
+    def _yaw(self, pose: Pose2) -> int:
+        """Number of the yaw at which the robot stands."""
+        assert self._yaw_rad is not None
+        return round(math.remainder(pose.yaw_rad - self._yaw_rad, math.tau) / TURN_STEP_RAD) % NUM_YAWS
 
-    def _distances_of(self, place: int) -> Float[np.ndarray, " p"]:
-        return self._distances((int(self._cells[place, 0]), int(self._cells[place, 1])), keep=True)
+    def _actions(self, pose: Pose2, stop: Stop) -> tuple[Action, ...]:
+        """What leads from where the robot stands to a stop."""
+        assert self._yaw_rad is not None
+        place, towards, side = stop
+        yaws = [self._yaw(pose)]
+        actions = list[Action]()
+        if place != self._place:
+            line_m = np.concatenate([pose.xy_m[None], self._ways.corners_m(self._place, place)])
+            way = walk(pose.xy_m, yaws[0], self._ways.straightened(line_m)[1:], self._ways, self._yaw_rad)
+            for direction, moves in zip(way.yaws, way.moves, strict=True):
+                actions += _turns(yaws[-1], direction, shorter(yaws[-1], direction))
+                actions += [Action.MOVE_FORWARD] * moves
+                yaws.append(direction)
+        if towards != NO_YAW:
+            actions += _turns(yaws[-1], towards, side)
+        return tuple(actions)
 
-    def _distances(self, cell: tuple[int, int], keep: bool) -> Float[np.ndarray, " p"]:
-        return self._ways.distances_m(cell, keep)[tuple(self._cells.T)]
+    def _next_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
+        """A tour through what is left."""
+        self._tours += 1
+        if self._tours > 2:
+            # What a tour through everything did not show, another one like it will not show either.
+            self._given_up |= left & self._promised
+        seen = pack((~left | self._given_up)[None])[0]
+        reachable = np.isfinite(self._ways.distance_m[self._place])
+        shown = np.bitwise_or.reduce(self._bits[reachable].reshape(-1, len(seen)), axis=0) | seen
+        self._promised = unpack(shown)
+        have, most, total = int(count(seen)), int(count(shown)), len(left)
+        lost = int(np.count_nonzero(left & self._given_up))
+        wanted = [(min(math.ceil((share + SLACK) * total) + lost, most), weight) for share, weight in LEVELS]
+        if self._tours > 1:
+            wanted.append((most, LAST_WEIGHT))
+        levels = tuple(Level(samples, weight) for samples, weight in wanted if samples > have)
+        if not levels:
+            return [] if most <= have else self._next_tour(pose, left)
+        return self._search(Task(self._place, self._yaw(pose), seen, levels))
 
-    def _is_at(self, view: View, pose: Pose2) -> bool:
-        near = math.dist(self._places_m[view.place], pose.xy_m) < ARRIVED_M
-        return near and abs(math.remainder(view.yaw * TURN_STEP_RAD - pose.yaw_rad, math.tau)) < TURN_STEP_RAD
+    def _search(self, task: Task) -> list[Stop]:
+        """A tour for a task: one that was found before, or the best that is found now."""
+        assert self._yaw_rad is not None
+        rounds = self._rounds if self._tours == 1 else min(self._rounds, ROUNDS_AFTER)
+        key = f"{self._key}\0{task.place}\0{task.yaw}\0{task.levels}\0{rounds}".encode() + task.seen.tobytes()
+        known = load_tour(key)
+        if known is not None:
+            return known
+        pieces = Pieces(self._bits, self._ways, self._yaw_rad)
+        search = TourSearch(pieces, self._ways, task, SEED)
+        begin = greedy_tour(pieces, self._ways, task, self._yaw_rad)
+        found = search.improve(begin, rounds, lambda done, best: self._on_progress(done, rounds))
+        steps, covered = search.curve(found)
+        _logger.info("tour of %d steps and %d stops, for %d samples", steps[-1], len(found), covered[-1])
+        store_tour(key, found)
+        return found
+
+    @cached_property
+    def _ways(self) -> Ways:
+        spacing_m = PLACE_SPACING_M
+        while num_places(self._floor, spacing_m) > MAX_PLACES:
+            spacing_m *= 1.15
+        return Ways(self._floor, spacing_m)
+
+    @cached_property
+    def _bits(self) -> UInt64[np.ndarray, "p yaws words"]:
+        assert self._yaw_rad is not None
+        caster = RayCaster(self._truth.vertices, self._truth.faces)
+        return frame_bits(self._samples, self._ways.places_m, PixelRays(caster, self._mount, self._yaw_rad))
+
+    @cached_property
+    def _key(self) -> str:
+        """A name for what all tours depend on."""
+        digest = hashlib.sha256(f"{METHOD}\0{self._mount.intrinsics}\0{self._yaw_rad:.6f}\0".encode())
+        for part in (self._samples, self._truth.vertices, self._truth.faces, self._floor.reachable):
+            digest.update(np.ascontiguousarray(part).tobytes())
+        digest.update(np.array([*self._floor.origin_xy_m, self._floor.resolution_m]).tobytes())
+        # The same camera read off two poses differs in the last digits.
+        digest.update((np.round(self._mount.T_base_camera, 6) + 0.0).tobytes())
+        return digest.hexdigest()
 
 
-def _places(floor: Floor, ways: Ways) -> np.ndarray:
-    """Cells (n, 2) to look from: one in every block of the floor, with as much room as there is."""
-    spacing = max(1, round(PLACE_SPACING_M / floor.resolution_m))
-    while True:
-        cells = spread_places(floor.reachable, spacing, ways.edge_m)
-        if len(cells) <= MAX_PLACES:
-            return cells
-        spacing = math.ceil(1.2 * spacing)
+def _turns(a: int, b: int, side: int) -> list[Action]:
+    """The turns from one yaw to another, to the left (1) or to the right (-1)."""
+    return [Action.TURN_LEFT if side > 0 else Action.TURN_RIGHT] * len(turned(a, b, side))

@@ -1,225 +1,274 @@
-"""A short tour through views that together cover what is wanted.
+"""Search for a short tour that sees most of a known scene.
 
-Set cover and tour are one: views are inserted one after the other where they cost the fewest steps for what they add
-(cost-benefit greedy for submodular orienteering; Zhang and Vorobeychik, Submodular Optimization with Routing
-Constraints, AAAI 2016), then the order is improved by 2-opt and Or-opt moves until none helps. A step is a step: a turn
-of 10 degrees costs as much as a move of 6.5 cm.
+Set cover, the order of views, and the ways between them are one problem, because most of what a tour sees it sees on
+its way: a camera that is carried through a door shows the room behind it. So a tour is judged by nothing but the curve
+that it makes: the frames after every one of its actions in their order, each with the samples that it covers. Its cost
+is the step at which 90 % of the observable samples have been covered, and so for 95 % and 99 %.
+
+A tour is a list of stops, each a place and, if need be, a yaw to turn to there and the side to turn by. It is improved
+by simulated annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983): stops
+come, go, move and turn, and stretches of the tour are moved and turned round (the Or-opt and 2-opt moves of the
+travelling salesman).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Int, UInt64
 
-from anm_mj.evaluation.oracle_views import Views
+from anm_mj.evaluation.oracle_pieces import NO_YAW, Pieces
+from anm_mj.evaluation.oracle_views import WORD, count, unpack
+from anm_mj.evaluation.oracle_walk import shorter
+from anm_mj.evaluation.oracle_ways import Ways
 from anm_mj.evaluation.pixel_rays import NUM_YAWS
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
+from anm_mj.types import FORWARD_STEP_M
 
-PASSING_M = 0.4
-"""Spacing of the frames along a way that are counted while it is planned [m]."""
-BESIDE_M = 0.5
-"""A place nearer than this to a way stands for what is seen from there [m]."""
-MAX_SEGMENT = 3
-"""Most views moved together by an Or-opt move."""
-MAX_MOVES = 400
+Stop = tuple[int, int, int]
+"""Place, yaw (``NO_YAW`` for none), and the side to turn to it by."""
+
+MISSING_STEPS = 4.0
+"""What a sample short of a level costs [steps]."""
+LENGTH_WEIGHT = 0.02
+"""What a step counts wherever it stands, so that no tour goes on when nothing is left to gain."""
+HOT_STEPS = 12.0
+"""A change that costs so much more is taken one time in e at first [steps]."""
+COLD_STEPS = 0.5
+"""The same at the end."""
+NEAR_M = 1.0
+"""A stop is moved at most this far at a time [m]."""
+LONGEST_PART = 12
+"""Most stops moved or turned round together."""
+NUM_DRAWN = 12
+"""Places drawn for a new stop, of which the one nearest to the tour is taken."""
+MAX_PIECES = 120_000
+"""Pieces of tours that are kept."""
+MAX_STOPS = 300
 
 
 @dataclass(frozen=True)
-class View:
-    """A place, by its index, and a yaw, by its number of turns."""
+class Level:
+    """A number of samples, and how much the step counts at which so many are covered."""
+
+    samples: int
+    weight: float
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a tour is wanted for."""
 
     place: int
-    yaw: int
-
-
-@dataclass(frozen=True)
-class Start:
     """Where the robot stands."""
+    yaw: int
+    """How it stands there."""
+    seen: UInt64[np.ndarray, " words"]
+    """What has been covered already."""
+    levels: tuple[Level, ...]
+    """What is to be covered: samples, those already covered among them."""
 
-    xy_m: Float[np.ndarray, "2"]
-    yaw_rad: float
-    distances_m: Float[np.ndarray, " p"]
-    """Way from there to each place [m]."""
 
-
-def cover(
-    views: Views,
-    wanted: Bool[np.ndarray, " n"],
-    enough: int,
-    start: Start,
-    places_m: Float[np.ndarray, "p 2"],
-    distances_m: Callable[[int], Float[np.ndarray, " p"]],
-) -> list[View]:
-    """Views that cover at least so many wanted samples, in an order that is short already.
-
-    What the camera shows on the way to a view, looking ahead, and while it turns there, counts too.
+class TourSearch:
+    """Makes tours shorter.
 
     Args:
-        views: What there is to choose from.
-        wanted: Samples that count.
-        enough: How many of them; fewer where the views do not cover so many.
-        start: Where the robot stands.
-        places_m: The places of the views.
-        distances_m: Way from a place to all places [m].
+        pieces: What tours are made of.
+        ways: Between places.
+        task: What they are wanted for.
+        seed: Of the random choices.
     """
-    left = wanted & views.coverable
-    goal = min(enough, int(left.sum()))
-    counts, found, tour = views.counts(left), 0, list[View]()
-    rows, stops_m, yaws = [start.distances_m], [start.xy_m], [start.yaw_rad]
-    every = np.arange(len(places_m))
-    while found < goal:
-        extra_m = _extra_m(rows, [view.place for view in tour])
-        at = np.argmin(extra_m, axis=0)
-        before_m, yaw_before = np.stack(stops_m)[at], np.array(yaws)[at]
-        heading = _bearing(before_m, places_m, yaw_before)
-        arriving = np.rint(heading / TURN_STEP_RAD).astype(np.int64) % NUM_YAWS
-        # The turn from the arrival to each yaw, and from there to where the tour goes on.
-        turns = np.abs((np.arange(NUM_YAWS)[None] - arriving[:, None] + NUM_YAWS // 2) % NUM_YAWS - NUM_YAWS // 2)
-        steps = extra_m[at, every] / FORWARD_STEP_M + _turns(heading - yaw_before) + 1.0
-        if tour:
-            after_m = np.stack([*stops_m[1:], stops_m[-1]])[at]
-            onward = _bearing(places_m, after_m, heading)
-            onward_turns = _turns(onward[:, None] - np.arange(NUM_YAWS)[None] * TURN_STEP_RAD)
-            turns = turns + np.where(at < len(tour), 1.0, 0.0)[:, None] * onward_turns
-        gains = views.arc_gains(counts, arriving)
-        # What is more than enough is worth nothing.
-        ratio = np.minimum(gains, goal - found) / (steps[:, None] + turns)
-        place, yaw = (int(k) for k in np.unravel_index(int(np.argmax(ratio)), ratio.shape))
-        covered = views.covered(place, int(arriving[place]), yaw)
-        passed = _passed(before_m[place], places_m[place], places_m)
-        covered = np.concatenate(
-            [covered, *(views.covered(k, int(arriving[place]), int(arriving[place])) for k in passed)]
-        )
-        covered = np.unique(covered[left[covered]])
-        if len(covered) == 0:
+
+    def __init__(self, pieces: Pieces, ways: Ways, task: Task, seed: int) -> None:
+        self._pieces = pieces
+        self._ways = ways
+        self._task = task
+        self._needs = np.array([level.samples for level in task.levels])
+        self._rng = np.random.default_rng(seed)
+        reachable = np.isfinite(ways.distance_m[task.place])
+        self._places = np.flatnonzero(reachable).tolist()
+        self._near = [[k for k in near if reachable[k]] for near in ways.near(NEAR_M)]
+        self._frames_of: dict[int, list[int]] = {}
+        self._last_cover = task.seen
+
+    def cost(self, stops: list[Stop]) -> float:
+        """Weighted steps to the levels; what is missing of one costs extra."""
+        steps, covered = self.curve(stops)
+        total = LENGTH_WEIGHT * float(steps[-1])
+        at = np.searchsorted(covered, self._needs).tolist()
+        for k, level in zip(at, self._task.levels, strict=True):
+            if k == len(steps):
+                total += level.weight * (float(steps[-1]) + MISSING_STEPS * (level.samples - float(covered[-1])))
+            elif k > 0:
+                before, after = float(covered[k - 1]), float(covered[k])
+                share = (level.samples - before) / (after - before)
+                total += level.weight * (float(steps[k - 1]) + share * float(steps[k] - steps[k - 1]))
+        return total
+
+    def curve(self, stops: list[Stop]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+        """Steps after each piece of a tour, and the samples covered by then."""
+        pieces = self._pieces
+        place, yaw = self._task.place, self._task.yaw
+        numbers = [pieces.turn(place, yaw, yaw, 1)]
+        for to, towards, side in stops:
+            if to != place:
+                piece, first, last = pieces.walk(place, to)
+                if first != NO_YAW:
+                    if first != yaw:
+                        numbers.append(pieces.turn(place, yaw, first, shorter(yaw, first)))
+                    numbers.append(piece)
+                    yaw = last
+                place = to
+            if towards not in (NO_YAW, yaw):
+                numbers.append(pieces.turn(place, yaw, towards, side))
+                yaw = towards
+        covers = pieces.covers[numbers]
+        covers[0] |= self._task.seen
+        covers = np.bitwise_or.accumulate(covers, axis=0)
+        self._last_cover = covers[-1]
+        return np.cumsum(pieces.steps[numbers]), count(covers)
+
+    def improve(
+        self,
+        stops: list[Stop],
+        rounds: int,
+        on_round: Callable[[int, float], None] = lambda done, best: None,
+    ) -> list[Stop]:
+        """Anneal a tour; the best one met."""
+        present, now = list(stops), self.cost(stops)
+        cover = self._last_cover
+        best, least = present, now
+        for k in range(rounds):
+            if len(self._pieces) > MAX_PIECES:
+                self._pieces.clear()
+            tried = self._changed(present, cover)
+            cost = self.cost(tried)
+            temperature = HOT_STEPS * (COLD_STEPS / HOT_STEPS) ** (k / rounds)
+            if cost <= now or self._rng.random() < math.exp((now - cost) / temperature):
+                present, now, cover = tried, cost, self._last_cover
+                if now < least - 1e-9:
+                    best, least = present, now
+            if k % 1000 == 0:
+                on_round(k, least)
+        return best
+
+    def _changed(self, stops: list[Stop], cover: UInt64[np.ndarray, " words"]) -> list[Stop]:
+        """A tour with one change, at random."""
+        draw, n = self._rng.random(), len(stops)
+        if n < 2 or (draw < 0.28 and n < MAX_STOPS):
+            return self._with_one_more(stops, cover)
+        i = self._below(n)
+        place, yaw, side = stops[i]
+        if draw < 0.45:
+            return stops[:i] + stops[i + 1 :]
+        if draw < 0.62:
+            near = self._near[place]
+            return [*stops[:i], (near[self._below(len(near))], yaw, side), *stops[i + 1 :]]
+        if draw < 0.82:
+            return [*stops[:i], self._turned(stops[i]), *stops[i + 1 :]]
+        length = 1 + self._below(min(n - 1, LONGEST_PART))
+        i = self._below(n - length + 1)
+        part, rest = stops[i : i + length], stops[:i] + stops[i + length :]
+        if draw < 0.90:
+            return stops[:i] + part[::-1] + stops[i + length :]
+        j = self._below(n - length + 1) if draw < 0.95 else self._cheapest(rest, [part[0][0]], [part[-1][0]])[1]
+        return rest[:j] + part + rest[j:]
+
+    def _below(self, n: int) -> int:
+        return int(self._rng.random() * n)
+
+    def _side(self) -> int:
+        return 1 if self._rng.random() < 0.5 else -1
+
+    def _turned(self, stop: Stop) -> Stop:
+        """A stop with another yaw."""
+        place, yaw, side = stop
+        draw = self._rng.random()
+        if yaw == NO_YAW or draw < 0.15:
+            return place, self._below(NUM_YAWS), self._side()
+        if draw < 0.3:
+            return place, NO_YAW, side
+        if draw < 0.4:
+            return place, yaw, -side
+        return place, (yaw + self._side() * (1 + self._below(4))) % NUM_YAWS, side
+
+    def _with_one_more(self, stops: list[Stop], cover: UInt64[np.ndarray, " words"]) -> list[Stop]:
+        """A tour with one more stop: near another, anywhere, or where something is seen that is still missing."""
+        draw = self._rng.random()
+        yaw = NO_YAW if self._rng.random() < 0.25 else self._below(NUM_YAWS)
+        if stops and draw < 0.4:
+            i = self._below(len(stops))
+            near = self._near[stops[i][0]]
+            place, j = near[self._below(len(near))], i + self._below(2)
+        else:
+            frames = self._frames_that_see(self._missing(cover)) if draw > 0.6 else []
+            if frames:
+                chosen = [divmod(frames[self._below(len(frames))], NUM_YAWS) for _ in range(NUM_DRAWN)]
+            else:
+                chosen = [(self._places[self._below(len(self._places))], yaw) for _ in range(NUM_DRAWN)]
+            k, j = self._cheapest(stops, [place for place, _ in chosen])
+            place, yaw = chosen[k]
+        return [*stops[:j], (place, yaw, self._side()), *stops[j:]]
+
+    def _missing(self, cover: UInt64[np.ndarray, " words"]) -> int:
+        """A sample that is not covered."""
+        word = self._below(len(cover))
+        missing = np.flatnonzero(~unpack(np.roll(cover, -word)))
+        return (int(missing[0]) + word * WORD) % (len(cover) * WORD) if len(missing) else 0
+
+    def _frames_that_see(self, sample: int) -> list[int]:
+        """Reachable places and yaws that cover a sample, as place times ``NUM_YAWS`` plus yaw."""
+        if sample not in self._frames_of:
+            word = self._pieces.bits[self._places, :, sample // WORD]
+            row, yaw = np.nonzero(word >> np.uint64(sample % WORD) & np.uint64(1))
+            self._frames_of[sample] = (np.array(self._places, np.int64)[row] * NUM_YAWS + yaw).tolist()
+        return self._frames_of[sample]
+
+    def _cheapest(self, stops: list[Stop], first: list[int], last: list[int] | None = None) -> tuple[int, int]:
+        """Which of several parts lengthens the way of a tour least, and where.
+
+        Args:
+            stops: The tour.
+            first: Where each part begins.
+            last: Where each ends; None = where it begins.
+        """
+        places = np.array([self._task.place, *(stop[0] for stop in stops)])
+        far_m = self._ways.distance_m
+        extra_m = far_m[places[:, None], np.array(first)]
+        onward_m = far_m[places[1:, None], np.array(first if last is None else last)]
+        extra_m[:-1] += onward_m - far_m[places[:-1], places[1:]][:, None]
+        j, k = divmod(int(np.argmin(extra_m)), len(first))
+        return k, j
+
+
+def greedy_tour(pieces: Pieces, ways: Ways, task: Task, yaw_rad: float) -> list[Stop]:
+    """A tour to the first level that always goes on to the view with the most new samples per step.
+
+    That is where a search begins; it finds the rest better by itself.
+    """
+    place, yaw, seen, stops = task.place, task.yaw, task.seen.copy(), list[Stop]()
+    goal = min((level.samples for level in task.levels), default=0)
+    half = NUM_YAWS // 2
+    while int(count(seen)) < goal and len(stops) < MAX_STOPS:
+        gains = count(pieces.bits & ~seen)
+        delta = ways.places_m - ways.places_m[place]
+        towards = np.rint((np.arctan2(delta[:, 1], delta[:, 0]) - yaw_rad) * (NUM_YAWS / math.tau))
+        towards[place] = yaw
+        before = np.abs((towards - yaw + half) % NUM_YAWS - half)
+        after = np.abs((np.arange(NUM_YAWS)[None] - towards[:, None] + half) % NUM_YAWS - half)
+        steps = ways.distance_m[place][:, None] / FORWARD_STEP_M + before[:, None] + after + 1.0
+        to, towards_yaw = (int(k) for k in np.unravel_index(int(np.argmax(gains / steps)), gains.shape))
+        if gains[to, towards_yaw] == 0 or not np.isfinite(steps[to, towards_yaw]):
             break
-        position = int(at[place])
-        tour.insert(position, View(place, yaw))
-        rows.insert(position + 1, distances_m(place))
-        stops_m.insert(position + 1, places_m[place])
-        yaws.insert(position + 1, yaw * TURN_STEP_RAD)
-        counts = views.without(counts, covered)
-        left[covered] = False
-        found += len(covered)
-    return tour
-
-
-def _bearing(
-    a_m: Float[np.ndarray, "p 2"], b_m: Float[np.ndarray, "p 2"], otherwise_rad: Float[np.ndarray, " p"]
-) -> Float[np.ndarray, " p"]:
-    """Direction from one place to another; a given one where they are the same."""
-    delta = b_m - a_m
-    apart = np.hypot(delta[:, 0], delta[:, 1]) > FORWARD_STEP_M
-    return np.where(apart, np.arctan2(delta[:, 1], delta[:, 0]), otherwise_rad)
-
-
-def _passed(a_m: Float[np.ndarray, "2"], b_m: Float[np.ndarray, "2"], places_m: Float[np.ndarray, "p 2"]) -> list[int]:
-    """Places next to the straight line between two others, about one in a metre."""
-    length_m = float(np.linalg.norm(b_m - a_m))
-    found = []
-    for share in np.arange(PASSING_M, length_m, PASSING_M) / max(length_m, 1e-9):
-        squared = ((places_m - (a_m + share * (b_m - a_m))) ** 2).sum(axis=1)
-        if squared.min() < BESIDE_M**2:
-            found.append(int(np.argmin(squared)))
-    return found
-
-
-def _extra_m(rows: list[Float[np.ndarray, " p"]], places: list[int]) -> Float[np.ndarray, "k p"]:
-    """How much longer the tour becomes by each place at each position [m]; the last position is the open end."""
-    to = np.stack(rows)
-    if not places:
-        return to
-    leg_m = to[np.arange(len(places)), places]
-    return np.concatenate([to[:-1] + to[1:] - leg_m[:, None], to[-1:]])
-
-
-def step_costs(
-    tour: list[View],
-    start: Start,
-    places_m: Float[np.ndarray, "p 2"],
-    distances_m: Callable[[int], Float[np.ndarray, " p"]],
-) -> Float[np.ndarray, "k k"]:
-    """Steps from each view to each other, the start being view 0: the way, and the turns before and after it.
-
-    The directions of leaving and arriving are taken from the straight line.
-    """
-    place = [view.place for view in tour]
-    yaw_rad = np.array([start.yaw_rad, *(view.yaw * TURN_STEP_RAD for view in tour)])
-    xy_m = np.concatenate([start.xy_m[None], places_m[place]])
-    way_m = np.zeros((len(tour) + 1, len(tour) + 1))
-    way_m[0, 1:] = start.distances_m[place]
-    for i, view in enumerate(tour, start=1):
-        way_m[i, 1:] = distances_m(view.place)[place]
-    way_m[1:, 0] = way_m[0, 1:]
-    delta = xy_m[None] - xy_m[:, None]
-    there = np.linalg.norm(delta, axis=2) < FORWARD_STEP_M
-    heading = np.arctan2(delta[..., 1], delta[..., 0])
-    turns = _turns(heading - yaw_rad[:, None]) + _turns(yaw_rad[None] - heading)
-    return way_m / FORWARD_STEP_M + np.where(there, _turns(yaw_rad[None] - yaw_rad[:, None]), turns)
-
-
-def _turns(angle_rad: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
-    """Steps that turning by an angle takes."""
-    return np.abs((angle_rad + np.pi) % (2.0 * np.pi) - np.pi) / TURN_STEP_RAD
-
-
-def shorten(costs: Float[np.ndarray, "k k"]) -> list[int]:
-    """A short order of all points that begins at the first and ends anywhere: 2-opt and Or-opt, best move first.
-
-    Args:
-        costs: Steps from each point to each other; may differ by direction.
-    """
-    order = list(range(len(costs)))
-    length = tour_length(costs, order)
-    for _ in range(MAX_MOVES):
-        candidate = _best_move(costs, order)
-        shorter = tour_length(costs, candidate)
-        if shorter > length - 1e-9:
-            break
-        order, length = candidate, shorter
-    return order
-
-
-def tour_length(costs: Float[np.ndarray, "k k"], order: list[int]) -> float:
-    """Steps of a tour in an order."""
-    return float(costs[order[:-1], order[1:]].sum())
-
-
-def _best_move(costs: Float[np.ndarray, "k k"], order: list[int]) -> list[int]:
-    """The order after the move that saves most; the same order where none does."""
-    t = np.array(order)
-    n = len(t)
-    if n < 3:
-        return order
-    # A last leg that costs nothing lets the open end take part in every move.
-    c = np.zeros((n + 1, n + 1))
-    c[:n, :n] = costs[np.ix_(t, t)]
-    leg = c[np.arange(n), np.arange(1, n + 1)]
-    forward = np.concatenate([[0.0], np.cumsum(leg)])
-    backward = np.concatenate([[0.0], np.cumsum(c[np.arange(1, n + 1), np.arange(n)])])
-    best, found = -1e-9, order
-    i, j = np.triu_indices(n, k=1)
-    i, j = i[i > 0], j[i > 0]
-    if len(i):
-        change = c[i - 1, j] + backward[j] - backward[i] + c[i, j + 1]
-        change -= leg[i - 1] + forward[j] - forward[i] + leg[j]
-        k = int(np.argmin(change))
-        if change[k] < best:
-            best, a, b = change[k], int(i[k]), int(j[k])
-            found = [*order[:a], *order[a : b + 1][::-1], *order[b + 1 :]]
-    for size in range(1, min(MAX_SEGMENT, n - 1) + 1):
-        a = np.arange(1, n - size + 1)[:, None]
-        after = np.arange(n)[None]
-        taken = c[a - 1, a + size] - leg[a - 1] - leg[a + size - 1]
-        put = c[after, a] + c[a + size - 1, after + 1] - leg[after]
-        change = np.where((after >= a - 1) & (after < a + size), np.inf, taken + put)
-        k, m = (int(x) for x in np.unravel_index(int(np.argmin(change)), change.shape))
-        if change[k, m] < best:
-            best, first = change[k, m], k + 1
-            rest = [*order[:first], *order[first + size :]]
-            at = rest.index(order[m]) + 1
-            found = [*rest[:at], *order[first : first + size], *rest[at:]]
-    return found
+        if to != place:
+            piece, first, last = pieces.walk(place, to)
+            seen |= pieces.covers[piece]
+            yaw = last if first != NO_YAW else yaw
+        side = shorter(yaw, towards_yaw)
+        seen |= pieces.covers[pieces.turn(to, yaw, towards_yaw, side)]
+        seen |= pieces.bits[to, towards_yaw]
+        stops.append((to, towards_yaw, side))
+        place, yaw = to, towards_yaw
+    return stops

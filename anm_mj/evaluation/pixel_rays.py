@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from anm_mj.evaluation.depth import MAX_DEPTH_M, kept_pixels
 from anm_mj.evaluation.raycast import RayCaster
@@ -32,14 +32,17 @@ class PixelRays:
 
     Args:
         caster: The surface that is looked at.
-        mount: The camera; yaws are multiples of the robot's turn.
+        mount: The camera.
+        yaw_rad: Yaw number 0; the others follow from it by the robot's turns.
     """
 
-    def __init__(self, caster: RayCaster, mount: Mount) -> None:
+    def __init__(self, caster: RayCaster, mount: Mount, yaw_rad: float = 0.0) -> None:
         self._caster = caster
         self._camera = mount.intrinsics
         self._rows, self._cols = kept_pixels(mount.intrinsics.height), kept_pixels(mount.intrinsics.width)
-        at_origin = [pose_matrix(Pose2(0.0, 0.0, k * TURN_STEP_RAD)) @ mount.T_base_camera for k in range(NUM_YAWS)]
+        at_origin = [
+            pose_matrix(Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD)) @ mount.T_base_camera for k in range(NUM_YAWS)
+        ]
         T_world_camera = np.stack(at_origin).astype(np.float32)
         self._rotation = np.ascontiguousarray(T_world_camera[:, :3, :3])
         self._offset_m = np.ascontiguousarray(T_world_camera[:, :3, 3])
@@ -58,6 +61,18 @@ class PixelRays:
         """Index of the yaw at which the camera looks most nearly along each direction in the plane."""
         azimuth_rad = np.arctan2(delta_xy_m[:, 1], delta_xy_m[:, 0]) - np.float32(self._ahead_rad)
         return np.rint(azimuth_rad / np.float32(TURN_STEP_RAD)).astype(np.int32) % np.int32(NUM_YAWS)
+
+    def in_picture(
+        self, targets_m: Float32[np.ndarray, "n 3"], place_m: Float32[np.ndarray, "2"], yaw: Int[np.ndarray, " n"]
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether targets [m] lie within the picture taken at one place and a yaw of each."""
+        origin = self._offset_m[yaw]
+        origin[:, :2] += place_m
+        x, y, z = np.einsum("nji,nj->ni", self._rotation[yaw], targets_m - origin).T
+        camera = self._camera
+        column, row = x * camera.fx + camera.cx * z, y * camera.fy + camera.cy * z
+        inside = (column >= 0.0) & (column < camera.width * z) & (row >= 0.0) & (row < camera.height * z)
+        return inside & (z > 0.0)
 
     def hits(
         self,

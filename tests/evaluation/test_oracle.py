@@ -1,5 +1,5 @@
 import math
-from itertools import pairwise, permutations
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,10 +11,12 @@ from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.observable import Floor, observable_samples
 from anm_mj.evaluation.oracle import Oracle
-from anm_mj.evaluation.oracle_tour import Start, cover, shorten, tour_length
-from anm_mj.evaluation.oracle_views import Views
-from anm_mj.evaluation.oracle_ways import Ways, spread_places
-from anm_mj.evaluation.pixel_rays import PixelRays
+from anm_mj.evaluation.oracle_pieces import NO_YAW, Pieces
+from anm_mj.evaluation.oracle_tour import Level, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle_views import count, frame_bits, pack, unpack
+from anm_mj.evaluation.oracle_walk import turned, walk
+from anm_mj.evaluation.oracle_ways import Ways, num_places
+from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import move_pose, pose_matrix
 from anm_mj.types import (
@@ -29,6 +31,14 @@ from anm_mj.types import (
     WheelSpeeds,
 )
 from tests.evaluation.test_observable import CAMERA, MOUNT, T_BASE_CAMERA, box, joined
+
+ROUNDS = 400
+"""Changes tried of a tour."""
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +110,7 @@ class NoMap:
 def test_the_oracle_sees_nearly_all_there_is_in_few_steps(rooms):
     truth, floor = rooms
     robot = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0))
-    oracle, follower = Oracle(truth, floor, MOUNT), Follower()
+    oracle, follower = Oracle(truth, floor, MOUNT, ROUNDS), Follower()
     coverage = Coverage(truth.samples[truth.observable])
     plan, collisions = None, 0
 
@@ -126,94 +136,184 @@ def test_the_oracle_sees_nearly_all_there_is_in_few_steps(rooms):
     assert collisions == 0
 
 
+def first_plan(rooms):
+    truth, floor = rooms
+    oracle = Oracle(truth, floor, MOUNT, ROUNDS)
+    seen = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
+    oracle.observe(seen)
+    return oracle.plan(NoMap(), seen)
+
+
+def test_a_tour_is_found_once_and_kept(rooms, monkeypatch):
+    plan = first_plan(rooms)
+    monkeypatch.setattr(TourSearch, "improve", lambda *_: pytest.fail("searched again"))
+
+    assert first_plan(rooms).actions == plan.actions
+
+
+def test_a_damaged_tour_in_the_cache_is_found_anew(rooms, tmp_path):
+    plan = first_plan(rooms)
+    (kept,) = (tmp_path / "cache").rglob("*.json")
+    kept.write_text("[[1, 2")
+
+    assert first_plan(rooms).actions == plan.actions
+
+
+def test_a_stop_whose_way_was_blocked_is_gone_to_once_more(rooms):
+    truth, floor = rooms
+    oracle = Oracle(truth, floor, MOUNT, ROUNDS)
+    seen = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
+    oracle.observe(seen)
+    first = oracle.plan(NoMap(), seen)
+
+    oracle.blocked(seen.pose, Action.MOVE_FORWARD)
+
+    assert oracle.plan(NoMap(), seen).reason == first.reason
+
+
 def test_without_the_observable_surface_there_is_no_oracle(rooms):
     truth, floor = rooms
     with pytest.raises(PlanError, match="embree"):
         Oracle(GroundTruth(truth.samples, truth.vertices, truth.faces), floor, MOUNT)
 
 
-def test_gains_are_sums_over_what_is_covered(rooms):
-    truth, _ = rooms
-    places_m = np.array([[-1.5, 0.5], [1.5, 0.0], [0.0, 0.9]])
-    samples = truth.samples[truth.observable][:800]
-    views = Views(samples, places_m, PixelRays(RayCaster(truth.vertices, truth.faces), MOUNT))
-    wanted = np.random.default_rng(0).random(len(samples)) < 0.7
-    from_yaw = np.array([3, 20, 35])
-
-    gains = views.arc_gains(views.counts(wanted), from_yaw)
-
-    for place in range(3):
-        for yaw in (0, 3, 14, 29):
-            assert gains[place, yaw] == wanted[views.covered(place, int(from_yaw[place]), yaw)].sum()
-    some = views.covered(1, 20, 22)
-    fewer = wanted.copy()
-    fewer[some] = False
-    assert np.array_equal(views.without(views.counts(wanted), some[wanted[some]]), views.counts(fewer))
-
-
-def test_a_cover_covers_what_was_asked_for(rooms):
+@pytest.fixture(scope="module")
+def views(rooms):
+    """Ways between places, samples, and what is seen of them."""
     truth, floor = rooms
-    ways = Ways(floor)
-    cells = spread_places(floor.reachable, 4, ways.edge_m)
-    places_m = ways.xy_m(cells)
-    samples = truth.samples[truth.observable][:800]
-    views = Views(samples, places_m, PixelRays(RayCaster(truth.vertices, truth.faces), MOUNT))
-
-    def row(cell):
-        return ways.distances_m((int(cell[0]), int(cell[1])))[tuple(cells.T)]
-
-    start = Start(places_m[0], 0.0, row(cells[0]))
-    half = cover(views, np.ones(800, bool), 400, start, places_m, lambda place: row(cells[place]))
-    most = cover(views, np.ones(800, bool), 700, start, places_m, lambda place: row(cells[place]))
-
-    assert 0 < len(half) < len(most)
-    assert views.coverable.mean() > 0.9
+    ways = Ways(floor, 0.4)
+    samples = truth.samples[truth.observable][:640]
+    bits = frame_bits(samples, ways.places_m, PixelRays(RayCaster(truth.vertices, truth.faces), MOUNT))
+    return ways, samples, bits
 
 
-def test_a_short_order_is_the_shortest_on_small_cases():
-    rng = np.random.default_rng(4)
-    optimal = 0
-    for _ in range(20):
-        xy = rng.random((7, 2))
-        costs = np.linalg.norm(xy[:, None] - xy[None], axis=2) + 0.05 * rng.random((7, 7))
-        order = shorten(costs)
-        assert order[0] == 0
-        assert sorted(order) == list(range(7))
-        best = min(tour_length(costs, [0, *rest]) for rest in permutations(range(1, 7)))
-        assert tour_length(costs, order) <= 1.15 * best
-        optimal += tour_length(costs, order) <= best + 1e-9
-    assert optimal >= 14
+def test_bits_are_flags():
+    flags = np.random.default_rng(3).random((5, 128)) < 0.3
+
+    assert all(np.array_equal(unpack(bits), row) for bits, row in zip(pack(flags), flags, strict=True))
+    assert np.array_equal(count(pack(flags)), flags.sum(axis=1))
 
 
-def test_tours_of_one_and_two_points_are_left_alone():
-    assert shorten(np.zeros((1, 1))) == [0]
-    assert shorten(np.array([[0.0, 1.0], [1.0, 0.0]])) == [0, 1]
+def test_a_place_shows_what_frames_about_it_cover(rooms, views):
+    truth, floor = rooms
+    ways, samples, bits = views
+    place = int(ways.nearest(np.array([[-1.5, 0.2]]))[0])
+    coverage = Coverage(samples)
+    for aside_m in (-0.05, 0.0, 0.05):
+        for k in range(NUM_YAWS):
+            pose = Pose2(*(ways.places_m[place] + aside_m).tolist(), math.radians(10.0 * k))
+            seen = RayRobot(truth, floor, pose).observe()
+            coverage.add(reduce_depth(seen.depth_m), CAMERA, seen.T_world_camera)
+
+    promised = unpack(np.bitwise_or.reduce(bits[place], axis=0))
+
+    covered = coverage.distance_m < COVERED_M
+    assert 0.1 < covered.mean() < 0.9
+    assert (promised == covered).mean() > 0.9
+
+
+def test_the_picture_is_as_wide_as_the_camera_sees(views):
+    _, _, bits = views
+    yaws = np.stack([count(bits[:, k] & bits[:, (k + 10) % NUM_YAWS]) for k in range(NUM_YAWS)])
+
+    assert count(bits).mean() > 10
+    assert yaws.max() == 0
+
+
+def search_in(views, seed=0):
+    ways, samples, bits = views
+    levels = (Level(int(0.5 * len(samples)), 1.0), Level(int(0.8 * len(samples)), 0.5))
+    pieces = Pieces(bits, ways, 0.0)
+    task = Task(int(ways.nearest(np.array([[-1.5, 0.0]]))[0]), 0, np.zeros(bits.shape[2], np.uint64), levels)
+    return TourSearch(pieces, ways, task, seed), pieces, task
+
+
+def test_the_curve_of_a_tour_is_that_of_its_frames_one_by_one(views):
+    ways, _, bits = views
+    search, _, task = search_in(views)
+    stops = [(5, 7, 1), (40, NO_YAW, 1), (40, 30, -1), (12, 3, 1)]
+
+    place, yaw = task.place, task.yaw
+    seen, curve = np.zeros(bits.shape[2], np.uint64), [0]
+    for to, towards, side in stops:
+        if to != place:
+            start_m = ways.places_m[place]
+            way = walk(start_m, None, ways.corners_m(place, to), ways, 0.0)
+            xy_m, yaws = way.frames(start_m, yaw, 0.0)
+            for at, k in zip(ways.nearest(xy_m), yaws, strict=True):
+                # A turn before a way is made at its beginning, which is the place itself.
+                seen |= bits[at, k]
+                curve.append(int(count(seen)))
+            place, yaw = to, way.yaws[-1]
+        for k in turned(yaw, towards, side) if towards != NO_YAW else []:
+            seen |= bits[place, k]
+            curve.append(int(count(seen)))
+            yaw = k
+
+    steps, covered = search.curve(stops)
+    assert steps[-1] == len(curve) - 1
+    assert [curve[k] for k in steps] == covered.tolist()
+
+
+def test_a_search_shortens_and_is_the_same_for_the_same_seed(views):
+    ways, _, _ = views
+    search, pieces, task = search_in(views)
+    begin = greedy_tour(pieces, ways, task, 0.0)
+
+    found = search.improve(begin, 600)
+
+    assert search.cost(found) < search.cost(begin)
+    assert search_in(views)[0].improve(begin, 600) == found
+    assert search_in(views, seed=1)[0].improve(begin, 600) != found
+
+
+def test_what_is_missing_of_a_level_costs_more_than_a_tour_that_reaches_it(views):
+    search, _, _ = search_in(views)
+    found = search.improve([], 1500)
+    _, covered = search.curve(found)
+
+    assert covered[-1] >= 0.8 * 640
+    assert search.cost(found) < search.cost([])
+    assert search.cost(found[: len(found) // 2]) > search.cost(found)
+
+
+def test_a_walk_gets_there_by_few_turns(views):
+    ways, _, _ = views
+    for target in ([0.9, 0.2], [2.0, 1.0], [1.4, -0.6]):
+        goal = np.array(target)
+        way = walk(np.array([0.5, 0.0]), 0, goal[None], ways, 0.0)
+        assert np.linalg.norm(way.end_m - goal) < 0.13
+        assert len(way.yaws) <= 2
+        xy_m, yaws = way.frames(np.array([0.5, 0.0]), 0, 0.0)
+        assert xy_m[-1] == pytest.approx(way.end_m)
+        moved = np.linalg.norm(np.diff(np.concatenate([[[0.5, 0.0]], xy_m]), axis=0), axis=1)
+        turned_by = np.abs((np.diff([0, *yaws]) + 18) % 36 - 18)
+        assert np.all((moved > 0.06) ^ (turned_by == 1))
 
 
 def test_a_place_that_blocked_is_gone_round(rooms):
     _, floor = rooms
-    ways = Ways(floor)
-    a, b = ways.cell(np.array([1.0, 0.0])), ways.cell(np.array([2.4, 0.0]))
+    ways = Ways(floor, 0.2)
+    a, b = (int(k) for k in ways.nearest(np.array([[1.0, 0.0], [2.4, 0.0]])))
     obstacle = np.array([1.7, 0.0])
+    before_m = ways.distance_m[a, b]
 
     ways.avoid(obstacle)
 
-    cells = np.array(ways._search(b, True)[0].traceback(a))
-    assert np.linalg.norm(ways.xy_m(cells) - obstacle, axis=1).min() > 0.15
-    assert ways.distances_m(a)[b] < 2.5
+    assert before_m < ways.distance_m[a, b] < 2.5
 
 
 def test_a_way_keeps_to_the_floor_and_goes_through_the_door(rooms):
     _, floor = rooms
-    ways = Ways(floor)
-    a, b = ways.cell(np.array([-1.0, -1.0])), ways.cell(np.array([1.0, -1.0]))
+    ways = Ways(floor, 0.2)
+    a, b = (int(k) for k in ways.nearest(np.array([[-1.0, -0.4], [1.0, -1.0]])))
 
-    path = ways.path_m(a, b)
+    path = np.concatenate([ways.places_m[[a]], ways.corners_m(a, b)])
 
-    assert path[0] == pytest.approx(ways.xy_m(np.array([a]))[0])
-    assert path[-1] == pytest.approx(ways.xy_m(np.array([b]))[0])
+    assert path[-1] == pytest.approx(ways.places_m[b])
     assert path[:, 1].max() > 0.6
     dense = np.concatenate([np.linspace(p, q, 60) for p, q in pairwise(path)])
     assert (floor.cells(dense.astype(np.float32)) >= 0).all()
     length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-    assert length <= ways.distances_m(a)[b] + 0.2
+    assert length <= ways.distance_m[a, b] + 1e-5
+    assert num_places(floor, 0.2) == len(ways.places_m)
