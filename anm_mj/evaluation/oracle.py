@@ -46,14 +46,14 @@ LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.
 lower ones lead the search to tours that see much early."""
 LAST_WEIGHT = 0.1
 """How much the steps to everything else count, once the first tour has been driven."""
-SLACK = 0.004
+SLACK = 0.002
 """Planned beyond a level, since not everything that a view promises is kept."""
 PLACE_SPACING_M = 0.25
 """Spacing of the places to look from [m], wider in scenes with more than ``MAX_PLACES``."""
 MAX_PLACES = 2500
 MAX_SAMPLES = 8192
 """Samples of the observable surface that are planned with."""
-ROUNDS = 120_000
+ROUNDS = 200_000
 """Changes tried of the first tour."""
 ROUNDS_AFTER = 20_000
 """Changes tried of each tour through what is left."""
@@ -173,8 +173,7 @@ class Oracle:
             # What a tour through everything did not show, another one like it will not show either.
             self._given_up |= left & self._promised
         seen = pack((~left | self._given_up)[None])[0]
-        reachable = np.isfinite(self._ways.distance_m[self._place])
-        shown = np.bitwise_or.reduce(self._bits[reachable].reshape(-1, len(seen)), axis=0) | seen
+        shown = np.bitwise_or.reduce(self._bits.reshape(-1, len(seen)), axis=0) | seen
         self._promised = unpack(shown)
         have, most, total = int(count(seen)), int(count(shown)), len(left)
         lost = int(np.count_nonzero(left & self._given_up))

@@ -87,9 +87,8 @@ class TourSearch:
         self._task = task
         self._needs = np.array([level.samples for level in task.levels])
         self._rng = np.random.default_rng(seed)
-        reachable = np.isfinite(ways.distance_m[task.place])
-        self._places = np.flatnonzero(reachable).tolist()
-        self._near = [[k for k in near if reachable[k]] for near in ways.near(NEAR_M)]
+        self._num_places = len(ways.places_m)
+        self._near = ways.near(NEAR_M)
         self._frames_of: dict[int, list[int]] = {}
         self._last_cover = task.seen
 
@@ -207,7 +206,7 @@ class TourSearch:
             if frames:
                 chosen = [divmod(frames[self._below(len(frames))], NUM_YAWS) for _ in range(NUM_DRAWN)]
             else:
-                chosen = [(self._places[self._below(len(self._places))], yaw) for _ in range(NUM_DRAWN)]
+                chosen = [(self._below(self._num_places), yaw) for _ in range(NUM_DRAWN)]
             k, j = self._cheapest(stops, [place for place, _ in chosen])
             place, yaw = chosen[k]
         return [*stops[:j], (place, yaw, self._side()), *stops[j:]]
@@ -219,11 +218,10 @@ class TourSearch:
         return (int(missing[0]) + word * WORD) % (len(cover) * WORD) if len(missing) else 0
 
     def _frames_that_see(self, sample: int) -> list[int]:
-        """Reachable places and yaws that cover a sample, as place times ``NUM_YAWS`` plus yaw."""
+        """Places and yaws that cover a sample, as place times ``NUM_YAWS`` plus yaw."""
         if sample not in self._frames_of:
-            word = self._pieces.bits[self._places, :, sample // WORD]
-            row, yaw = np.nonzero(word >> np.uint64(sample % WORD) & np.uint64(1))
-            self._frames_of[sample] = (np.array(self._places, np.int64)[row] * NUM_YAWS + yaw).tolist()
+            shown = self._pieces.bits[:, :, sample // WORD] >> np.uint64(sample % WORD) & np.uint64(1)
+            self._frames_of[sample] = np.flatnonzero(shown).tolist()
         return self._frames_of[sample]
 
     def _cheapest(self, stops: list[Stop], first: list[int], last: list[int] | None = None) -> tuple[int, int]:
@@ -260,7 +258,7 @@ def greedy_tour(pieces: Pieces, ways: Ways, task: Task, yaw_rad: float) -> list[
         after = np.abs((np.arange(NUM_YAWS)[None] - towards[:, None] + half) % NUM_YAWS - half)
         steps = ways.distance_m[place][:, None] / FORWARD_STEP_M + before[:, None] + after + 1.0
         to, towards_yaw = (int(k) for k in np.unravel_index(int(np.argmax(gains / steps)), gains.shape))
-        if gains[to, towards_yaw] == 0 or not np.isfinite(steps[to, towards_yaw]):
+        if gains[to, towards_yaw] == 0:
             break
         if to != place:
             piece, first, last = pieces.walk(place, to)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int32, UInt64
 from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
 
-PROMISED_M = 0.1
+PROMISED_M = 0.06
 """A sample that one ray misses by less than this counts as covered [m]: other frames on the way look from between the
 places, and of several one comes within 5 cm."""
 NEAR_MISS_M = 0.4

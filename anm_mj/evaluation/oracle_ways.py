@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.observable import Floor
@@ -41,17 +41,17 @@ class Ways:
         self._edge_m: Float[np.ndarray, "rows cols"] = edge_m
         """Distance from each cell's centre to the nearest that cannot be reached [m]."""
         cells = spread_places(floor.reachable, max(1, round(spacing_m / floor.resolution_m)), edge_m)
+        links, _ = self._open_links(self._xy_m(cells), LINK_SPACINGS * spacing_m)
+        _, part = connected_components(csr_array((np.ones(len(links)), links.T), shape=(len(cells), len(cells))))
+        cells = cells[part == np.bincount(part).argmax()]
         self.places_m: Float[np.ndarray, "p 2"] = self._xy_m(cells)
-        """World x, y of every place."""
-        tree = KDTree(self.places_m)
-        self._tree = tree
+        """World x, y of every place; there is a way from each to each."""
+        self._links, room_m = self._open_links(self.places_m, LINK_SPACINGS * spacing_m)
+        self._tree = KDTree(self.places_m)
         every = np.stack(np.meshgrid(*(np.arange(k) for k in edge_m.shape), indexing="ij"), axis=-1)
-        self._nearest = np.asarray(tree.query(self._xy_m(every.reshape(-1, 2)))[1], np.int32)
-        links = tree.query_pairs(LINK_SPACINGS * spacing_m, output_type="ndarray")
-        open_links, room_m = self.open_lines(self.places_m[links[:, 0]], self.places_m[links[:, 1]])
-        self._links = links[open_links]
+        self._nearest = np.asarray(self._tree.query(self._xy_m(every.reshape(-1, 2)))[1], np.int32)
         length_m = np.linalg.norm(self.places_m[self._links[:, 0]] - self.places_m[self._links[:, 1]], axis=1)
-        tight = np.clip(1.0 - room_m[open_links] / (ROOM_M + floor.resolution_m), 0.0, 1.0)
+        tight = np.clip(1.0 - room_m / (ROOM_M + floor.resolution_m), 0.0, 1.0)
         self._cost = length_m * (1.0 + TIGHT_COST * tight) + 1e-6
         self._search()
 
@@ -61,8 +61,16 @@ class Ways:
         graph = csr_array((self._cost, (a, b)), shape=(n, n))
         distance_m, before = dijkstra(graph, directed=False, return_predecessors=True)
         self.distance_m: Float[np.ndarray, "p p"] = distance_m
-        """Length of the way from each place to each other, dearer along edges [m]; infinite where there is none."""
+        """Length of the way from each place to each other, dearer along edges [m]."""
         self._before = before
+
+    def _open_links(
+        self, places_m: Float[np.ndarray, "p 2"], reach_m: float
+    ) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
+        """Pairs of places near each other with an open line between them, and how much room it has [m]."""
+        pairs = KDTree(places_m).query_pairs(reach_m, output_type="ndarray")
+        is_open, room_m = self.open_lines(places_m[pairs[:, 0]], places_m[pairs[:, 1]])
+        return pairs[is_open], room_m[is_open]
 
     def nearest(self, xy_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
         """The places nearest to others, good to a cell; those outside of the grid count as at its border."""
