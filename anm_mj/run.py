@@ -117,6 +117,8 @@ def run(
             for pose in recorder.poses:
                 stages.topdown.visit(pose.xy_m)
             survey = stages.read(mapper, outcome.observation)
+            # What the camera holds is room for the mesh and its comparison with the truth.
+            robot.close()
             metrics = recorder.finish(outcome.stop_reason, mapper, survey, wall_s=wall_s, loop_s=outcome.loop_s)
             return folder, metrics
 

@@ -82,9 +82,9 @@ class SamplingConfig:
     scheme: Literal["guided", "uniform"] = "guided"
     """"guided": free samples end at the surface's band, none behind it. "uniform": free samples span [0, far_m]
     whatever the depth (the paper's own, after Co-SLAM)."""
-    free_samples: int = 4
+    free_samples: int = 2
     """Samples per ray outside the band about the surface."""
-    near_samples: int = 8
+    near_samples: int = 4
     """Samples per ray within the truncation distance of the measured depth."""
     far_m: float = 5.0
     """Planar depth up to which rays without a surface are sampled, and all rays of the uniform scheme [m]."""
@@ -169,7 +169,7 @@ class ScheduleConfig:
 
     first_iterations: int = 200
     """Iterations on the first frame."""
-    iterations: int = 4
+    iterations: int = 5
     """Iterations on each training step."""
     train_every: int = 1
     """Train on each n-th frame."""
@@ -181,6 +181,9 @@ class ScheduleConfig:
     """Each n-th frame becomes a keyframe, the first one always."""
     pixel_share: float = 1.0
     """Share of a keyframe's pixels that is kept for replay, in (0, 1]."""
+    evenness: float = 0.5
+    """Pixels of a keyframe are kept in proportion to (looks at the place they show)^-evenness, in [0, 1]: with 0 each
+    place is replayed as often as it was seen, with 1 all surface alike, however often it was seen."""
     replay_bytes: int = 256_000_000
     """Memory for keyframes [bytes]; when it is full, each keyframe gives up a random half of its pixels."""
 
@@ -192,6 +195,7 @@ class ScheduleConfig:
             value = getattr(self, name)
             _require(value >= 1, name, value, "it must be at least 1")
         _require(0.0 < self.pixel_share <= 1.0, "pixel_share", self.pixel_share, "it must lie in (0, 1]")
+        _require(0.0 <= self.evenness <= 1.0, "evenness", self.evenness, "it must lie in [0, 1]")
         _require(self.replay_bytes >= 1_000_000, "replay_bytes", self.replay_bytes, "at least 1 MB is needed")
 
 
@@ -276,7 +280,7 @@ class MappingConfig:
 
 
 def default_mapping() -> MappingConfig:
-    """Many small batches of depth-guided rays: the paper's quality at about an eighth of its work."""
+    """Many small batches of depth-guided rays, of which places with few looks get more than their share."""
     return MappingConfig()
 
 
@@ -287,7 +291,9 @@ def paper_mapping() -> MappingConfig:
         sampling=SamplingConfig(scheme="uniform", free_samples=32, near_samples=11, far_m=4.0),
         loss=LossConfig(smoothness=1e-5, no_depth_is_free=False),
         optimizer=OptimizerConfig(table_learning_rate=1e-3),
-        schedule=ScheduleConfig(iterations=10, train_every=5, num_rays=2048, min_current_rays=100, pixel_share=0.05),
+        schedule=ScheduleConfig(
+            iterations=10, train_every=5, num_rays=2048, min_current_rays=100, pixel_share=0.05, evenness=0.0
+        ),
         uncertainty=UncertaintyConfig(method="perturbation"),
     )
 
@@ -300,8 +306,9 @@ def anm_mapping() -> MappingConfig:
     """
     return MappingConfig(
         field=FieldConfig(log2_table_size=8, largest_log2_table_size=8),
+        sampling=SamplingConfig(free_samples=4, near_samples=8),
         optimizer=OptimizerConfig(decoder_learning_rate=1.3e-3),
-        schedule=ScheduleConfig(first_iterations=200, iterations=2, num_rays=200, min_current_rays=100),
+        schedule=ScheduleConfig(first_iterations=200, iterations=2, num_rays=200, min_current_rays=100, evenness=0.0),
         uncertainty=UncertaintyConfig(method="perturbation", noise_std=1.7e-3, color_weight=0.0),
         engine="mlp",
         surface_lattice_m=0.2,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.pixel_memory import PIXEL, HostPixels, PixelMemory, pack
@@ -47,8 +47,16 @@ class KeyframeStore:
         """Pixels kept of each keyframe, oldest first."""
         return np.diff(self._start)
 
-    def add(self, observation: Observation, rng: np.random.Generator) -> None:
+    def add(
+        self, observation: Observation, rng: np.random.Generator, weight: Float32[np.ndarray, "h w"] | None = None
+    ) -> None:
         """Keep a share of an observation's pixels for replay.
+
+        Args:
+            observation: The keyframe.
+            rng: What the choice of pixels comes from.
+            weight: How often pixels are kept, in proportion; none, or several times. None: all equally often, and no
+                pixel twice.
 
         Raises:
             MapError: If not even one pixel of each keyframe fits.
@@ -56,7 +64,7 @@ class KeyframeStore:
         size = observation.depth_m.size
         count = max(1, round(self._share * size))
         # In random order, so that cutting the tail off is a fair thinning.
-        pixel = rng.permutation(size)[:count]
+        pixel = rng.permutation(size if weight is None else _drawn(weight, count, rng))[:count]
         while self._start[-1] + count > len(self._memory) and count > 1:
             self._thin()
             count = max(1, count // 2)
@@ -94,3 +102,11 @@ class KeyframeStore:
         current = sample_frame(observation, count * num_current, rng)
         shape = (count, num_stored)
         return self._memory.batches(place.reshape(shape), keyframe.reshape(shape), current)
+
+
+def _drawn(weight: Float32[np.ndarray, "h w"], count: int, rng: np.random.Generator) -> Int64[np.ndarray, " count"]:
+    """So many pixels, each as often as its share of all weight says, up or down to a whole number."""
+    ends = np.cumsum(weight, dtype=np.float64)
+    ends = np.floor(ends * (count / ends[-1]) + rng.random()).astype(np.int64)
+    ends[-1] = count
+    return np.repeat(np.arange(weight.size), np.diff(ends, prepend=0))

@@ -81,7 +81,7 @@ class NeuralMap:
         self._fit_table()
         first = self._num_frames == 0
         if self._num_frames % schedule.keyframe_every == 0:
-            self._keyframes.add(observation, self._rng)
+            self._keyframes.add(observation, self._rng, self._replay_weight(observation))
         num_iterations = 0
         if first:
             num_iterations = schedule.first_iterations
@@ -206,6 +206,21 @@ class NeuralMap:
         loaded._occupancy.set_state(_part(arrays, "occupancy."))
         loaded._num_frames = saved["num_frames"]
         return loaded
+
+    def _replay_weight(self, observation: Observation) -> Float32[np.ndarray, "h w"] | None:
+        """How often a keyframe's pixels are replayed, in proportion; None for all alike.
+
+        Pictures show a near floor with thousands of pixels and a chair's leg with ten, once. Drawn as they come, rays
+        polish the floor while what has few looks stays unlearnt.
+        """
+        evenness = self.config.schedule.evenness
+        if evenness == 0.0:
+            return None
+        looks = self._occupancy.looks(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        known = looks > 0
+        # What shows no surface is neither rare nor common.
+        usual = np.median(looks[known]) if known.any() else 1.0
+        return np.where(known, looks, usual).astype(np.float32) ** np.float32(-evenness)
 
     def _fit_table(self) -> None:
         """Double the table while the scene is large for it; every place keeps the features it has learnt.

@@ -133,6 +133,25 @@ class OccupancyGrid:
         out[inside] = self._state[z[inside], y[inside], x[inside]]
         return out
 
+    def looks(
+        self,
+        depth_m: Float32[np.ndarray, "h w"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+    ) -> UInt16[np.ndarray, "h w"]:
+        """``num_hits`` of the voxel that each pixel of a depth image shows; 0 where it shows none of the grid."""
+        inverse = np.float32(1.0 / self.config.voxel_m)
+        rotation, position = T_world_camera[:3, :3].astype(np.float32), T_world_camera[:3, 3].astype(np.float32)
+        rays = self._ray_directions(intrinsics).reshape(-1, 3)
+        hit = np.flatnonzero((depth_m > 0.0) & (depth_m <= self.config.hit_range_m))
+        scaled = (rays[hit] * depth_m.reshape(-1)[hit, None]) @ (rotation.T * inverse) + position * inverse
+        x, y, z = (np.rint(scaled).astype(np.int64) - self._corner).T
+        layers, rows, cols = self._state.shape
+        inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
+        out = np.zeros(depth_m.size, np.uint16)
+        out[hit[inside]] = self._num_hits[z[inside], y[inside], x[inside]]
+        return out.reshape(depth_m.shape)
+
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
         """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
         low = np.rint((points_m - reach_m) / self.config.voxel_m).astype(np.int64)

@@ -43,6 +43,7 @@ def test_the_paper_preset_has_the_papers_numbers():
         (lambda: LossConfig(sdf=-1.0), "sdf is -1.0"),
         (lambda: OptimizerConfig(beta1=1.0), "beta1 is 1.0"),
         (lambda: ScheduleConfig(pixel_share=0.0), "pixel_share is 0.0"),
+        (lambda: ScheduleConfig(evenness=1.5), "evenness is 1.5"),
         (lambda: UncertaintyConfig(num_passes=1), "num_passes is 1"),
     ],
 )

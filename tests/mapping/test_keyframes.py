@@ -101,6 +101,29 @@ def test_a_share_of_the_pixels_can_be_kept(room: Room):
     assert store.num_bytes == round(0.05 * 64 * 64) * 9
 
 
+def test_pixels_are_kept_as_often_as_their_weight_says(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(10_000_000, 0.5)
+    observation = room.observe(1.5, 1.2, 0.0)
+    weight = np.ones((64, 64), np.float32)
+    weight[:, 32:] = 7.0
+    store.add(observation, rng, weight)
+    assert store.num_pixels.tolist() == [64 * 64 // 2]
+    # The camera looks along world x, so the right half of the picture lies at negative y.
+    share = (drawn(store, 20_000, rng).direction[:, 1] < 0.0).mean()
+    assert share == pytest.approx(7 / 8, abs=0.01)
+
+
+def test_a_pixel_without_weight_is_never_replayed(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(10_000_000, 1.0)
+    weight = np.zeros((64, 64), np.float32)
+    weight[10, 20] = 0.3
+    store.add(room.observe(1.5, 1.2, 0.0), rng, weight)
+    rays = drawn(store, 50, rng)
+    assert np.ptp(rays.direction, axis=0).max() == 0.0
+
+
 def test_the_parts_of_a_batch_joined_are_the_batch(room: Room):
     rays = sample_frame(room.observe(1.5, 1.2, 0.0), 10, np.random.default_rng(0))
     joined = concatenate(part(rays, 0, 4), part(rays, 4, 6))

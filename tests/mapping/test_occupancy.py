@@ -174,3 +174,22 @@ def test_the_sky_frees_space_without_making_the_grid_grow():
     # Walls are 2.4 m high; blocks of 0.8 m are added as a whole.
     assert 2.4 <= top_m < 4.0
     assert grid.state_at(np.array([[3.2, 1.5, 2.35]]))[0] == FREE
+
+
+def test_looks_are_counted_at_the_place_that_a_pixel_shows():
+    room = Room(ceiling=False)
+    occupancy = OccupancyGrid(OccupancyConfig())
+    view = room.observe(1.5, 1.2, 0.4)
+    counts = []
+    for _ in range(2):
+        occupancy.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
+        counts.append(occupancy.looks(view.depth_m, view.intrinsics, view.T_world_camera).astype(int))
+    seen = np.isfinite(view.depth_m)
+    assert (counts[0] > 0).tolist() == seen.tolist()
+    np.testing.assert_array_equal(counts[1], 2 * counts[0])
+    # A voxel far away takes fewer pixels than a near one.
+    near, far = view.depth_m < 1.5, view.depth_m > 2.2
+    assert np.median(counts[0][near]) > np.median(counts[0][far])
+    elsewhere = view.T_world_camera.copy()
+    elsewhere[0, 3] += 50.0
+    assert not occupancy.looks(view.depth_m, view.intrinsics, elsewhere).any()
