@@ -38,6 +38,8 @@ class PlanningConfig:
     """Distance between surface points that the graph is built from inside the horizon [m]."""
     coarse_spacing_m: float = 0.2
     """The same outside of the horizon [m]."""
+    far_m: float = 10.0
+    """From this far on the gvg policy needs no more than a rough graph [m]."""
     min_site_distance_m: float = 0.3
     """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
     region_contrast: float = 4.0
@@ -75,7 +77,7 @@ class PlanningConfig:
     tour_width: int = 4
     """Tours kept at each depth of the search."""
     discount_steps: float = 100.0
-    """Gain that is had only after this many steps counts 1/e [steps]."""
+    """Gain that is had only after this many steps counts 1/e; more where most of it lies farther away [steps]."""
     min_gain_m2: float = 0.2
     """Expected new surface below which nothing is worth a step [m2]."""
     min_rate_m2: float = 0.004

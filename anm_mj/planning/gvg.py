@@ -19,9 +19,17 @@ from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 
+FAR_SPACING = 2.0
+"""Far surface points lie so many times as far apart as coarse ones."""
+
 
 def voronoi_graph(
-    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig, safe_m: float
+    topdown: TopDownMap,
+    centre_xy_m: Float[np.ndarray, 2],
+    config: PlanningConfig,
+    safe_m: float,
+    *,
+    thin_far: bool = False,
 ) -> VoronoiGraph:
     """The graph of all places with at least ``safe_m`` clearance.
 
@@ -30,8 +38,9 @@ def voronoi_graph(
         centre_xy_m: centre of the local horizon [m].
         config: spacings and horizon.
         safe_m: least clearance of vertices and of whole edges [m].
+        thin_far: whether the border is sampled yet more coarsely far beyond the horizon.
     """
-    sites = border_sites(topdown, centre_xy_m, config)
+    sites = border_sites(topdown, centre_xy_m, config, thin_far=thin_far)
     if len(sites) < 4:
         return _empty_graph()
     try:
@@ -63,16 +72,19 @@ def voronoi_graph(
 
 
 def border_sites(
-    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig
+    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig, *, thin_far: bool = False
 ) -> Float[np.ndarray, "n 2"]:
-    """Samples of the border of free space, one per fine or coarse square [m]."""
+    """Samples of the border of free space, one per fine or coarse square [m]; far ones may be coarser still."""
     border = np.concatenate([topdown.surface_xy_m, topdown.frontier_xy_m])
     if not len(border):
         return border
-    inside = (np.abs(border - centre_xy_m) <= config.horizon_m / 2).all(axis=1)
+    off = np.abs(border - centre_xy_m).max(axis=1)
+    inside = off <= config.horizon_m / 2
+    far = (off > config.far_m) & thin_far
     kept = [
         _one_per_square(border[inside], config.fine_spacing_m),
-        _one_per_square(border[~inside], config.coarse_spacing_m),
+        _one_per_square(border[~inside & ~far], config.coarse_spacing_m),
+        _one_per_square(border[far], FAR_SPACING * config.coarse_spacing_m),
     ]
     return np.concatenate(kept)
 

@@ -56,8 +56,15 @@ class Situation:
 class Stages:
     """Runs the stages and keeps what they remember between decisions."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint):
-        """Start with nothing remembered."""
+    def __init__(self, config: PlanningConfig, footprint: Footprint, *, thin_far: bool = False):
+        """Start with nothing remembered.
+
+        Args:
+            config: the planner's settings.
+            footprint: the body.
+            thin_far: whether the graph may be rough far away from the robot.
+        """
+        self._thin_far = thin_far
         self.config = config
         self.safe_m = footprint.radius_m + config.margin_m
         self.topdown = TopDownMapper(config, footprint)
@@ -86,7 +93,7 @@ class Stages:
         """The other stages, on the top-down map that :meth:`look` has given."""
         pose = observation.pose
         with watch.stage("gvg"):
-            graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m)
+            graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m, thin_far=self._thin_far)
         with watch.stage("paths"):
             paths = reach(graph, topdown, pose, self.safe_m)
         height = float(observation.T_world_camera[2, 3])

@@ -122,3 +122,15 @@ def test_a_border_without_any_vertex_gives_an_empty_graph(border):
     graph = voronoi_graph(border_map(border), np.array([5.0, 5.0]), PlanningConfig(), SAFE_M)
     assert len(graph.vertex_xy_m) == 0
     assert graph.edges.shape == (0, 2)
+
+
+def test_far_from_the_robot_the_graph_may_be_rough_and_still_leads_everywhere():
+    walls = [(x, 0.2, x + 0.1, 2.2) for x in (6.0, 12.0, 18.0, 24.0)]
+    world = room(30, 4, boxes=walls)
+    topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, Pose2(1, 1, 0))
+    config = PlanningConfig()
+    fine, rough = (voronoi_graph(topdown, np.ones(2), config, SAFE_M, thin_far=thin) for thin in (False, True))
+    assert len(rough.vertex_xy_m) < 0.8 * len(fine.vertex_xy_m)
+    main = rough.vertex_xy_m[components(rough) == 0]
+    assert main[:, 0].min() < 2.0
+    assert main[:, 0].max() > 28.0

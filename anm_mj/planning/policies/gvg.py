@@ -42,6 +42,8 @@ HERE = -1
 """Stands for the robot's own place among the candidate vertices."""
 IN_VIEW = np.arange(-SIDE, SIDE + 1)
 """Azimuth sectors that a view takes in, counted from the one it looks along."""
+MOST_DISCOUNT = 4.0
+"""The time that gain is discounted over grows at most to so many times what it is in small scenes."""
 SAME_PLACE_M = 0.2
 """A vertex this near is looked from without going there: turning to it costs more than it shows [m]."""
 NEWS_SHARE = 0.2
@@ -72,7 +74,7 @@ class Gvg:
         """Start before the bootstrap rotation; the policy draws nothing, so the seed has no effect."""
         del seed
         self.config = config
-        self._stages = Stages(config, footprint)
+        self._stages = Stages(config, footprint, thin_far=True)
         self._caster: GainCaster | None = None
         self._bootstrapped = False
         self._ledger = Ledger(config)
@@ -209,9 +211,16 @@ class Gvg:
         touch = ((keys + 1) * side >= low_xy_m).all(axis=1) & (keys * side <= high_xy_m).all(axis=1)
         return [(int(x), int(y)) for x, y in keys[touch]]
 
-    def _shortlist(self, options: _Options) -> Int[np.ndarray, " k"]:
+    def _discount_steps(self, options: _Options) -> float:
+        """After how many steps gain counts 1/e: more where what is left lies far away, or crumbs would come first."""
+        gain = np.where(options.gain_m2 < self.config.min_gain_m2, 0.0, options.gain_m2)
+        mean_steps = float((gain * options.steps).sum() / max(gain.sum(), 1e-9))
+        least = self.config.discount_steps
+        return float(np.clip(mean_steps, least, MOST_DISCOUNT * least))
+
+    def _shortlist(self, options: _Options, discount_steps: float) -> Int[np.ndarray, " k"]:
         """The robot's own place, and the most promising others, no two in the same square metre."""
-        worth = options.gain_m2 * np.exp(-options.steps / self.config.discount_steps)
+        worth = options.gain_m2 * np.exp(-options.steps / discount_steps)
         worth[options.gain_m2 < self.config.min_gain_m2] = 0.0
         square = np.floor(options.xy_m / self.config.shortlist_spacing_m).astype(np.int64)
         chosen = [0]
@@ -226,13 +235,14 @@ class Gvg:
         return np.array(chosen)
 
     def _choose(self, now: Situation, options: _Options, caster: GainCaster) -> Plan:
-        short = self._shortlist(options)
+        discount_steps = self._discount_steps(options)
+        short = self._shortlist(options, discount_steps)
         if options.gain_m2.max() < self.config.min_gain_m2:
             return self._stop(now, options, caster)
         hit, worth = caster.rays(options.xy_m[short])
         places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
         preferred = np.array([self.config.hysteresis if self._ledger.is_target(xy) else 1.0 for xy in places.xy_m])
-        search = TourSearch(places, now.reach, discount_steps=self.config.discount_steps, preferred=preferred)
+        search = TourSearch(places, now.reach, discount_steps=discount_steps, preferred=preferred)
         tours = search.best(self._sector(now.pose), depth=self.config.tour_depth, width=self.config.tour_width)
         candidates = self._candidates(places, tours)
         for tour in tours[:MAX_TOURS]:
