@@ -18,6 +18,7 @@ from anm_mj.explore import Progress, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.memory import return_freed
 from anm_mj.planning.policies.make import make_policy, policy_class
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Viewer
@@ -101,6 +102,7 @@ def run(
         truth = scene_truth(scene, robot.footprint, mount, first.pose, on_survey)
         if policy is None:
             policy = Oracle(truth, reachable_floor(scene, robot.footprint, first.pose), mount)
+        return_freed()
         with RunRecorder(folder, truth) as recorder:
             outcome = explore(
                 robot,

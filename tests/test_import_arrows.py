@@ -9,7 +9,7 @@ import pytest
 
 _PACKAGE = Path(__file__).resolve().parents[1] / "anm_mj"
 
-_BASE = {"types", "frames", "errors", "protocols", "stopwatch"}
+_BASE = {"types", "frames", "errors", "protocols", "stopwatch", "memory"}
 _STAGES = {"scene", "sim", "mapping", "planning", "control"}
 
 _MAY_IMPORT: dict[str, set[str]] = {
@@ -17,6 +17,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "frames": {"types"},
     "errors": set(),
     "stopwatch": set(),
+    "memory": set(),
     "protocols": {"types"},
     "scene": _BASE,
     "sim": _BASE | {"scene"},

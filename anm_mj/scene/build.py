@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from anm_mj.errors import RobotError, SceneError
+from anm_mj.memory import return_freed
 from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.model_cache import cached_model
@@ -66,7 +67,7 @@ def build_model(
         RobotError: if the scene can be compiled alone, but not with the robot.
     """
 
-    def build() -> mujoco.MjModel:
+    def compiled() -> mujoco.MjModel:
         spec = build_spec(scene)
         if robot is None:
             return compile_scene(spec, scene)
@@ -77,5 +78,14 @@ def build_model(
         except ValueError as err:
             compile_scene(build_spec(scene), scene)
             raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err
+
+    def build() -> mujoco.MjModel:
+        import mujoco
+
+        model = compiled()
+        # MuJoCo keeps every decoded texture for the next compilation of the same scene, of which there is none.
+        mujoco.mj_clearCache(mujoco.mj_getCache())
+        return_freed()
+        return model
 
     return cached_model(scene, robot_hash, prefix, build)
