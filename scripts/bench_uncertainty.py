@@ -84,14 +84,14 @@ def measure(name: str, neural_map: NeuralMap, truth: GroundTruth) -> list[Row]:
 def methods(neural_map: NeuralMap) -> dict[str, Callable[[Float[np.ndarray, "n 3"]], np.ndarray]]:
     """What is compared: the three methods that can be configured, more passes, and the two factors of evidence."""
     backend, occupancy, config = neural_map.backend, neural_map._occupancy, neural_map.config.uncertainty
-    many = replace(config, num_passes=400)
+    many, evenness = replace(config, num_passes=400), neural_map.config.schedule.evenness
     return {
         "perturbation, 20 passes": lambda p: perturbed_variance(backend, p, replace(config, num_passes=20), 0),
         "perturbation, 400 passes": lambda p: perturbed_variance(backend, p, many, 0),
         "closed form": lambda p: closed_form_variance(backend, p, config),
-        "last layer alone": lambda p: last_layer_variance(backend, occupancy, p),
+        "last layer alone": lambda p: last_layer_variance(backend, occupancy, p, evenness),
         "looks alone": lambda p: 1.0 / (PRIOR_LOOKS + look_density(occupancy, p)),
-        "evidence": lambda p: evidence_variance(backend, occupancy, p),
+        "evidence": lambda p: evidence_variance(backend, occupancy, p, evenness),
     }
 
 

@@ -117,7 +117,14 @@ class NeuralMap:
 
         A variance whose scale depends on the method; the same map always gives the same answer.
         """
-        return uncertainty_at(self.backend, self._occupancy, points_m, self.config.uncertainty, self.seed)
+        return uncertainty_at(
+            self.backend,
+            self._occupancy,
+            points_m,
+            self.config.uncertainty,
+            self.seed,
+            self.config.schedule.evenness,
+        )
 
     def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
         """Zero-crossings near occupied voxels within ``radius_m`` [m] in the plane, with present uncertainties.

@@ -32,6 +32,7 @@ def uncertainty_at(
     points_m: Float[np.ndarray, "n 3"],
     config: UncertaintyConfig,
     seed: int,
+    evenness: float,
 ) -> Float32[np.ndarray, " n"]:
     """Uncertainty at world points [m] by the configured method; comparable within one method only.
 
@@ -41,13 +42,14 @@ def uncertainty_at(
         points_m: World points [m].
         config: Method, noise and weights.
         seed: What the noise of perturbations is derived from.
+        evenness: As in the schedule that the map was trained by.
 
     Returns:
         The variance of eq. 5 in squared truncations plus ``color_weight`` times squared colour units, or, for
         "evidence", a variance of s up to a constant factor.
     """
     if config.method == "evidence":
-        return evidence_variance(backend, occupancy, points_m)
+        return evidence_variance(backend, occupancy, points_m, evenness)
     if config.method == "closed_form":
         return closed_form_variance(backend, points_m, config)
     return perturbed_variance(backend, points_m, config, seed)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation.sparsification import relative_area
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.config import OccupancyConfig, quick_mapping
 from anm_mj.mapping.evidence import evidence_variance, last_layer_variance, look_density
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
@@ -31,6 +31,9 @@ def _fused(room, *places) -> OccupancyGrid:
 
 WALL = np.array([[4.0, 0.5, 1.2], [4.0, 2.7, 1.3], [4.0, 2.6, 1.4]])
 """Points of the wall that the views look at."""
+
+
+EVENNESS = quick_mapping().schedule.evenness
 
 
 def test_looking_twice_doubles_the_density(room):
@@ -64,15 +67,17 @@ def test_the_last_layers_variance_is_one_per_axis_where_training_was(half_seen):
     grid = half_seen.occupancy
     places = grid.origin_m + (voxels[:, ::-1] + 0.5) * grid.resolution_m
     looks = look_density(half_seen._occupancy, places)
-    variance = last_layer_variance(half_seen.backend, half_seen._occupancy, places)
-    assert np.average(variance, weights=looks) == pytest.approx(4.0, rel=0.1)
+    variance = last_layer_variance(half_seen.backend, half_seen._occupancy, places, EVENNESS)
+    assert np.average(variance, weights=looks ** (1.0 - EVENNESS)) == pytest.approx(32.0, rel=0.1)
 
 
 def test_never_seen_surface_stands_out_by_evidence(half_seen, room):
     rng = np.random.default_rng(0)
     seen = half_seen.surface(np.array([2.0, 1.5]), 5.0).xyz_m
     unseen = np.column_stack([np.zeros(500), rng.uniform(0.0, 3.0, 500), rng.uniform(0.0, 2.4, 500)])
-    evidence = [evidence_variance(half_seen.backend, half_seen._occupancy, points) for points in (seen, unseen)]
+    evidence = [
+        evidence_variance(half_seen.backend, half_seen._occupancy, points, EVENNESS) for points in (seen, unseen)
+    ]
     assert np.percentile(evidence[1], 5) > np.percentile(evidence[0], 95)
 
 
@@ -80,7 +85,7 @@ def test_evidence_tells_wrong_surface_from_right_better_than_the_closed_form_doe
     points = np.random.default_rng(0).uniform([0.0, 0.0, 0.0], [4.0, 3.0, 2.4], (20_000, 3))
     points = points[np.abs(half_seen.sdf(points)) < 0.01]
     error = np.abs(half_seen.sdf(points) - np.clip(room.sdf(points), -0.1, 0.1)).astype(float)
-    by_evidence = evidence_variance(half_seen.backend, half_seen._occupancy, points)
+    by_evidence = evidence_variance(half_seen.backend, half_seen._occupancy, points, EVENNESS)
     by_closed_form = closed_form_variance(half_seen.backend, points, half_seen.config.uncertainty)
     assert relative_area(error, by_evidence) < 0.7 * relative_area(error, by_closed_form)
 
@@ -96,4 +101,4 @@ def test_a_loaded_map_is_as_unsure_as_the_saved_one(tiny_config, room, tmp_path)
 
 def test_an_empty_map_is_unsure_everywhere(tiny_config):
     empty = NeuralMap(tiny_config, seed=0, device="cpu")
-    assert (evidence_variance(empty.backend, empty._occupancy, np.zeros((3, 3))) > 0.0).all()
+    assert (evidence_variance(empty.backend, empty._occupancy, np.zeros((3, 3)), EVENNESS) > 0.0).all()
