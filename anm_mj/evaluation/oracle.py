@@ -27,7 +27,7 @@ from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.observable import Floor
 from anm_mj.evaluation.oracle_cache import load_tour, store_tour
 from anm_mj.evaluation.oracle_pieces import NO_YAW, Pieces
-from anm_mj.evaluation.oracle_tour import Level, Stop, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle_tour import WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle_views import WORD, count, frame_bits, pack, unpack
 from anm_mj.evaluation.oracle_walk import shorter, turned, walk
 from anm_mj.evaluation.oracle_ways import Ways, num_places
@@ -39,7 +39,7 @@ from anm_mj.types import TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopRe
 
 _logger = logging.getLogger(__name__)
 
-METHOD = 1
+METHOD = 2
 """Raised when the search changes, so that tours that older versions kept are not used."""
 LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.5))
 """Shares of the observable surface, and how much the steps to each count: one tour is made for all of them, and the
@@ -55,6 +55,8 @@ MAX_SAMPLES = 8192
 """Samples of the observable surface that are planned with."""
 ROUNDS = 200_000
 """Changes tried of the first tour."""
+NUM_STARTS = 4
+"""Tours that half of the changes are spent on; the best of them gets the other half."""
 ROUNDS_AFTER = 20_000
 """Changes tried of each tour through what is left."""
 SEED = 0
@@ -100,6 +102,8 @@ class Oracle:
         self._stops = list[Stop]()
         self._stop: Stop | None = None
         """The stop that the robot is on its way to."""
+        self._tried_again: Stop | None = None
+        """The last stop whose way was blocked."""
         self._place = 0
         """Where the robot is, or nearly so."""
         self._given_up = np.zeros(len(self._samples), bool)
@@ -138,10 +142,10 @@ class Oracle:
         """Make the spot ahead dear, so that the next way leads round it, and plan anew."""
         self._ways.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)
         self._place = int(self._ways.nearest(pose.xy_m[None])[0])
-        if self._stop is not None:
-            self._stops.insert(0, self._stop)
+        if self._stop is not None and self._stop != self._tried_again:
             # A second time it is left out.
-            self._stop = None
+            self._stops.insert(0, self._stop)
+            self._tried_again = self._stop
         del action  # Only moves forward are ever blocked.
 
     def _yaw(self, pose: Pose2) -> int:
@@ -156,7 +160,8 @@ class Oracle:
         yaws = [self._yaw(pose)]
         actions = list[Action]()
         if place != self._place:
-            line_m = np.concatenate([pose.xy_m[None], self._ways.corners_m(self._place, place)])
+            here_m = self._ways.places_m[[self._place]]
+            line_m = np.concatenate([pose.xy_m[None], here_m, self._ways.corners_m(self._place, place)])
             way = walk(pose.xy_m, yaws[0], self._ways.straightened(line_m)[1:], self._ways, self._yaw_rad)
             for direction, moves in zip(way.yaws, way.moves, strict=True):
                 actions += _turns(yaws[-1], direction, shorter(yaws[-1], direction))
@@ -196,7 +201,16 @@ class Oracle:
         pieces = Pieces(self._bits, self._ways, self._yaw_rad)
         search = TourSearch(pieces, self._ways, task, SEED)
         begin = greedy_tour(pieces, self._ways, task, self._yaw_rad)
-        found = search.improve(begin, rounds, lambda done, best: self._on_progress(done, rounds))
+        each = rounds // (2 * NUM_STARTS)
+        tours = [
+            search.improve(begin, each, on_round=lambda done, k=k: self._on_progress(k * each + done, rounds))
+            for k in range(NUM_STARTS)
+        ]
+        rest = rounds - NUM_STARTS * each
+        found = search.improve(
+            min(tours, key=search.cost), rest, WARM_STEPS, lambda done: self._on_progress(rounds - rest + done, rounds)
+        )
+        self._on_progress(rounds, rounds)
         steps, covered = search.curve(found)
         _logger.info("tour of %d steps and %d stops, for %d samples", steps[-1], len(found), covered[-1])
         store_tour(key, found)

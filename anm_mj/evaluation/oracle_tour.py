@@ -34,10 +34,12 @@ MISSING_STEPS = 4.0
 """What a sample short of a level costs [steps]."""
 LENGTH_WEIGHT = 0.02
 """What a step counts wherever it stands, so that no tour goes on when nothing is left to gain."""
-HOT_STEPS = 12.0
-"""A change that costs so much more is taken one time in e at first [steps]."""
-COLD_STEPS = 0.5
-"""The same at the end."""
+HOT_STEPS = 10.0
+"""A change that costs so much more is taken one time in e when a search begins [steps]."""
+WARM_STEPS = 4.0
+"""The same where one goes on from the best of several."""
+COLD_STEPS = 0.4
+"""The same at the end of each."""
 NEAR_M = 1.0
 """A stop is moved at most this far at a time [m]."""
 LONGEST_PART = 12
@@ -133,9 +135,17 @@ class TourSearch:
         self,
         stops: list[Stop],
         rounds: int,
-        on_round: Callable[[int, float], None] = lambda done, best: None,
+        hot_steps: float = HOT_STEPS,
+        on_round: Callable[[int], None] = lambda done: None,
     ) -> list[Stop]:
-        """Anneal a tour; the best one met."""
+        """Anneal a tour; the best one met.
+
+        Args:
+            stops: The tour.
+            rounds: Changes tried.
+            hot_steps: How much worse a change may be at first.
+            on_round: Told now and then how many have been tried.
+        """
         present, now = list(stops), self.cost(stops)
         cover = self._last_cover
         best, least = present, now
@@ -144,13 +154,13 @@ class TourSearch:
                 self._pieces.clear()
             tried = self._changed(present, cover)
             cost = self.cost(tried)
-            temperature = HOT_STEPS * (COLD_STEPS / HOT_STEPS) ** (k / rounds)
+            temperature = hot_steps * (COLD_STEPS / hot_steps) ** (k / rounds)
             if cost <= now or self._rng.random() < math.exp((now - cost) / temperature):
                 present, now, cover = tried, cost, self._last_cover
                 if now < least - 1e-9:
                     best, least = present, now
             if k % 1000 == 0:
-                on_round(k, least)
+                on_round(k)
         return best
 
     def _changed(self, stops: list[Stop], cover: UInt64[np.ndarray, " words"]) -> list[Stop]:

@@ -19,8 +19,11 @@ from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
 
 OFF_LINE_M = 0.08
 """A corner need not be met nearer than this [m]."""
-MIN_ROOM_M = 0.02
-"""Frames stand at least so far from the edge of the floor [m], where there is any way to do so."""
+MIN_ROOM_M = 0.06
+"""Frames stand at least so far from the edge of the floor [m], where there is any way to do so; the floor is good to a
+cell, and a move that touches something is refused."""
+TIGHT_STEPS = 400.0
+"""What a metre less of room than that costs [steps]."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def walk(
     yaws, moves = list[int](), list[int]()
     at = start_m
     for corner in corners_m:
-        best: tuple[tuple[bool, float], list[tuple[int, int]]] | None = None
+        best: tuple[float, list[tuple[int, int]]] | None = None
         for pieces in _pieces(corner - at, yaw_rad):
             ends, rooms, before = at, math.inf, yaw
             turns = 0
@@ -92,7 +95,7 @@ def walk(
                 ends = ends + count * step_m
                 turns += count + (0 if before is None else (shorter(before, towards) * (towards - before)) % NUM_YAWS)
                 before = towards
-            score = (rooms < MIN_ROOM_M, turns - 4.0 * min(rooms, 0.1))
+            score = turns + TIGHT_STEPS * max(MIN_ROOM_M - rooms, 0.0)
             if best is None or score < best[0]:
                 best = score, pieces
         for towards, count in best[1] if best else []:

@@ -53,12 +53,14 @@ class Ways:
         length_m = np.linalg.norm(self.places_m[self._links[:, 0]] - self.places_m[self._links[:, 1]], axis=1)
         tight = np.clip(1.0 - room_m / (ROOM_M + floor.resolution_m), 0.0, 1.0)
         self._cost = length_m * (1.0 + TIGHT_COST * tight) + 1e-6
+        self._avoided = np.zeros(len(self._links), bool)
         self._search()
 
     def _search(self) -> None:
         n = len(self.places_m)
         a, b = self._links.T
-        graph = csr_array((self._cost, (a, b)), shape=(n, n))
+        cost = np.where(self._avoided, AVOID_COST * self._cost, self._cost)
+        graph = csr_array((cost, (a, b)), shape=(n, n))
         distance_m, before = dijkstra(graph, directed=False, return_predecessors=True)
         self.distance_m: Float[np.ndarray, "p p"] = distance_m
         """Length of the way from each place to each other, dearer along edges [m]."""
@@ -140,7 +142,7 @@ class Ways:
         squared = np.maximum((along**2).sum(axis=1), 1e-12)
         share = np.clip(((xy_m - a) * along).sum(axis=1) / squared, 0.0, 1.0)
         away_m = np.linalg.norm(a + share[:, None] * along - xy_m, axis=1)
-        self._cost = np.where(away_m < AVOID_M, AVOID_COST * self._cost, self._cost)
+        self._avoided |= away_m < AVOID_M
         self._search()
 
     def _xy_m(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
