@@ -103,7 +103,8 @@ def run(
         if policy is None:
             policy = Oracle(truth, reachable_floor(scene, robot.footprint, first.pose), mount)
         return_freed()
-        with RunRecorder(folder, truth) as recorder:
+        true_view = None if config.pose == "true" else lambda: (robot.pose, robot.T_true_camera)
+        with RunRecorder(folder, truth, true_view) as recorder:
             outcome = explore(
                 robot,
                 mapper,

@@ -1,57 +1,18 @@
-"""Renders views from places where the robot of a finished run never stood, by the map and by the simulator.
+"""Measures a finished run's map on views from places where its robot never stood.
 
     python scripts/heldout_views.py runs/latest --views 20
 
-The places are clear of obstacles, more than half a metre away from the whole trajectory, and drawn at random from a
-seed, like the directions; a view counts only if at least half of the surface in it has been observed. Writes
-``heldout.json`` with the quality of each view and the means, and ``heldout.png`` with the first views, into the run's
-folder.
+Prints the means and writes ``heldout.json`` and ``heldout.png`` into the run's folder; see :mod:`anm_mj.heldout`.
+``anm-mj eval RUN --heldout`` does the same and puts the means into ``metrics.json``.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
-from jaxtyping import Float32, UInt8
-from PIL import Image
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.depth import MAX_DEPTH_M
-from anm_mj.evaluation.heldout import ViewQuality, candidate_poses, compare_view, far_places, mean_quality
-from anm_mj.frames import back_project
-from anm_mj.io.jsonable import write_json
-from anm_mj.io.read_run import Run, read_run
-from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.revisit import ROBOT_PREFIX, explored_scene
-from anm_mj.robots import FOOTPRINT, make_robot
-from anm_mj.scene.folder import Scene
-from anm_mj.scene.navigable import is_clear, scene_area
-from anm_mj.types import OCCUPIED, Observation, Pose2, VoxelGrid
-
-FAR_M = 0.5
-"""Held-out places are farther than this from the trajectory [m]."""
-MIN_OBSERVED_PERCENT = 50.0
-"""Share of a view's surface that must have been observed [%]."""
-MAX_TRIED = 2000
-"""Poses tried at most."""
-SHOWN = 4
-"""Views drawn in the picture: true and rendered colour, true and rendered depth."""
-SHOWN_DEPTH_M = 6.0
-"""Depth that is drawn black [m]."""
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """One view: where it was taken, and how well the map renders it."""
-
-    pose: Pose2
-    observed_percent: float
-    """Share of the true surface in view, within the sensor's range, that the run has observed [%]."""
-    quality: ViewQuality
+from anm_mj.heldout import FAR_M, measure_held_out
 
 
 def main(run: Annotated[Path, tyro.conf.Positional], views: int = 20, seed: int = 0, scene: str | None = None) -> None:
@@ -63,55 +24,11 @@ def main(run: Annotated[Path, tyro.conf.Positional], views: int = 20, seed: int 
         seed: Places and directions derive from it.
         scene: The run's scene, where it lies now if it has moved.
     """
-    record = read_run(run)
-    world = explored_scene(record, scene)
-    neural_map = NeuralMap.load(record.folder.map)
-    found, pictures = [], []
-    for pose, seen, observed in islice(held_out_views(record, world, neural_map.occupancy, seed), views):
-        rgb, depth_m = neural_map.render(seen.intrinsics, seen.T_world_camera)
-        found.append(HeldOut(pose, observed, compare_view(rgb, depth_m, seen.rgb, seen.depth_m)))
-        pictures.append(np.concatenate([seen.rgb, rgb, depth_picture(seen.depth_m), depth_picture(depth_m)], axis=1))
-    if not found:
+    found = measure_held_out(run, views, seed, scene)
+    if found.mean is None:
         raise RunFolderError(f"{run} leaves no clear place farther than {FAR_M} m from its path that sees the map.")
-    mean = mean_quality([view.quality for view in found])
-    write_json(run / "heldout.json", {"num_views": len(found), "seed": seed, "mean": mean, "views": found})
-    Image.fromarray(np.concatenate(pictures[:SHOWN])).save(run / "heldout.png")
-    print(f"{run.name}: {len(found)} views: " + ", ".join(f"{name} {value:.2f}" for name, value in vars(mean).items()))
-
-
-def held_out_views(record: Run, world: Scene, grid: VoxelGrid, seed: int) -> Iterator[tuple[Pose2, Observation, float]]:
-    """Poses that the robot never stood near, what the simulator shows there, and how much of it was observed [%]."""
-    trajectory = np.array([frame.pose.xy_m for frame in record.frames])
-    places = far_places(scene_area(world, FOOTPRINT).places(1), trajectory, FAR_M)
-    with make_robot(world, start=record.frames[0].pose, image_px=record.intrinsics.width) as robot:
-        # Imports mujoco, which it may do only once the robot's maker has chosen a GL back-end.
-        from anm_mj.control.simulated_base import SimulatedBase
-
-        base = SimulatedBase(robot.model, robot.data, ROBOT_PREFIX)
-        for pose in candidate_poses(places, seed)[:MAX_TRIED]:
-            if not is_clear(world, pose, FOOTPRINT):
-                continue
-            base.place(pose)
-            seen = robot.observe()
-            observed = observed_percent(grid, seen)
-            if observed >= MIN_OBSERVED_PERCENT:
-                yield pose, seen, observed
-
-
-def observed_percent(grid: VoxelGrid, seen: Observation) -> float:
-    """Share of a view's surface points within the sensor's range that lie in occupied voxels of the map [%]."""
-    near = np.where(seen.depth_m <= MAX_DEPTH_M, seen.depth_m, np.nan).astype(np.float32)
-    points = back_project(near, seen.intrinsics, seen.T_world_camera)
-    cell = np.floor((points - grid.origin_m) / grid.resolution_m).astype(np.int64)[:, ::-1]
-    inside = ((cell >= 0) & (cell < grid.state.shape)).all(axis=1)
-    occupied = grid.state[tuple(cell[inside].T)] == OCCUPIED
-    return 100.0 * float(occupied.sum()) / max(len(points), 1)
-
-
-def depth_picture(depth_m: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
-    """Depth in grey: white is near, black is beyond the range shown or unknown."""
-    grey = 255.0 * (1.0 - np.nan_to_num(depth_m, nan=SHOWN_DEPTH_M) / SHOWN_DEPTH_M).clip(0.0, 1.0)
-    return np.repeat(grey.astype(np.uint8)[:, :, None], 3, axis=2)
+    means = ", ".join(f"{name} {value:.2f}" for name, value in vars(found.mean).items())
+    print(f"{run.name}: {found.num_views} views: {means}")
 
 
 if __name__ == "__main__":

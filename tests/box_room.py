@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -123,5 +124,5 @@ def record_steps(recorder: RunRecorder, num_steps: int, time_scale: float = 1.0)
         recorder.observation(observe(step, pose))
 
 
-def new_recorder(path: Path) -> RunRecorder:
-    return RunRecorder(RunFolder.create(path, "room", "gvg"), room_truth())
+def new_recorder(path: Path, **options: Any) -> RunRecorder:
+    return RunRecorder(RunFolder.create(path, "room", "gvg"), room_truth(), **options)

@@ -36,6 +36,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "robots": _BASE | {"config", "scene", "sim", "control"},
     # Takes a finished run's pictures again.
     "revisit": _BASE | {"io", "scene", "control", "robots"},
+    # Renders a finished run's map from where its robot never stood.
+    "heldout": _BASE | {"io", "scene", "control", "robots", "revisit", "mapping", "evaluation"},
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"robots"},
     # Puts everything together for one run.
@@ -43,10 +45,10 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.
     "environments": _BASE | {"config", "robots", "scene", "sim", "control", "mapping", "evaluation"},
     # Many runs, each in a process of its own, and their tables.
-    "bench": _BASE | {"scene", "planning", "config", "run", "io", "viz", "evaluation"},
+    "bench": _BASE | {"scene", "planning", "config", "run", "heldout", "io", "viz", "evaluation"},
     "progress": _BASE | {"explore", "io.recorder", "evaluation"},
     "doctor": _BASE | {"sim", "io", "viz"},
-    "cli": _BASE | _STAGES | {"config", "run", "bench", "progress", "doctor", "io", "viz", "evaluation"},
+    "cli": _BASE | _STAGES | {"config", "run", "heldout", "bench", "progress", "doctor", "io", "viz", "evaluation"},
 }
 """What each module or folder of the package may import from the package, beside itself."""
 

@@ -27,6 +27,9 @@ COLUMNS = (
     ("turns", "turns", 0),
     ("collisions", "collisions", 1),
     ("observed_f_score", "mesh F-score, observed [%]", 1),
+    ("heldout_psnr_db", "held-out PSNR [dB]", 1),
+    ("heldout_ssim", "held-out SSIM", 3),
+    ("heldout_depth_l1_cm", "held-out depth L1 [cm]", 1),
     ("hz", "steps/s", 1),
 )
 """Name of a column of the tidy table, heading, decimals."""

@@ -18,7 +18,16 @@ from anm_mj.errors import AnmError
 
 EXPLORE = "anm_mj.bench.worker:explore"
 """What makes a run, unless told otherwise."""
-KEPT = ("config.json", "curve.csv", "manifest.json", "metrics.json", "plans.jsonl", "steps.jsonl", "topdown.png")
+KEPT = (
+    "config.json",
+    "curve.csv",
+    "heldout.json",
+    "manifest.json",
+    "metrics.json",
+    "plans.jsonl",
+    "steps.jsonl",
+    "topdown.png",
+)
 """What is kept of a run folder: the numbers and how they came about, without frames, map and mesh."""
 FAILED = 2
 
@@ -29,9 +38,12 @@ def explore(job: Job, folder: Path) -> None:
     Raises:
         AnmError: The run cannot be made.
     """
+    from anm_mj.evaluation.evaluate import add_held_out
+    from anm_mj.heldout import measure_held_out
     from anm_mj.run import run
 
     made, _ = run(job.config(), out=folder)
+    add_held_out(made.path, measure_held_out(made.path))
     for path in sorted(made.path.rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()

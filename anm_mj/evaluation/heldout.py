@@ -38,6 +38,16 @@ class ViewQuality:
     """Share of the pixels with a true depth within 10 m at which the map has a surface [%]."""
 
 
+@dataclass(frozen=True)
+class HeldOut:
+    """How well the map renders views that were held out."""
+
+    num_views: int
+    """Views taken; fewer than asked for where there are not as many."""
+    mean: ViewQuality | None
+    """The means over them; None where there was none."""
+
+
 def far_places(
     places_m: Float[np.ndarray, "n 2"], trajectory_m: Float[np.ndarray, "k 2"], distance_m: float
 ) -> Float[np.ndarray, "m 2"]:

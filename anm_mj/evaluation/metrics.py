@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 from anm_mj.evaluation.curve import CurveRow
 from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.evaluation.heldout import HeldOut, ViewQuality
 from anm_mj.evaluation.mesh import MeshQuality
 from anm_mj.types import TURN_STEP_RAD, Action
 
@@ -60,6 +62,18 @@ class Metrics:
     observed_mesh_completion_ratio: float | None
     observed_f_score: float | None
     observed_chamfer_cm: float | None
+    heldout_views: int | None
+    """Views from where the robot never stood that the map was compared on; None where that was not done."""
+    heldout_psnr_db: float | None
+    """Their mean PSNR over whole pictures [dB]; None without a view, as are the next four."""
+    heldout_psnr_known_db: float | None
+    """The same over pixels that the map has a surface at [dB]."""
+    heldout_ssim: float | None
+    """Their mean structural similarity."""
+    heldout_depth_l1_cm: float | None
+    """Their mean absolute error of planar depth [cm]."""
+    heldout_known_percent: float | None
+    """Share of their pixels at which the map has a surface [%]."""
     steps: int
     path_m: float
     """Distance driven [m]."""
@@ -137,6 +151,7 @@ def summarise(
     truth: GroundTruth,
     mesh: tuple[MeshQuality, MeshQuality | None] | None,
     ending: Ending,
+    heldout: HeldOut | None = None,
 ) -> Metrics:
     """Put the numbers of a run together.
 
@@ -148,6 +163,7 @@ def summarise(
         truth: The true surface.
         mesh: Quality of its mesh, of the whole and culled to what was observed; None without a mesh.
         ending: What only the running program knew.
+        heldout: Quality of its views from where the robot never stood; None where that was not measured.
     """
     last = rows[-1] if rows else None
     whole, observed = mesh or (None, None)
@@ -180,4 +196,13 @@ def summarise(
         hz=ending.hz,
         evaluation_s=ending.evaluation_s,
         peak_rss_mib=ending.peak_rss_mib,
+        **held_out_numbers(heldout),
     )
+
+
+def held_out_numbers(heldout: HeldOut | None) -> dict[str, Any]:
+    """The fields of :class:`Metrics` that tell of held-out views."""
+    values = vars(heldout.mean) if heldout and heldout.mean else {}
+    numbers = {field.name: values.get(field.name, math.nan) for field in fields(ViewQuality)}
+    found = {f"heldout_{name}": value if math.isfinite(value) else None for name, value in numbers.items()}
+    return {"heldout_views": heldout.num_views if heldout else None, **found}

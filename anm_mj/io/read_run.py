@@ -24,7 +24,13 @@ class FrameRecord:
     step: int
     time_s: float
     pose: Pose2
+    """Where the robot stood, as far as it knew."""
     T_world_camera: Float[np.ndarray, "4 4"]
+    """Where its camera was, as far as it knew."""
+    true_pose: Pose2
+    """Where it truly stood."""
+    T_true_camera: Float[np.ndarray, "4 4"]
+    """Where its camera truly was."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,10 @@ def read_depth(path: Path) -> UInt16[np.ndarray, "rows cols"]:
 
 
 def _frame(line: dict[str, Any]) -> FrameRecord:
-    return FrameRecord(line["step"], line["time_s"], _pose(line), np.array(line["T_world_camera"], dtype=np.float64))
+    # The truth stands there only where it differs from what the robot was told.
+    true = line.get("true", line)
+    believed_camera, true_camera = (np.array(where["T_world_camera"], dtype=np.float64) for where in (line, true))
+    return FrameRecord(line["step"], line["time_s"], _pose(line), believed_camera, _pose(true), true_camera)
 
 
 def _step(line: dict[str, Any]) -> StepRecord:

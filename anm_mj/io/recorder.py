@@ -6,11 +6,11 @@ import math
 import resource
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import trimesh
@@ -73,13 +73,21 @@ class RunRecorder:
     Args:
         folder: A new run folder.
         truth: The true surface, for the numbers only.
+        true_view: Tells where robot and camera truly are, where observations tell only what the robot believes: the
+            numbers count what the camera saw from where it was.
 
     Raises:
         RunFolderError: From every method, when the folder can no longer be written.
     """
 
-    def __init__(self, folder: RunFolder, truth: GroundTruth) -> None:
+    def __init__(
+        self,
+        folder: RunFolder,
+        truth: GroundTruth,
+        true_view: Callable[[], tuple[Pose2, Float[np.ndarray, "4 4"]]] | None = None,
+    ) -> None:
         self._folder = folder
+        self._true_view = true_view
         self._truth = truth
         with _writing(folder.ground_truth):
             truth.save(folder.ground_truth)
@@ -122,19 +130,19 @@ class RunRecorder:
         except OSError as err:
             raise RunFolderError(f"{path} cannot be written ({err.strerror}); free some space.") from err
         pose = observation.pose
-        self._frames.json(
-            {
-                "step": observation.step,
-                "time_s": observation.time_s,
-                "x_m": pose.x_m,
-                "y_m": pose.y_m,
-                "yaw_rad": pose.yaw_rad,
-                "T_world_camera": observation.T_world_camera,
-            }
-        )
+        true_pose, T_true_camera = pose, observation.T_world_camera
+        line = {
+            "step": observation.step,
+            "time_s": observation.time_s,
+            **_where(pose, observation.T_world_camera),
+        }
+        if self._true_view is not None:
+            true_pose, T_true_camera = self._true_view()
+            line["true"] = _where(true_pose, T_true_camera)
+        self._frames.json(line)
         self._trajectory.line(tum_line(observation.time_s, pose))
         self._poses.append(pose)
-        row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, observation.T_world_camera, pose)
+        row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, T_true_camera, true_pose)
         if row is not None:
             self._curve_file.line(row.csv)
 
@@ -243,6 +251,11 @@ def peak_rss_mib() -> float:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Linux counts in KiB, macOS in bytes.
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def _where(pose: Pose2, T_world_camera: Float[np.ndarray, "4 4"]) -> dict[str, Any]:
+    """Where a robot and its camera are, as a line of ``frames.jsonl`` says it."""
+    return {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad, "T_world_camera": T_world_camera}
 
 
 def _write_camera(path: Path, observation: Observation) -> None:

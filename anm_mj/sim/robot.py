@@ -60,6 +60,11 @@ class SimRobot:
         return self._drive.pose
 
     @property
+    def T_true_camera(self) -> Float[np.ndarray, "4 4"]:
+        """Where the camera truly was at the last observation: camera to world, CV axes."""
+        return self._camera.T_world_camera(self._data)
+
+    @property
     def camera_kind(self) -> str:
         """What makes the pictures: ``gl``, ``embree`` or ``mujoco rays``."""
         return self._camera.kind

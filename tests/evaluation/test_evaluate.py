@@ -1,12 +1,17 @@
+import dataclasses
 import json
+import math
 import shutil
 
+import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.evaluate import evaluate_run
-from anm_mj.types import StopReason
-from tests.box_room import FakeMap, new_recorder, record_steps, room_plan
+from anm_mj.evaluation.evaluate import add_held_out, evaluate_run
+from anm_mj.evaluation.heldout import HeldOut, ViewQuality
+from anm_mj.frames import pose_matrix
+from anm_mj.types import Pose2, StopReason
+from tests.box_room import FakeMap, new_recorder, observe, record_steps, room_plan
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +113,39 @@ def test_a_missing_depth_picture_is_named(run):
     (run / "depth" / "000003.png").unlink()
     with pytest.raises(RunFolderError, match=r"000003\.png"):
         evaluate_run(run)
+
+
+def test_what_a_camera_saw_counts_from_where_it_truly_was(tmp_path, finished):
+    believed = Pose2(0.4, -0.2, 0.5)
+    true = Pose2(0.0, 0.0, 0.0)
+    view = observe(0, true)
+    # The pictures are those of the true pose; the robot believes to stand elsewhere.
+    T_believed_true = pose_matrix(believed) @ np.linalg.inv(pose_matrix(true))
+    told = dataclasses.replace(view, pose=believed, T_world_camera=T_believed_true @ view.T_world_camera)
+    rows = []
+    for name, seen, options in (
+        ("knows", view, {}),
+        ("believes", told, {"true_view": lambda: (true, view.T_world_camera)}),
+        ("lost", told, {}),
+    ):
+        recorder = new_recorder(tmp_path / name, **options)
+        recorder.observation(seen)
+        recorder.close()
+        metrics = evaluate_run(tmp_path / name)
+        rows.append((metrics.completion_ratio, metrics.completion_cm, metrics.completion_uncapped_cm))
+        live = recorder.completion
+        assert live is not None
+        assert live.completion_ratio == metrics.completion_ratio
+
+    assert rows[0] == rows[1]
+    assert rows[0] != rows[2]
+
+
+def test_what_was_measured_on_held_out_views_is_kept(run):
+    assert evaluate_run(run).heldout_views is None
+    add_held_out(run, HeldOut(3, ViewQuality(20.0, 21.0, 0.7, math.nan, 90.0)))
+
+    metrics = evaluate_run(run)
+
+    assert (metrics.heldout_views, metrics.heldout_psnr_db, metrics.heldout_depth_l1_cm) == (3, 20.0, None)
+    assert evaluate_run(run, heldout=HeldOut(0, None)).heldout_psnr_db is None
