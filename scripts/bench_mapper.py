@@ -1,11 +1,12 @@
 """Measures the mapping engines of this machine side by side, prints one table and writes it as JSON.
 
-Workloads: the paper's training step (2048 rays of 43 samples), the default preset's step ("B": 538 rays of 12), four of
-those with the drawing of their rays from 20 keyframes, 1.6 million SDF queries on a lattice, and 50,000 points under 20
-perturbed decoders. Torch is measured as the engine that it is, with its own gather and scatter, and "eager": the table
-is indexed, and autograd finds the way back. The Triton engine is measured where there is a CUDA device for it. The
-limit beside the paper's step ("roofline") is made of rates that the script measures on the same core: random reads and
-updates of a table of one level's size, multiply-adds on registers, and memory read and written in order.
+Workloads: the paper's training step (2048 rays of 43 samples), a smaller one ("B": 538 rays of 12), the default
+preset's (538 rays of 6), five of those with the drawing of their rays from 20 keyframes, 1.6 million SDF queries on a
+lattice, and 50,000 points under 20 perturbed decoders. Torch is measured as the engine that it is, with its own gather
+and scatter, and "eager": the table is indexed, and autograd finds the way back. The Triton engine is measured where
+there is a CUDA device for it. The limit beside the paper's step ("roofline") is made of rates that the script measures
+on the same core: random reads and updates of a table of one level's size, multiply-adds on registers, and memory read
+and written in order.
 
 Times are medians; of one thread CPU time, which other programs on the machine disturb least, of several threads and of
 a GPU wall time, until the result is on the host. Run it pinned (``taskset -c 1 python scripts/bench_mapper.py --threads
@@ -36,7 +37,7 @@ from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
 from anm_mj.mapping.backends.select import triton_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
+from anm_mj.mapping.config import MappingConfig, SamplingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.field import decoder_shapes
 from anm_mj.mapping.keyframes import KeyframeStore
 from anm_mj.mapping.rays import RayBatch
@@ -153,12 +154,13 @@ def bench_engine(make: Callable[[MappingConfig], MapperBackend], threads: int, r
     rows = [
         measure("paper 2048 x 43, step", backend, threads, runs["paper"], lambda k: backend.step(batches[k % 4], k))
     ]
-    trained = make(default)
     small = [room_rays(538, rng) for _ in range(16)]
-    rows.append(measure("B 538 x 12, step", trained, threads, runs["B"], lambda k: trained.step(small[k % 16], k)))
-    rows.append(
-        measure("B, 4 steps with their draw", trained, threads, max(1, runs["B"] // 4), replay_steps(trained, rng))
-    )
+    doubled = make(replace(default, sampling=SamplingConfig(free_samples=4, near_samples=8)))
+    rows.append(measure("B 538 x 12, step", doubled, threads, runs["B"], lambda k: doubled.step(small[k % 16], k)))
+    trained = make(default)
+    rows.append(measure("default 538 x 6, step", trained, threads, runs["B"], lambda k: trained.step(small[k % 16], k)))
+    num_draws = max(1, runs["B"] // 5)
+    rows.append(measure("default, 5 steps with draw", trained, threads, num_draws, replay_steps(trained, rng)))
     points = lattice_points()
     if runs["sdf"]:
         rows.append(measure("1.6 M SDF queries", trained, threads, runs["sdf"], lambda _: trained.query_sdf(points)))

@@ -50,4 +50,4 @@ def test_steps_with_their_draw_train_on_as_many_rays_as_a_map_does():
     sizes = []
     backend = SimpleNamespace(pixel_memory=HostPixels, step=lambda rays, seed: sizes.append(len(rays)))
     bench_mapper.replay_steps(backend, np.random.default_rng(0))(0)
-    assert sizes == [538] * 4
+    assert sizes == [538] * 5
