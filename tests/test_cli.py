@@ -47,6 +47,7 @@ def fails(capsys, *argv):
         (["--set", "planning.margin_m=-0.1"], "-0.1", "above zero"),
         (["--set", "planning=1"], "planning", "single setting"),
         (["--set", "planning.margin_m=1e999"], "1e999", "float"),
+        (["--set", "planning.region_percentile=150"], "150", "below 100"),
         (["--set", "planning.visited_by=hearsay"], "hearsay", "sight, place"),
         (["--set", "mapping.field.blob_period_m=(1,2)"], "(1,2)", "tuple"),
         (["--set", "preset=paper"], "preset", "--preset paper"),

@@ -42,10 +42,11 @@ class PlanningConfig:
     """From this far on the gvg policy needs no more than a rough graph [m]."""
     min_site_distance_m: float = 0.3
     """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
-    region_contrast: float = 4.0
-    """Surface points this many times as uncertain as the median of all surface may form regions."""
-    region_radius_m: float = 3.5
-    """Uncertainty is asked anew within this distance of the robot and remembered beyond [m]."""
+    region_percentile: float = 80.0
+    """Surface points above this percentile of uncertainty may form regions [%]; as in the authors' released code."""
+    region_radius_m: float = 6.0
+    """Uncertainty is asked anew within this distance of the robot and remembered beyond [m]: what the vertices in the
+    local horizon can see."""
     region_max_height_m: float = 1.5
     """Higher surface forms no regions [m]."""
     region_link_m: float = 0.45
@@ -121,6 +122,8 @@ class PlanningConfig:
             raise PlanError(f"planning.target is '{self.target}'; it must be one of {', '.join(TARGETS)}.")
         if self.free_share > 1.0:
             raise PlanError(f"planning.free_share is {self.free_share}; it must be in (0, 1].")
+        if self.region_percentile >= 100.0:
+            raise PlanError(f"planning.region_percentile is {self.region_percentile}; it must be below 100.")
         if self.visited_by not in VISITED_BY:
             raise PlanError(f"planning.visited_by is '{self.visited_by}'; it must be one of {', '.join(VISITED_BY)}.")
         if self.gain_range_m < 0.5:

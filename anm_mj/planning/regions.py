@@ -1,10 +1,10 @@
 """Regions of interest: uncertain surface, clustered by geometry and topology, anchored to vertices that can see it.
 
-Surface points that are far more uncertain than most (paper, eq. 5, by default weighed by how well each place was seen)
-are anchored, each to the nearest vertex that sees it: within range, not at a grazing angle, with nothing in between.
-What lies close together *in front of* the surface, so that the two sides of a wall never join, and is anchored to the
-same vertex is one region. Surface that was seen from as near as from an anchor is of no more interest, however
-uncertain it stays; nor is what the robot has turned to from its anchor. So all regions vanish in the end.
+Surface points that are more uncertain than most (paper, eq. 5) and were seen from afar only are anchored, each to the
+nearest vertex that sees it: within range, not at a grazing angle, with nothing in between. What lies close together
+*in front of* the surface, so that the two sides of a wall never join, and is anchored to the same vertex is one region.
+Some surface always is the most uncertain; but what was seen from as near as from an anchor is of no more interest, nor
+is what the robot has turned to from its anchor. So all regions vanish in the end.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class RegionFinder:
         if not len(points.uncertainty) or not len(graph.vertex_xy_m):
             return ()
         median = max(float(np.median(points.uncertainty)), 1e-12)
-        uncertain = points.uncertainty > self.config.region_contrast * median
+        uncertain = points.uncertainty > np.percentile(points.uncertainty, self.config.region_percentile)
         uncertain[uncertain] = _nearest_view_m(grid, points.xyz_m[uncertain]) > self.config.anchor_range_m
         patches = _Patches.of(points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float))
         fresh = np.array([tuple(cube) not in self._looked_at for cube in patches.cube.tolist()], bool)

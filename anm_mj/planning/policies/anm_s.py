@@ -12,10 +12,10 @@ the way. With no candidate left the robot looks around once more, as the authors
 The tiers, the visited radius and the view ahead are those of the released code, because the paper leaves them open.
 Where paper and code differ, the paper is followed: a bootstrap of 36 turns without tilting, both decoders perturbed,
 regions anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown space is a state of its
-own, so that vertices lie in observed free space only, and bounds are never taken from ground truth; regions must be
-far more uncertain than most surface, instead of belonging to a fixed share of it, and vanish once looked at, so that
-there is an end; spurs of the graph into corners are no decision vertices; an area also counts as visited when all that
-surrounds the vertex was seen from near enough (``visited_by`` "place" leaves that out, as in the released code).
+own, so that vertices lie in observed free space only, and bounds are never taken from ground truth; regions vanish once
+their surface was seen from near or turned to, so that there is an end; spurs of the graph into corners are no decision
+vertices; an area also counts as visited when all that surrounds the vertex was seen from near enough (``visited_by``
+"place" leaves that out, as in the released code).
 """
 
 from __future__ import annotations
