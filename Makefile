@@ -6,7 +6,7 @@ STEPS ?= 500
 SEED ?= 0
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all check lint format types lock setup clean
+.PHONY: help demo test test-all test-bench check lint format types lock setup clean
 
 help: ## List the targets.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -19,6 +19,9 @@ test: lint types ## Check style and types, run the tests (JOBS=2); minutes.
 
 test-all: lint types ## The same with the slow tests.
 	@$(PYTHON) -m pytest -n $(JOBS)
+
+test-bench: setup ## Kill a comparison of 24 real runs, go on, compare the tables; some minutes.
+	@$(PYTHON) -m pytest -m slow -k 24_real tests/bench
 
 lint: setup ## Check style and format.
 	@$(PYTHON) -m ruff check --quiet

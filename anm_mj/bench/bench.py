@@ -69,7 +69,7 @@ def run_bench(
         runs.mkdir(parents=True, exist_ok=True)
         for unfinished in runs.glob(".*"):
             shutil.rmtree(unfinished, ignore_errors=True)
-        text = shlex.join(command)
+        text = shlex.join(_without_folders(command))
         (out / "command.txt").write_text(f"{text}\n", encoding="utf-8")
         shutil.copyfile(file, out / "bench.toml") if file.resolve() != (out / "bench.toml").resolve() else None
     except OSError as err:
@@ -89,6 +89,11 @@ def run_bench(
         on_run(done, len(jobs), error or job.name)
     write_tables(jobs, out, text)
     return Bench(out, jobs, len(there), failures)
+
+
+def _without_folders(command: Sequence[str]) -> list[str]:
+    """A command line that says nothing of where this machine keeps its files."""
+    return [Path(word).name if Path(word).is_absolute() else word for word in command]
 
 
 def write_tables(jobs: Sequence[Job], out: Path, command: str) -> None:

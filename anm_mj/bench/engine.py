@@ -24,6 +24,11 @@ from anm_mj.bench.job import Job
 from anm_mj.bench.sweep import BenchError
 
 ENGINES = ("local", "ray")
+_logger = logging.getLogger(__name__)
+
+START_TRIES = 5
+"""Tries to start a cluster on this machine: Ray gives its own helper process 15 s to report, which is short when the
+processor is busy, and ends what it has started when they are over."""
 RESULT = "result.json"
 """In the folder of a run: there once everything else is."""
 LOG = "log.txt"
@@ -72,7 +77,9 @@ def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
         why = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         return f"{job.name} {why}" + (f": {lines[-1]}" if lines else ".")
     made = attempt / "run"
-    (made / RESULT).write_text(json.dumps(asdict(job), indent=2) + "\n", encoding="utf-8")
+    # Where this machine keeps the scene is nobody's business; its hash says which one it is.
+    facts = {**asdict(job), "scene": job.scene_name}
+    (made / RESULT).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
     log.replace(made / LOG)
     target = Path(runs) / job.name
     # Only an unfinished folder can be there, and only from an older version of this program.
@@ -123,7 +130,7 @@ def _ray(jobs: list[Job], num_workers: int, arguments: tuple[str, str, int]) -> 
         # A cluster that the environment or a running `ray start` names is joined; else one is started here.
         known = os.environ.get("RAY_ADDRESS")
         local: dict[str, Any] = {} if known else {"num_cpus": num_workers, "include_dashboard": False}
-        ray.init(address=known, log_to_driver=False, logging_level=logging.ERROR, **local)
+        _started(lambda: ray.init(address=known, log_to_driver=False, logging_level=logging.ERROR, **local))
     try:
         remote = ray.remote(num_cpus=1, max_retries=0)(execute)
         pending = {remote.remote(job, *arguments): job for job in jobs}
@@ -138,3 +145,24 @@ def _ray(jobs: list[Job], num_workers: int, arguments: tuple[str, str, int]) -> 
     finally:
         if began:
             ray.shutdown()
+
+
+def _started(start: Callable[[], object]) -> None:
+    """Start or join a cluster, again where it did not come up.
+
+    Raises:
+        BenchError: It did not come up at all.
+    """
+    import ray
+
+    failure: Exception | None = None
+    for _ in range(START_TRIES):
+        try:
+            start()
+            return
+        except Exception as err:  # Ray raises no class of its own when a node does not come up.
+            _logger.info("Ray did not start: %s", err)
+            failure = err
+            ray.shutdown()
+    why = " ".join(str(failure).split())
+    raise BenchError(f"Ray did not start in {START_TRIES} tries ({why}); try again when the machine is less busy.")

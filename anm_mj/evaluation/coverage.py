@@ -32,6 +32,8 @@ GRID_CELL_M = 0.25
 """Cell of the pruning grid [m]; finer prunes more and costs more to fill."""
 SEARCH_BOUNDS_M = (0.005, 0.01, 0.02, 0.05, 0.2, CAP_M)
 """Samples are searched in groups whose present distances lie below these [m]: the tree takes one bound per search."""
+LEAF_SIZE = 40
+"""Points in a leaf of the tree: it is searched only a few times per point, so that building it counts as well."""
 BOUND_SLACK = 1.0 + 1e-9
 """The tree compares squares; a relative slack keeps rounding from hiding a neighbour at the bound itself."""
 
@@ -143,7 +145,7 @@ class Coverage:
             if len(group) == 0:
                 continue
             if tree is None:
-                tree = KDTree(points, balanced_tree=False, compact_nodes=False)
+                tree = KDTree(points, leafsize=LEAF_SIZE, balanced_tree=False, compact_nodes=False)
             found_m, _ = tree.query(self._samples[group], distance_upper_bound=upper_m * BOUND_SLACK)
             self._distance_m[group] = np.minimum(self._distance_m[group], np.where(found_m < CAP_M, found_m, np.inf))
 

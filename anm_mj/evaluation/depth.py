@@ -55,5 +55,10 @@ def back_project_reduced(
         T_world_camera: Camera to world, CV axes.
     """
     seen = (depth_mm > 0) & (depth_mm <= MAX_DEPTH_M * 1000.0)
-    points_camera = _kept_directions(intrinsics)[seen] * (depth_mm[seen] / 1000.0)[:, None]
+    directions = _kept_directions(intrinsics)
+    if seen.all():
+        # Indoors most frames are whole; picking all pixels one by one costs as much as moving them.
+        points_camera = (directions * (depth_mm / 1000.0)[:, :, None]).reshape(-1, 3)
+    else:
+        points_camera = directions[seen] * (depth_mm[seen] / 1000.0)[:, None]
     return transform_points(T_world_camera, points_camera)

@@ -5,12 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from anm_mj.bench.bench import run_bench
 from anm_mj.bench.rows import TIMINGS
 from anm_mj.bench.sweep import BenchError
+from anm_mj.scene.home.house import make_small_scene
 
 POLICIES = ["random", "gvg", "frontier", "anm-s"]
 
@@ -134,18 +136,72 @@ def test_killed_with_a_worker_and_begun_again_the_table_is_the_same(file, tmp_pa
     assert not list(out.glob("runs/.*"))
 
 
+RAY_PROGRAM = """
+import sys
+from pathlib import Path
+from anm_mj.bench.bench import run_bench
+for function in ("deadly", "quick"):
+    bench = run_bench(
+        Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, engine="ray", function=f"tests.bench.fake:{function}"
+    )
+    print(function, bench.skipped, len(bench.failures), flush=True)
+"""
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
-def test_a_ray_cluster_of_two_workers_makes_the_same_table(file, tmp_path):
+def test_a_ray_cluster_of_two_workers_makes_the_same_table_and_a_dead_worker_costs_its_run_alone(file, tmp_path):
     run_bench(file, tmp_path / "here", num_workers=2, function="tests.bench.fake:quick")
     # Ray warns and leaves sockets in ways of its own, so it gets a process of its own.
-    program = PROGRAM.replace(
-        'num_workers=2, function="tests.bench.fake:slow"', 'num_workers=2, engine="ray", function=sys.argv[3]'
+    arguments = [str(file), str(tmp_path / "ray")]
+    done = subprocess.run(
+        [sys.executable, "-c", RAY_PROGRAM, *arguments], check=True, stdout=subprocess.PIPE, text=True
     )
-    environment = {**os.environ, "RAY_raylet_start_wait_time_s": "150"}  # Its 10 s are short on a busy machine.
-    for function in ("deadly", "quick"):
-        arguments = [str(file), str(tmp_path / "ray"), f"tests.bench.fake:{function}"]
-        subprocess.run([sys.executable, "-c", program, *arguments], check=True, env=environment)
-        assert len(table(tmp_path / "ray")) == (4 if function == "deadly" else 8)
 
+    # Half of the runs kill their worker and are made the second time.
+    assert done.stdout.split() == ["deadly", "0", "4", "quick", "4", "0"]
     assert table(tmp_path / "ray") == table(tmp_path / "here")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
+def test_24_real_runs_killed_in_the_middle_and_begun_again_end_with_the_same_table(tmp_path):
+    make_small_scene(tmp_path / "small")
+    file = tmp_path / "real.toml"
+    file.write_text(
+        f'scenes = ["{tmp_path / "small"}"]\npolicies = ["gvg", "frontier", "random"]\nstarts = 2\n'
+        'seeds = [0, 1, 2, 3]\nsteps = 12\npreset = "quick"\n'
+    )
+    command = [sys.executable, "-m", "anm_mj.cli", "bench", str(file), "--workers", "2", "--out"]
+    undisturbed, out = tmp_path / "undisturbed", tmp_path / "out"
+    subprocess.run([*command, str(undisturbed)], check=True)
+    driver = subprocess.Popen([*command, str(out)])
+
+    def workers():
+        """Processes of runs that the driver has started."""
+        found = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                parent = int(stat.read_text().rpartition(")")[2].split()[1])
+            except (OSError, ValueError):
+                continue
+            if parent == driver.pid:
+                found.append(int(stat.parent.name))
+        return found
+
+    def done():
+        return len(list(out.glob("runs/*/result.json")))
+
+    until(lambda: done() >= 6 and len(workers()) == 2, timeout_s=1200.0)
+    os.kill(workers()[0], signal.SIGKILL)
+    until(lambda: done() >= 10 and len(workers()) == 2, timeout_s=1200.0)
+    left = workers()
+    driver.kill()
+    driver.wait()
+    until(lambda: not any(alive(pid) for pid in left))
+    assert done() < 24
+    again = subprocess.run([*command, str(out)], check=True, stdout=subprocess.PIPE, text=True)
+
+    assert "24 runs" in again.stdout
+    assert len(table(out)) == 24
+    assert table(out) == table(undisturbed)
