@@ -95,7 +95,7 @@ class PlanningConfig:
     """The gvg policy decides anew after this many steps."""
     news_m2: float = 1.0
     """While less new surface than this was seen since the last full decision, a target that stands is kept [m2]."""
-    keep_decisions: int = 6
+    keep_decisions: int = 8
     """After so many short decisions a full one is due."""
     gvg_bootstrap_turns: int = 27
     """Turns of the first look around of the gvg policy: three quarters of a turn show all to a view of 90 degrees."""

@@ -60,6 +60,11 @@ class Tour:
     stops: tuple[Stop, ...]
     value: float
 
+    @property
+    def rate(self) -> float:
+        """What it brings per step [m2]."""
+        return sum(stop.gain_m2 for stop in self.stops) / max(self.stops[-1].at_step, 1.0)
+
 
 @dataclass(frozen=True)
 class _State:

@@ -42,13 +42,17 @@ HERE = -1
 """Stands for the robot's own place among the candidate vertices."""
 IN_VIEW = np.arange(-SIDE, SIDE + 1)
 """Azimuth sectors that a view takes in, counted from the one it looks along."""
+FARTHER = 1.2
+"""Where what is left lies this much farther away than gain is discounted over, tours to there are weighed too."""
+FAR_RATE = 1.5
+"""They are taken when they bring so many times as much per step."""
 MOST_DISCOUNT = 4.0
 """The time that gain is discounted over grows at most to so many times what it is in small scenes."""
 SAME_PLACE_M = 0.2
 """A vertex this near is looked from without going there: turning to it costs more than it shows [m]."""
-NEWS_SHARE = 0.2
+NEWS_SHARE = 0.3
 """Of what is expected at the target may have been seen since it was chosen, without a new choice."""
-STILL_SHARE = 0.7
+STILL_SHARE = 0.6
 """While the view that the robot is sent to promises this share of what it did, it still stands."""
 MAX_TOURS = 8
 """Best tours whose first path is worked out before one is taken."""
@@ -235,28 +239,45 @@ class Gvg:
         return np.array(chosen)
 
     def _choose(self, now: Situation, options: _Options, caster: GainCaster) -> Plan:
-        discount_steps = self._discount_steps(options)
-        short = self._shortlist(options, discount_steps)
         if options.gain_m2.max() < self.config.min_gain_m2:
             return self._stop(now, options, caster)
-        hit, worth = caster.rays(options.xy_m[short])
-        places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
-        preferred = np.array([self.config.hysteresis if self._ledger.is_target(xy) else 1.0 for xy in places.xy_m])
-        search = TourSearch(places, now.reach, discount_steps=discount_steps, preferred=preferred)
-        tours = search.best(self._sector(now.pose), depth=self.config.tour_depth, width=self.config.tour_width)
+        near_steps, far_steps = self.config.discount_steps, self._discount_steps(options)
+        places, tours = self._search(now, options, caster, near_steps)
+        if far_steps > FARTHER * near_steps:
+            # Crumbs at hand must not come before a wing of the building, nor the wing before what is left of a room.
+            far = self._search(now, options, caster, far_steps)
+            if self._rate(*far) > FAR_RATE * self._rate(places, tours):
+                places, tours = far
         candidates = self._candidates(places, tours)
         for tour in tours[:MAX_TOURS]:
             first = tour.stops[0]
             path = np.zeros((0, 2)) if first.place == 0 else now.reach.path_to(int(places.vertex[first.place]))
             if first.place and not len(path):
                 continue
-            rate = sum(stop.gain_m2 for stop in tour.stops) / max(tour.stops[-1].at_step, 1.0)
-            if rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
+            if tour.rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
                 return self._stop(now, options, caster)
             if len(path):
                 path = along_headings(path, now.topdown, now.reach.safe_m, now.pose)
             return self._go(now, tour, places, path, candidates, caster)
         return self._stop(now, options, caster)
+
+    def _search(
+        self, now: Situation, options: _Options, caster: GainCaster, discount_steps: float
+    ) -> tuple[Places, list[Tour]]:
+        """The best tours when gain is discounted over so many steps, and the places that they lead to."""
+        short = self._shortlist(options, discount_steps)
+        hit, worth = caster.rays(options.xy_m[short])
+        places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
+        preferred = np.array([self.config.hysteresis if self._ledger.is_target(xy) else 1.0 for xy in places.xy_m])
+        search = TourSearch(places, now.reach, discount_steps=discount_steps, preferred=preferred)
+        return places, search.best(self._sector(now.pose), depth=self.config.tour_depth, width=self.config.tour_width)
+
+    def _rate(self, places: Places, tours: list[Tour]) -> float:
+        """What the best tour brings per step, with a bonus for one that leads to the present target [m2 per step]."""
+        if not tours:
+            return 0.0
+        bonus = self.config.hysteresis if self._ledger.is_target(places.xy_m[tours[0].stops[0].place]) else 1.0
+        return bonus * tours[0].rate
 
     def _sector(self, pose: Pose2) -> int:
         """The azimuth sector that the robot looks along."""
