@@ -32,7 +32,7 @@ struct ChunkScratch {
     void encode_all(const Model& model, int slots) const {
         const Settings& c = model.settings;
         for (int level = 0; level < c.levels; ++level) {
-            encode(model.level[level], model.table + 2 * static_cast<std::ptrdiff_t>(level) * c.entries(), at, 0,
+            encode(model.level[level], model.table + 2 * static_cast<std::ptrdiff_t>(level) * c.entries(), c.entries(), at, 0,
                    round_up(slots, kGroup), features + level * level_stride);
         }
     }

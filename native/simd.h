@@ -1,5 +1,5 @@
 // Vectors of floats in the width of the instruction set that this unit is compiled for, from the compiler's own vector
-// extension: no intrinsics but for the square root, which the extension lacks.
+// extension: no intrinsics but for the square root and the floor, which the extension lacks.
 #pragma once
 
 #include <cstdint>
@@ -57,10 +57,14 @@ ANM_INLINE void store_pairs(float* low, float* high, F4 v) {
 }
 
 ANM_INLINE F4 load4(const float* p) { return *reinterpret_cast<const F4*>(p); }
+ANM_INLINE void store4(float* p, F4 v) { *reinterpret_cast<F4*>(p) = v; }
 
-// Lanes a, a, b, b of the kPart-th quarter of two vectors (of which each result holds as many samples as fit).
+// Quads are a pair each for the two corners of an edge, of as many samples as fill a vector; kPart says which samples of
+// the kLanes that a vector of single values, or of the kLanes / 2 that a vector of pairs holds.
+
+// Per sample a, a, b, b.
 template <int kPart>
-ANM_INLINE F spread(F a, F b) {
+ANM_INLINE F quads(F a, F b) {
     constexpr int s = kPart * (kLanes / 4), t = s + kLanes;
 #if defined(__AVX512F__)
     return __builtin_shufflevector(a, b, s, s, t, t, s + 1, s + 1, t + 1, t + 1, s + 2, s + 2, t + 2, t + 2, s + 3,
@@ -70,6 +74,52 @@ ANM_INLINE F spread(F a, F b) {
 #else
     return __builtin_shufflevector(a, b, s, s, t, t);
 #endif
+}
+
+// Every pair twice.
+template <int kPart>
+ANM_INLINE F twice(F pairs) {
+    constexpr int s = kPart * (kLanes / 2);
+#if defined(__AVX512F__)
+    return __builtin_shufflevector(pairs, pairs, s, s + 1, s, s + 1, s + 2, s + 3, s + 2, s + 3, s + 4, s + 5, s + 4,
+                                   s + 5, s + 6, s + 7, s + 6, s + 7);
+#elif defined(__AVX2__)
+    return __builtin_shufflevector(pairs, pairs, s, s + 1, s, s + 1, s + 2, s + 3, s + 2, s + 3);
+#else
+    return __builtin_shufflevector(pairs, pairs, s, s + 1, s, s + 1);
+#endif
+}
+
+// The quads of the entries at these places of a table of pairs.
+ANM_INLINE F load_quads(const float* table, const std::uint32_t* low, const std::uint32_t* high) {
+    const auto quad = [&](int s) {
+        return load_pairs(table + 2 * static_cast<std::size_t>(low[s]), table + 2 * static_cast<std::size_t>(high[s]));
+    };
+#if defined(__AVX2__)
+    const auto two = [&](int s) { return __builtin_shufflevector(quad(s), quad(s + 1), 0, 1, 2, 3, 4, 5, 6, 7); };
+#if defined(__AVX512F__)
+    return __builtin_shufflevector(two(0), two(2), 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#else
+    return two(0);
+#endif
+#else
+    return quad(0);
+#endif
+}
+
+// Sums of the two pairs of each quad.
+ANM_INLINE F add_pairs(F first, F second) {
+#if defined(__AVX512F__)
+    const F low = __builtin_shufflevector(first, second, 0, 1, 4, 5, 8, 9, 12, 13, 16, 17, 20, 21, 24, 25, 28, 29);
+    const F high = __builtin_shufflevector(first, second, 2, 3, 6, 7, 10, 11, 14, 15, 18, 19, 22, 23, 26, 27, 30, 31);
+#elif defined(__AVX2__)
+    const F low = __builtin_shufflevector(first, second, 0, 1, 4, 5, 8, 9, 12, 13);
+    const F high = __builtin_shufflevector(first, second, 2, 3, 6, 7, 10, 11, 14, 15);
+#else
+    const F low = __builtin_shufflevector(first, second, 0, 1, 4, 5);
+    const F high = __builtin_shufflevector(first, second, 2, 3, 6, 7);
+#endif
+    return low + high;
 }
 
 ANM_INLINE F to_float(I v) { return __builtin_convertvector(v, F); }
@@ -93,9 +143,28 @@ ANM_INLINE float rounded(float v) {
     return v;
 }
 
-ANM_INLINE I floor_to_int(F v) {
-    const I truncated = to_int(v);
-    return truncated + (to_float(truncated) > v);  // a true comparison is -1
+// Has a value computed that nobody asks for.
+ANM_INLINE void keep(F v) {
+#if defined(__AVX512F__)
+    asm volatile("" : : "v"(v));
+#elif defined(__x86_64__)
+    asm volatile("" : : "x"(v));
+#else
+    asm volatile("" : : "w"(v));
+#endif
+}
+
+ANM_INLINE F floor(F v) {
+#if defined(__AVX512F__)
+    return _mm512_roundscale_ps(v, _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC);
+#elif defined(__AVX2__)
+    return _mm256_floor_ps(v);
+#elif defined(__x86_64__)
+    return _mm_floor_ps(v);
+#else
+    for (int i = 0; i < kLanes; ++i) v[i] = __builtin_floorf(v[i]);
+    return v;
+#endif
 }
 
 ANM_INLINE F square_root(F v) {

@@ -55,7 +55,7 @@ public:
         run_tasks(parallel_, kGradientTasks, [this](int task, int) { sample_blocks(task); });
         pad_tail();
         run_tasks(parallel_, c_.levels, [this](int level, int) {
-            encode(model_.level[level], level_table(model_.table, level), at_, 0, layout_.padded_slots(),
+            encode(model_.level[level], level_table(model_.table, level), c_.entries(), at_, 0, layout_.padded_slots(),
                    features_ + level * level_stride_);
         });
         clear_tail();
@@ -220,7 +220,7 @@ private:
     void update_level(int level, int worker) {
         float* d_table = floats(arena_, kWorkerTable, worker, 0);
         const float* table = level_table(model_.table, level);
-        scatter(model_.level[level], at_, 0, layout_.padded_slots(), features_ + level * level_stride_, d_table);
+        scatter(model_.level[level], at_, layout_.padded_slots(), features_ + level * level_stride_, d_table);
         smoothness_[level] = 0.0;
         if (corner_ != nullptr) {
             const int k = c_.smoothness_points;
