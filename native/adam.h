@@ -41,7 +41,11 @@ struct AdamScale {
 ANM_INLINE void adam_level(const AdamScale& scale, int entries, float* p, float* m, float* v, std::uint8_t* touched,
                            float* g) {
     constexpr int kLine = 16;
+    constexpr int kAhead = 1024;  // a page, where the processor's own foresight ends
     for (int i = 0; i < 2 * entries; i += kLine) {
+        __builtin_prefetch(p + i + kAhead, 1);
+        __builtin_prefetch(m + i + kAhead, 1);
+        __builtin_prefetch(v + i + kAhead, 1);
         if (!touched[i / kLine]) {
             I any{};
             for (int lane = 0; lane < kLine; lane += kLanes) any |= load(g + i + lane) != 0.0F;
