@@ -1,8 +1,8 @@
 // Both decoders on a block of samples, forwards and backwards; weights are repacked once per call for straight reading.
 #pragma once
 
-#include "encoding.h"
 #include "matrix.h"
+#include "one_blob.h"
 
 namespace {
 
@@ -12,10 +12,10 @@ using anm::round_up;
 // Views into one buffer of Settings::packed_size() floats. Rows are padded with zeros; H = hidden_pad, O = outputs_pad.
 // The first six double as the layout of the gradients (Settings::gradient_size() floats).
 struct PackedDecoders {
-    float* sdf_blob;     // [3 bins][H]
+    float* sdf_blob;     // [3][bins + 2][H], see one_blob.h
     float* sdf_grid;     // [features][H], by level, then feature
     float* sdf_out;      // [O][H]
-    float* color_blob;   // [3 bins][H]
+    float* color_blob;   // [3][bins + 2][H]
     float* color_geo;    // [O][H]; row 0, where s stands, is zero
     float* color_out;    // [4][H]
     float* sdf_grid_t;   // [H][features_pad]
@@ -26,10 +26,10 @@ struct PackedDecoders {
     PackedDecoders(const Settings& s, float* base) {
         const int h = s.hidden_pad(), o = s.outputs_pad();
         sdf_blob = base;
-        sdf_grid = sdf_blob + s.blob() * h;
+        sdf_grid = sdf_blob + s.blob_rows() * h;
         sdf_out = sdf_grid + s.features() * h;
         color_blob = sdf_out + o * h;
-        color_geo = color_blob + s.blob() * h;
+        color_geo = color_blob + s.blob_rows() * h;
         color_out = color_geo + o * h;
         sdf_grid_t = color_out + 4 * h;
         sdf_out_t = sdf_grid_t + h * s.features_pad();
@@ -42,6 +42,7 @@ struct PackedDecoders {
 template <class Fn>
 inline void for_each_weight(const Settings& s, const PackedDecoders& p, Fn&& fn) {
     const int h = s.hidden_pad(), o = s.outputs_pad();
+    const auto blob_row = [&](int b) { return ::blob_row(b / s.bins, b % s.bins + 1, s.bins); };
     int index = 0;
     for (int j = 0; j < s.hidden; ++j) {
         // The checkpoint has the first feature of all levels, then the second; here they stand in pairs.
@@ -49,13 +50,13 @@ inline void for_each_weight(const Settings& s, const PackedDecoders& p, Fn&& fn)
             const int pair = i % s.levels * 2 + i / s.levels;
             fn(index++, p.sdf_grid + pair * h + j, p.sdf_grid_t + j * s.features_pad() + pair);
         }
-        for (int b = 0; b < s.blob(); ++b) fn(index++, p.sdf_blob + b * h + j, nullptr);
+        for (int b = 0; b < s.blob(); ++b) fn(index++, p.sdf_blob + blob_row(b) * h + j, nullptr);
     }
     for (int i = 0; i < s.outputs(); ++i) {
         for (int j = 0; j < s.hidden; ++j) fn(index++, p.sdf_out + i * h + j, p.sdf_out_t + j * o + i);
     }
     for (int j = 0; j < s.hidden; ++j) {
-        for (int b = 0; b < s.blob(); ++b) fn(index++, p.color_blob + b * h + j, nullptr);
+        for (int b = 0; b < s.blob(); ++b) fn(index++, p.color_blob + blob_row(b) * h + j, nullptr);
         for (int g = 1; g <= s.geometry; ++g) fn(index++, p.color_geo + g * h + j, p.color_geo_t + j * o + g);
     }
     for (int c = 0; c < 3; ++c) {
@@ -65,10 +66,13 @@ inline void for_each_weight(const Settings& s, const PackedDecoders& p, Fn&& fn)
 
 inline void pack(const Settings& s, const float* weights, float* base) {
     std::memset(base, 0, sizeof(float) * static_cast<std::size_t>(s.packed_size()));
-    for_each_weight(s, PackedDecoders(s, base), [&](int index, float* packed, float* transposed) {
+    const PackedDecoders p(s, base);
+    for_each_weight(s, p, [&](int index, float* packed, float* transposed) {
         *packed = weights[index];
         if (transposed != nullptr) *transposed = weights[index];
     });
+    copy_ends(p.sdf_blob, s.bins, s.hidden_pad());
+    copy_ends(p.color_blob, s.bins, s.hidden_pad());
 }
 
 // Activations of one block, row-major; room for `capacity` slots, a multiple of kGroup.

@@ -40,6 +40,7 @@ struct Settings {
     int entries() const { return 1 << log2_table_size; }
     int features() const { return 2 * levels; }
     int blob() const { return 3 * bins; }
+    int blob_rows() const { return 3 * (bins + 2); }  // as the kernel stores their weights: see one_blob.h
     int outputs() const { return 1 + geometry; }
     int hidden_pad() const { return round_up(hidden, kWidthAlign); }
     int outputs_pad() const { return round_up(outputs(), kWidthAlign); }
@@ -52,10 +53,10 @@ struct Settings {
     }
     // Decoders as the kernel reads them, and their gradients: see PackedDecoders in decoder.h.
     int packed_size() const {
-        return hidden_pad() * (2 * blob() + features() + 2 * outputs_pad() + 4) +
+        return hidden_pad() * (2 * blob_rows() + features() + 2 * outputs_pad() + 4) +
                hidden_pad() * (features_pad() + 2 * outputs_pad() + kWidthAlign);
     }
-    int gradient_size() const { return hidden_pad() * (2 * blob() + features() + 2 * outputs_pad() + 4); }
+    int gradient_size() const { return hidden_pad() * (2 * blob_rows() + features() + 2 * outputs_pad() + 4); }
 };
 
 // Parameters, optimiser and work buffers of one engine. All pointers are aligned to 64 bytes and owned by the bindings.

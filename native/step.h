@@ -9,6 +9,7 @@
 
 #include "adam.h"
 #include "rendering.h"
+#include "smoothness.h"
 #include "tasks.h"
 
 namespace {
@@ -204,8 +205,10 @@ private:
         const float decay = static_cast<float>(c_.decoder_decay);
         const int size = c_.decoder_size();
         float* canonical = packed_;  // the packed weights have served
-        for_each_weight(c_, PackedDecoders(c_, partial_),
-                        [&](int index, const float* g, const float*) { canonical[index] = *g; });
+        const PackedDecoders gradient(c_, partial_);
+        fold_ends(gradient.sdf_blob, c_.bins, c_.hidden_pad());
+        fold_ends(gradient.color_blob, c_.bins, c_.hidden_pad());
+        for_each_weight(c_, gradient, [&](int index, const float* g, const float*) { canonical[index] = *g; });
         if (gradients_ != nullptr) {
             for (int i = 0; i < size; ++i) gradients_->decoders[i] = canonical[i];
             return;
