@@ -185,6 +185,8 @@ def step_limit_ms(rates: dict[str, float], config: MappingConfig, num_samples: i
 
     Counted are eight table reads and eight updates per sample and level; multiply-adds of both decoders forwards and
     twice as many backwards, one-blob inputs by their three bins; and parameters and two moments read and written once.
+    Not counted are drawing the samples, finding corners and their weights (twice), the one-blob code, rendering, losses
+    and exponentials, for which no rate is measured, so that the limit is out of reach by what they cost.
     """
     field = config.field
     hidden, geometry, grid = field.hidden_width, field.geometry_features, 2 * field.num_levels
