@@ -149,6 +149,7 @@ for function in ("deadly", "quick"):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
 def test_a_ray_cluster_of_two_workers_makes_the_same_table_and_a_dead_worker_costs_its_run_alone(file, tmp_path):
     run_bench(file, tmp_path / "here", num_workers=2, function="tests.bench.fake:quick")
@@ -164,6 +165,7 @@ def test_a_ray_cluster_of_two_workers_makes_the_same_table_and_a_dead_worker_cos
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
 def test_24_real_runs_killed_in_the_middle_and_begun_again_end_with_the_same_table(tmp_path):
     make_small_scene(tmp_path / "small")
