@@ -53,7 +53,7 @@ PLACE_SPACING_M = 0.25
 MAX_PLACES = 2500
 MAX_SAMPLES = 8192
 """Samples of the observable surface that are planned with."""
-ROUNDS = 200_000
+ROUNDS = 300_000
 """Changes tried of the first tour."""
 NUM_STARTS = 4
 """Tours that half of the changes are spent on; the best of them gets the other half."""
