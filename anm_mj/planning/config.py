@@ -13,7 +13,7 @@ TARGETS = ("hierarchical", "best-anchored", "random")
 """Ways of the anm-s policy to choose: local horizon first, then near to far; the most uncertain; any unvisited."""
 
 VISITED_BY = ("sight", "place")
-"""What makes a vertex visited: to have been near it or to have seen what surrounds it; to have been near it alone."""
+"""What spares a vertex a visit: to have been near it or to have seen what surrounds it; to have been near it alone."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class PlanningConfig:
     visited_radius_m: float = 0.975
     """Vertices nearer than this to where the robot has been are visited [m]: 15 forward steps."""
     visited_by: str = "sight"
-    """Whether vertices are also visited whose surroundings were seen well from elsewhere: one of ``VISITED_BY``."""
+    """Whether vertices come last whose surroundings were seen well from elsewhere: one of ``VISITED_BY``."""
     gain_range_m: float = 4.5
     """Surface seen from farther than this does not count as covered at 5 cm [m]."""
     num_azimuths: int = 36

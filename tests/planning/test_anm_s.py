@@ -79,13 +79,25 @@ def test_a_place_without_any_way_out_ends_the_run():
     assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.NO_REACHABLE_TARGET
 
 
-def test_by_sight_all_that_was_seen_from_near_is_visited_so_the_robot_looks_around_once_and_the_run_ends():
+def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_ends():
     world = two_rooms()
     world.occupancy.seen_range_m[:] = 2.0
     policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    for x in np.arange(0.6, 8.0, 0.5):
+        for y in np.arange(0.6, 3.0, 0.5):
+            policy._stages.topdown.visit(np.array([x, y]))
     around = policy.plan(world, observation(1.0, 1.7))
     assert len(around.actions) == 36
     assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.COMPLETE
+
+
+def test_vertices_whose_surroundings_were_seen_from_elsewhere_come_last():
+    world = two_rooms()
+    world.occupancy.seen_range_m[:, :, : round(4.8 / world.occupancy.resolution_m)] = 2.0
+    assert decide(world, visited_by="place").target_xy_m[0] < 4.2
+    assert decide(world).target_xy_m[0] > 4.2
+    world.occupancy.seen_range_m[:] = 2.0
+    assert decide(world).target_xy_m is not None
 
 
 def test_by_place_only_where_the_robot_was_is_visited():

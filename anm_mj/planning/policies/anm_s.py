@@ -14,8 +14,8 @@ Where paper and code differ, the paper is followed: a bootstrap of 36 turns with
 regions anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown space is a state of its
 own, so that vertices lie in observed free space only, and bounds are never taken from ground truth; regions vanish once
 their surface was seen from near or turned to, so that there is an end; spurs of the graph into corners are no decision
-vertices; an area also counts as visited when all that surrounds the vertex was seen from near enough (``visited_by``
-"place" leaves that out, as in the released code).
+vertices; vertices come last when all that surrounds them was seen from near enough (``visited_by`` "place" leaves that
+out, as in the released code).
 """
 
 from __future__ import annotations
@@ -126,13 +126,16 @@ class AnmS:
         nodes = np.union1d(decisions, anchored)
         nodes = nodes[np.isfinite(now.reach.distance_m[nodes])]
         nodes = nodes[num_within(now.graph.vertex_xy_m[nodes], self._failed_xy_m, FAIL_RADIUS_M) < MAX_FAILS]
-        known = visited(now.graph, nodes, self._stages.topdown.trail_xy_m, self.config)
+        unvisited = np.isin(nodes, decisions)
+        unvisited &= ~visited(now.graph, nodes, self._stages.topdown.trail_xy_m, self.config)
+        worth_it = unvisited
         if self.config.visited_by == "sight":
-            known |= seen_around(now.graph, nodes, now.topdown, now.frontier_xy_m, grid, self._footprint, self.config)
-        unvisited = ~known & np.isin(nodes, decisions)
-        if self.config.target == "random":
-            return nodes[unvisited], unvisited[unvisited]
-        active = unvisited | np.isin(nodes, anchored)
+            seen = seen_around(now.graph, nodes, now.topdown, now.frontier_xy_m, grid, self._footprint, self.config)
+            worth_it = unvisited & ~seen
+        guided = np.isin(nodes, anchored) & (self.config.target != "random")
+        # Once there is nothing better to do, vertices are visited whose surroundings were seen from elsewhere.
+        unvisited = worth_it if (worth_it | guided).any() else unvisited
+        active = unvisited | guided
         return nodes[active], unvisited[active]
 
     def _kept(self, now: Situation) -> Int[np.ndarray, " k"]:
