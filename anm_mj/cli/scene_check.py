@@ -95,7 +95,7 @@ def describe(check: SceneCheck) -> list[str]:
             + (f", {others_m2:.1f} m2 in {len(cells) - 1} pieces cut off from it" if len(cells) > 1 else "")
         )
         rooms = ", ".join(f"{m2:.1f}" for m2 in check.plan.area_m2)
-        known = "" if scene.rooms is None else f" (the scene says {scene.rooms})"
+        known = "" if scene.rooms in (None, len(check.plan.area_m2)) else f" (the scene says {scene.rooms})"
         lines.append(f"rooms: {len(check.plan.area_m2)}{known}{f', of {rooms} m2' if rooms else ''}")
         lines.append(f"doors: {len(check.plan.doors)}")
         for door in check.plan.doors:

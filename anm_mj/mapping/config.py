@@ -22,7 +22,7 @@ class FieldConfig:
     """Levels of the hash grid; each holds 2 features per entry."""
     log2_table_size: int = 16
     """Binary logarithm of the number of entries per level at the start."""
-    largest_log2_table_size: int = 18
+    largest_log2_table_size: int = 17
     """Up to this the table doubles as the scene grows; at or below ``log2_table_size`` it keeps its size."""
     entries_per_m3: float = 120.0
     """The table doubles when it has fewer entries per level than this for each cubic metre of the occupancy grid's
