@@ -38,9 +38,6 @@ struct Settings {
     double table_rate = 0.0, decoder_rate = 0.0, beta1 = 0.0, beta2 = 0.0, epsilon = 0.0, decoder_decay = 0.0;
 
     int entries() const { return 1 << log2_table_size; }
-    // Whether the table's moments are kept as 16-bit floats: from where on all levels together outgrow the caches.
-    bool half_moments() const { return log2_table_size > 16; }
-    std::size_t moment_bytes() const { return half_moments() ? 2 : 4; }
     int features() const { return 2 * levels; }
     int blob() const { return 3 * bins; }
     int blob_rows() const { return 3 * (bins + 2); }  // as the kernel stores their weights: see one_blob.h
@@ -70,7 +67,8 @@ struct Model {
     const float* linspace_band = nullptr;   // offsets about the measured depth
     const float* linspace_spare = nullptr;  // in their place on rays without depth
     float* table = nullptr;
-    void* table_moments = nullptr;    // per line of 8 entries 16 first moments, then 16 second ones
+    float* table_m = nullptr;
+    float* table_v = nullptr;
     std::uint8_t* touched = nullptr;  // per line of 8 entries: whether it ever had a gradient
     float* decoders = nullptr;        // all decoder weights in checkpoint order
     float* decoders_m = nullptr;

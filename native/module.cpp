@@ -121,7 +121,8 @@ public:
           spare_(copy(linspace_spare)),
           table_size_(2 * static_cast<std::size_t>(settings.levels) * settings.entries()),
           table_(4 * table_size_),
-          table_moments_(2 * settings.moment_bytes() * table_size_),
+          table_m_(4 * table_size_),
+          table_v_(4 * table_size_),
           touched_(table_size_ / 16 + 64),
           decoders_(4 * static_cast<std::size_t>(settings.decoder_size()) + 64),
           decoders_m_(decoders_.bytes()),
@@ -143,7 +144,8 @@ public:
         model_.linspace_band = band_.data();
         model_.linspace_spare = spare_.data();
         model_.table = table_.floats();
-        model_.table_moments = table_moments_.data();
+        model_.table_m = table_m_.floats();
+        model_.table_v = table_v_.floats();
         model_.touched = static_cast<std::uint8_t*>(touched_.data());
         model_.decoders = decoders_.floats();
         model_.decoders_m = decoders_m_.floats();
@@ -159,7 +161,7 @@ public:
         const std::lock_guard<std::mutex> lock(mutex_);
         std::memcpy(model_.table, table.data(), 4 * table_size_);
         std::memcpy(model_.decoders, decoders.data(), 4 * decoder_size());
-        for (Buffer* buffer : {&table_moments_, &touched_, &decoders_m_, &decoders_v_}) buffer->clear();
+        for (Buffer* buffer : {&table_m_, &table_v_, &touched_, &decoders_m_, &decoders_v_}) buffer->clear();
         model_.iteration = 0;
     }
 
@@ -333,7 +335,7 @@ private:
     int threads_;
     std::vector<float> free_, band_, spare_;
     std::size_t table_size_;
-    Buffer table_, table_moments_, touched_, decoders_, decoders_m_, decoders_v_;
+    Buffer table_, table_m_, table_v_, touched_, decoders_, decoders_m_, decoders_v_;
     std::map<int, std::unique_ptr<Buffer>> work_;
     anm::Model model_;
     std::mutex mutex_;

@@ -122,20 +122,6 @@ ANM_INLINE F add_pairs(F first, F second) {
     return low + high;
 }
 
-// Floats of half the bits, the upper ones ("bfloat16"): all the range and eight bits of precision.
-typedef std::uint16_t Half __attribute__((vector_size(2 * kLanes), aligned(2), may_alias));
-
-ANM_INLINE F load(const std::uint16_t* p) {
-    const U bits = __builtin_convertvector(*reinterpret_cast<const Half*>(p), U) << 16;
-    return reinterpret_cast<F>(bits);
-}
-
-// To the nearest, ties to even.
-ANM_INLINE void store(std::uint16_t* p, F v) {
-    const U bits = reinterpret_cast<U>(v);
-    *reinterpret_cast<Half*>(p) = __builtin_convertvector((bits + 0x7FFFU + ((bits >> 16) & 1U)) >> 16, Half);
-}
-
 ANM_INLINE F to_float(I v) { return __builtin_convertvector(v, F); }
 ANM_INLINE I to_int(F v) { return __builtin_convertvector(v, I); }
 

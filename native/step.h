@@ -216,7 +216,7 @@ private:
         // The buffers of the decoders are padded to whole vectors.
         for (int i = 0; i < size; i += kLanes) {
             F g = load(canonical + i) + decay * load(model_.decoders + i);
-            adam_vector(adam, model_.decoders + i, model_.decoders_m + i, model_.decoders_v + i, g);
+            adam.update(model_.decoders + i, model_.decoders_m + i, model_.decoders_v + i, g);
         }
     }
 
@@ -239,18 +239,9 @@ private:
             std::memset(d_table, 0, bytes);
             return;
         }
-        if (c_.half_moments()) {
-            update_entries(level, static_cast<std::uint16_t*>(model_.table_moments), d_table);
-        } else {
-            update_entries(level, static_cast<float*>(model_.table_moments), d_table);
-        }
-    }
-
-    template <class Moment>
-    void update_entries(int level, Moment* moments, float* d_table) {
-        const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(level) * c_.entries();
-        adam_level(AdamScale(c_, c_.table_rate, model_.iteration), c_.entries(), model_.table + 2 * first,
-                   moments + 4 * first, model_.touched + first / 8, d_table);
+        adam_level(AdamScale(c_, c_.table_rate, model_.iteration), entries, level_table(model_.table, level),
+                   level_table(model_.table_m, level), level_table(model_.table_v, level),
+                   model_.touched + static_cast<std::ptrdiff_t>(level) * (entries / 8), d_table);
     }
 
     double smoothness_mean() const {

@@ -120,19 +120,6 @@ def test_fifty_steps_lead_to_the_same_surface(config, rays):
     np.testing.assert_allclose(native.query_sdf(points), reference.query_sdf(points), atol=1e-4)
 
 
-@all_kernels
-def test_rounded_moments_of_a_large_table_train_as_exact_ones_do(kernel, rays):
-    config = replace(CONFIGS["default"], field=replace(CONFIGS["default"].field, num_levels=4, log2_table_size=17))
-    native = NativeBackend(config, seed=0, kernel=kernel)
-    reference = TorchBackend(config, seed=0, device="cpu")
-    for seed in range(50):
-        ours, theirs = native.step(rays, seed), reference.step(rays, seed)
-    np.testing.assert_allclose(ours, theirs, rtol=1e-2)
-    hit = np.isfinite(rays.depth_m)
-    points = rays.origin_m[hit] + rays.direction[hit] * rays.depth_m[hit, None]
-    np.testing.assert_allclose(native.query_sdf(points), reference.query_sdf(points), atol=5e-3)
-
-
 @all_configs
 @all_kernels
 def test_queries_answer_as_the_torch_engine_does(config, kernel, rays):

@@ -1,9 +1,7 @@
 """The engine for a CPU, in C++ (``native/``): a training step is one call, many times faster than through torch.
 
 It draws the same samples as the torch engine from the same seed, and its checkpoints are the same. Its results are
-the same bytes for any number of threads, but not for other instruction sets, which sum in another order. Tables of more
-than 2^16 entries per level wait for memory; their optimiser's moments are kept as 16-bit floats (bfloat16), so that
-training agrees with the torch engine to a few per mille there, and up to float rounding below.
+the same bytes for any number of threads, but not for other instruction sets, which sum in another order.
 """
 
 from __future__ import annotations
