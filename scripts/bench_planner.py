@@ -28,7 +28,7 @@ from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.make import make_policy, policy_class
-from anm_mj.protocols import Mapper, Policy
+from anm_mj.protocols import Mapper, ObservingPolicy, Policy
 from anm_mj.robots import make_robot
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.types import (
@@ -95,6 +95,11 @@ class Timed:
         if plan.topdown is not None:
             self.ms.append(1e3 * (time.process_time() - begin))
         return plan
+
+    def observe(self, observation: Observation) -> None:
+        """Passed on to policies that want every observation."""
+        if isinstance(self.policy, ObservingPolicy):
+            self.policy.observe(observation)
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Passed on."""

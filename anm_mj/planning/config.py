@@ -62,7 +62,7 @@ class PlanningConfig:
     visited_by: str = "sight"
     """Whether vertices come last whose surroundings were seen well from elsewhere: one of ``VISITED_BY``."""
     gain_range_m: float = 4.5
-    """Surface seen from farther than this does not count as covered at 5 cm [m]."""
+    """A view is expected to show surface up to this distance, and what was seen from within it is known well [m]."""
     num_azimuths: int = 36
     """Directions in which gain is cast about a place."""
     num_elevations: int = 12

@@ -98,7 +98,7 @@ def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pos
         "bounds": bounds.round(4).tolist(),
         "triangles": len(faces),
         "rooms": rooms,
-        "rooms_how": "given" if info.rooms else "found",
+        "rooms_how": None if rooms is None else "given" if info.rooms else "found",
         "has_ceiling": covered_share(triangles) > 0.5,
         "cull_face": info.cull_face,
         "starts": [[pose.x_m, pose.y_m, round(math.degrees(pose.yaw_rad), 2)] for pose in starts],
