@@ -25,8 +25,8 @@ def add_explore(commands: Any) -> None:
     explore.add_argument(
         "--policy",
         default="gvg",
-        help="gvg, anm-s (the paper's), anm, frontier, frontier-full, random, oracle (which knows the scene), or "
-        "module:Class (default: gvg)",
+        help="gvg, anm-s (the paper's), anm, upen, frontier, frontier-full, random, oracle (which knows the scene), "
+        "or module:Class (default: gvg)",
     )
     explore.add_argument(
         "--steps", type=int, metavar="N", help="budget of actions; turns count (default: the scene's own)"

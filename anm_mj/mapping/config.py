@@ -308,7 +308,7 @@ def anm_mapping() -> MappingConfig:
         field=FieldConfig(log2_table_size=8, largest_log2_table_size=8),
         sampling=SamplingConfig(free_samples=4, near_samples=8),
         optimizer=OptimizerConfig(decoder_learning_rate=1.3e-3),
-        schedule=ScheduleConfig(first_iterations=200, iterations=2, num_rays=200, min_current_rays=100, evenness=0.0),
+        schedule=ScheduleConfig(first_iterations=200, iterations=1, num_rays=200, min_current_rays=100, evenness=0.0),
         uncertainty=UncertaintyConfig(method="perturbation", noise_std=1.7e-3, color_weight=0.0),
         engine="mlp",
         surface_lattice_m=0.2,

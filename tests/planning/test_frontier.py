@@ -105,6 +105,21 @@ def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_o
     assert other.path_xy_m[-1][0] > 4.0
 
 
+def test_of_the_only_frontier_no_more_is_given_up_than_was_tried(monkeypatch):
+    policy = Frontier(PlanningConfig(), FOOTPRINT, 0)
+    topdown = hall(unknown=[(0.1, 0.1, 5.9, 0.8), (4.5, 0.1, 5.9, 2.9)])
+    monkeypatch.setattr(policy._grid, "topdown", lambda: topdown)
+    world = BoxWorld((1.0, 1.0), [])
+    near = policy.plan(world, look(Pose2(1.0, 1.8, 0.0)))
+    assert policy._goal is not None
+    tried_m = policy._goal[0]
+
+    again = policy.plan(world, look(Pose2(*near.path_xy_m[-1].tolist(), near.headings_rad[0])))
+
+    assert again.stop is None
+    assert math.dist(policy._goal[0], tried_m) >= 0.3
+
+
 def test_a_room_seen_to_the_last_corner_is_complete():
     policy = Frontier(PlanningConfig(), FOOTPRINT, 0, range_m=10.0)
     for k in range(36):

@@ -9,8 +9,8 @@ Deviations: the robot goes to the frontier it has chosen until it has looked at 
 new choice every 10 steps is made for steps of 25 cm; with steps of 6.5 cm the robot would turn back and forth between
 two frontiers for ever, because the nearer one stops counting a metre before it. Ways are found on the grid by
 Dijkstra's algorithm with our clearance instead of by a learned point navigator; a frontier that the robot has looked at
-and that stays, or that no way comes near, is given up (Yamauchi's list of inaccessible frontiers); when none is left
-the run ends as complete instead of driving backwards for ever.
+and that stays, or that no way comes near, is given up (Yamauchi's list of inaccessible frontiers), at first as a whole,
+and when no other is left only where it was tried; then the run ends as complete instead of driving backwards for ever.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
+from scipy.spatial import KDTree
 from skimage.graph import MCP
 
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
@@ -103,7 +104,10 @@ class Frontier:
         with watch.stage("paths"):
             routes = GridRoutes(topdown, pose, self._safe_m)
             kept = self._keep(topdown, hops, routes)
-            left = [(f, place) for f in found if (place := self._place(f, routes)) is not None]
+            left = self._within_reach(found, routes)
+            if kept is None and not left:
+                # One frontier may run around all that was seen: what is given up of it is not the whole of it.
+                left = self._within_reach(_connected(topdown, self._without_given_up(topdown, hops)), routes)
         if kept is not None:
             self._goal = kept
             return self._go("the same frontier as before", routes, left, watch)
@@ -160,6 +164,24 @@ class Frontier:
             topdown=routes.topdown,
             stage_ms=watch.ms,
         )
+
+    def _within_reach(
+        self, found: list[_Frontier], routes: GridRoutes
+    ) -> list[tuple[_Frontier, Float[np.ndarray, "2"]]]:
+        """The frontiers that can be seen from somewhere, each with where from [m]."""
+        return [(f, place) for f in found if (place := self._place(f, routes)) is not None]
+
+    def _without_given_up(
+        self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"]
+    ) -> Float[np.ndarray, "rows cols"]:
+        """The border without what lies as near to a place given up as would be given up with it."""
+        cells = np.argwhere(np.isfinite(hops))
+        kept = hops.copy()
+        if len(cells) and len(self._given_up_xy_m):
+            xy_m = cell_to_world(cells, topdown.origin_xy_m, topdown.resolution_m)
+            rows, cols = cells[KDTree(self._given_up_xy_m).query(xy_m)[0] < GIVEN_UP_M].T
+            kept[rows, cols] = np.inf
+        return kept
 
     def _place(self, frontier: _Frontier, routes: GridRoutes) -> Float[np.ndarray, "2"] | None:
         """Where to see a frontier from [m]; None when it is given up, out of reach or already looked at from there."""
