@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import shlex
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +20,8 @@ from anm_mj.bench.worker import EXPLORE
 
 TABLES_EVERY_S = 60.0
 """So often tables are written while runs are being made [s]."""
+LOCK = ".lock"
+"""In the comparison's folder: held by the one that writes there."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +68,45 @@ def run_bench(
     if num_workers < 1:
         raise BenchError(f"--workers is {num_workers}; at least 1 is needed.")
     jobs = read_jobs(file)
+    with _only_writer(out):
+        return _make_missing(jobs, file, out, num_workers, engine, command, function, on_run)
+
+
+@contextmanager
+def _only_writer(out: Path) -> Iterator[None]:
+    """Keep other comparisons from writing into the same folder; the system takes the lock back however this one ends.
+
+    Raises:
+        BenchError: Another one writes there, or the folder cannot be written.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = (out / LOCK).open("w")
+    except OSError as err:
+        raise BenchError(f"{out} cannot be written ({err.strerror}); choose a folder you may write to.") from err
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as err:
+            raise BenchError(
+                f"Another comparison is writing to {out}; wait until it ends, or give another --out."
+            ) from err
+        yield
+
+
+def _make_missing(
+    jobs: list[Job],
+    file: Path,
+    out: Path,
+    num_workers: int,
+    engine: str,
+    command: Sequence[str],
+    function: str,
+    on_run: Callable[[int, int, str], None],
+) -> Bench:
     runs = out / "runs"
     try:
-        runs.mkdir(parents=True, exist_ok=True)
+        runs.mkdir(exist_ok=True)
         for unfinished in runs.glob(".*"):
             shutil.rmtree(unfinished, ignore_errors=True)
         text = shlex.join(_without_folders(command))

@@ -86,6 +86,20 @@ def test_what_cannot_run_anything_is_refused(file, tmp_path, options, match):
         run_bench(file, tmp_path / "out", **options)
 
 
+def test_two_comparisons_cannot_write_to_one_folder(file, tmp_path):
+    run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
+    refused = []
+
+    def begin_another(done, total, last):
+        with pytest.raises(BenchError, match="Another comparison") as caught:
+            run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
+        refused.append(caught.value)
+
+    run_bench(file, tmp_path / "out", function="tests.bench.fake:quick", on_run=begin_another)
+
+    assert refused
+
+
 PROGRAM = """
 from pathlib import Path
 import sys
