@@ -79,13 +79,13 @@ class PlanningConfig:
     """Tours kept at each depth of the search."""
     discount_steps: float = 100.0
     """Gain that is had only after this many steps counts 1/e; more where most of it lies farther away [steps]."""
-    min_gain_m2: float = 0.2
+    min_gain_m2: float = 0.1
     """Expected new surface below which nothing is worth a step [m2]."""
-    min_rate_m2: float = 0.004
+    min_rate_m2: float = 0.002
     """A tour that promises less new surface per step is not worth its way [m2 per step]."""
-    poor_target_m2: float = 0.25
+    poor_target_m2: float = 0.12
     """A target that brought less new surface than this was not worth its way [m2]."""
-    patience_targets: int = 3
+    patience_targets: int = 4
     """After so many poor targets in a row nothing more is expected of small ones."""
     large_gain_m2: float = 1.5
     """A promise larger than this is looked into for as long again [m2]."""
