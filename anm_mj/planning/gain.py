@@ -160,12 +160,6 @@ class GainCaster:
             layer // PATCH_CELLS * (rows // PATCH_CELLS + 1) + row // PATCH_CELLS
         ) * (cols // PATCH_CELLS + 1) + col // PATCH_CELLS  # fmt: skip
 
-    @property
-    def num_patches(self) -> int:
-        """One more than the largest patch."""
-        layers, rows, cols = (n // PATCH_CELLS + 1 for n in self.view.state.shape)
-        return layers * rows * cols
-
     def _row(self, base: int) -> int:
         """Row of a place in the memory, made where there is none."""
         row = self._row_of.get(base)
@@ -229,13 +223,6 @@ class GainCaster:
         self._row_of.clear()
 
 
-def best_view(panorama: Float[np.ndarray, " azimuths"], fov_rad: float = math.pi / 2) -> tuple[float, float]:
-    """Gain and yaw [rad] of the best view of a camera with this horizontal field of view."""
-    sums = view_sums(panorama[None], fov_rad)[0]
-    start = int(np.argmax(sums))
-    return float(sums[start]), view_yaw(start, len(panorama), fov_rad)
-
-
 def view_sums(
     panoramas: Float[np.ndarray, "n azimuths"], fov_rad: float = math.pi / 2
 ) -> Float[np.ndarray, "n azimuths"]:
@@ -246,9 +233,3 @@ def view_sums(
         np.concatenate([np.zeros((len(panoramas), 1)), panoramas, panoramas[:, : width - 1]], axis=1), axis=1
     )
     return np.maximum(total[:, width:] - total[:, :-width], 0.0)
-
-
-def view_yaw(start: int, num_azimuths: int, fov_rad: float = math.pi / 2) -> float:
-    """Yaw of the view that begins at an azimuth [rad]."""
-    width = max(round(fov_rad / math.tau * num_azimuths), 1)
-    return (start + (width - 1) / 2) * math.tau / num_azimuths

@@ -10,9 +10,7 @@ distance from one of them to the segment: no thin obstacle is missed between two
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Bool, Float
 from scipy.spatial import Delaunay, QhullError
 
 from anm_mj.frames import world_to_cell
@@ -87,16 +85,6 @@ def border_sites(
         _one_per_square(border[far], FAR_SPACING * config.coarse_spacing_m),
     ]
     return np.concatenate(kept)
-
-
-def components(graph: VoronoiGraph) -> Int[np.ndarray, " n"]:
-    """For each vertex the number of its connected component; the largest is 0, the next 1 and so on."""
-    n = len(graph.vertex_xy_m)
-    links = coo_matrix((np.ones(len(graph.edges)), (graph.edges[:, 0], graph.edges[:, 1])), shape=(n, n))
-    _, label = connected_components(links, directed=False)
-    rank = np.empty(label.max(initial=-1) + 1, np.int64)
-    rank[np.argsort(-np.bincount(label, minlength=len(rank)), kind="stable")] = np.arange(len(rank))
-    return rank[label]
 
 
 def _empty_graph() -> VoronoiGraph:

@@ -41,8 +41,6 @@ class Passage:
     rooms: tuple[int, int]
     """Indices of the rooms that it joins."""
     floor: shapely.Polygon
-    cased: bool = True
-    """Whether the opening has a frame."""
 
     @property
     def centre_m(self) -> tuple[float, float]:
