@@ -3,8 +3,8 @@
 It knows the true surface, which of it can be seen and where the robot can go, and looks for a short tour that covers it
 before it makes the first step (:mod:`anm_mj.evaluation.oracle_tour`). It drives that tour in the simulator like every
 other policy, and keeps account of what the frames cover; when the tour has ended it looks for another one through what
-is left. Its steps are an estimate of the fewest possible from above, not a proof: no tour is known to be shorter, and
-none is known not to be.
+is left, from places that are chosen for it (:mod:`anm_mj.evaluation.oracle_rest`). Its steps are an estimate of the
+fewest possible from above, not a proof: no tour is known to be shorter, and none is known not to be.
 
 What was found is kept in the user's cache folder under a name made from everything it depends on.
 """
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, UInt64
+from jaxtyping import Bool, Float, UInt64
 
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
@@ -27,7 +27,8 @@ from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.observable import Floor
 from anm_mj.evaluation.oracle_cache import load_tour, store_tour
 from anm_mj.evaluation.oracle_pieces import NO_YAW, Pieces
-from anm_mj.evaluation.oracle_tour import WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle_rest import exact_bits, finer_places
+from anm_mj.evaluation.oracle_tour import MISSING_STEPS, WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle_views import WORD, count, frame_bits, pack, unpack
 from anm_mj.evaluation.oracle_walk import shorter, turned, walk
 from anm_mj.evaluation.oracle_ways import Ways, num_places
@@ -44,15 +45,25 @@ METHOD = 2
 LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.5))
 """Shares of the observable surface, and how much the steps to each count: one tour is made for all of them, and the
 lower ones lead the search to tours that see much early."""
-LAST_WEIGHT = 0.1
+LAST_WEIGHT = 0.5
 """How much the steps to everything else count, once the first tour has been driven."""
+LAST_MISSING_STEPS = 40.0
+"""What a sample short of a level costs then [steps]."""
 SLACK = 0.002
 """Planned beyond a level, since not everything that a view promises is kept."""
 PLACE_SPACING_M = 0.25
 """Spacing of the places to look from [m], wider in scenes with more than ``MAX_PLACES``."""
 MAX_PLACES = 2500
 MAX_SAMPLES = 8192
-"""Samples of the observable surface that are planned with."""
+"""Samples of the observable surface that the first tour is planned with."""
+MAX_KEPT = 32768
+"""Samples that account is kept of."""
+MAX_REST = 1024
+"""Samples that a tour through what is left is planned with."""
+MAX_FAILURES = 2
+"""A sample that so many tours have promised and not shown is given up."""
+MAX_TOURS = 8
+"""Tours in all."""
 ROUNDS = 300_000
 """Changes tried of the first tour."""
 NUM_STARTS = 4
@@ -92,9 +103,12 @@ class Oracle:
                 "The policy 'oracle' needs the observable surface; pip install 'anm-mj[embree]' brings what finds it."
             )
         observable = truth.samples[truth.observable]
-        chosen = np.random.default_rng(SEED).permutation(len(observable))[:MAX_SAMPLES]
-        self._samples = observable[np.sort(chosen[: len(chosen) // WORD * WORD])]
-        self._coverage = Coverage(self._samples)
+        chosen = np.random.default_rng(SEED).permutation(len(observable))
+        planned = min(len(chosen), MAX_SAMPLES) // WORD * WORD
+        self._samples = observable[np.sort(chosen[:planned])]
+        self._kept = np.concatenate([self._samples, observable[np.sort(chosen[planned:MAX_KEPT])]])
+        """Samples that account is kept of, those that the first tour is planned with before the others."""
+        self._coverage = Coverage(self._kept)
         self._truth, self._floor, self._mount = truth, floor, mount
         self._rounds = rounds
         self._on_progress = on_progress
@@ -106,10 +120,12 @@ class Oracle:
         """The last stop whose way was blocked."""
         self._place = 0
         """Where the robot is, or nearly so."""
-        self._given_up = np.zeros(len(self._samples), bool)
-        """Samples that a tour promised and did not show."""
-        self._promised = np.zeros(len(self._samples), bool)
-        """Samples that the present tour could show."""
+        self._failures = np.zeros(len(self._kept), np.int64)
+        """How many tours have promised each sample and not shown it."""
+        self._promised = np.zeros(0, np.int64)
+        """Samples that the present tour promises, those of the first tour left out."""
+        self._avoided = list[Float[np.ndarray, "2"]]()
+        """Spots that have blocked the robot."""
         self._tours = 0
 
     def observe(self, observation: Observation) -> None:
@@ -123,6 +139,7 @@ class Oracle:
         pose = observation.pose
         if self._yaw_rad is None:
             self._yaw_rad = pose.yaw_rad
+            self._ways = Ways(self._floor, self._spacing_m)
             self._place = int(self._ways.nearest(pose.xy_m[None])[0])
         left = self._coverage.distance_m >= COVERED_M
         while True:
@@ -140,7 +157,8 @@ class Oracle:
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Make the spot ahead dear, so that the next way leads round it, and plan anew."""
-        self._ways.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)
+        self._avoided.append(move_pose(pose, AHEAD_M, 0.0).xy_m)
+        self._ways.avoid(self._avoided[-1])
         self._place = int(self._ways.nearest(pose.xy_m[None])[0])
         if self._stop is not None and self._stop != self._tried_again:
             # A second time it is left out.
@@ -174,32 +192,58 @@ class Oracle:
     def _next_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
         """A tour through what is left."""
         self._tours += 1
-        if self._tours > 2:
-            # What a tour through everything did not show, another one like it will not show either.
-            self._given_up |= left & self._promised
-        seen = pack((~left | self._given_up)[None])[0]
-        shown = np.bitwise_or.reduce(self._bits.reshape(-1, len(seen)), axis=0) | seen
-        self._promised = unpack(shown)
-        have, most, total = int(count(seen)), int(count(shown)), len(left)
-        lost = int(np.count_nonzero(left & self._given_up))
-        wanted = [(min(math.ceil((share + SLACK) * total) + lost, most), weight) for share, weight in LEVELS]
-        if self._tours > 1:
-            wanted.append((most, LAST_WEIGHT))
-        levels = tuple(Level(samples, weight) for samples, weight in wanted if samples > have)
-        if not levels:
-            return [] if most <= have else self._next_tour(pose, left)
-        return self._search(Task(self._place, self._yaw(pose), seen, levels))
+        self._failures[self._promised[left[self._promised]]] += 1
+        stops = self._first_tour(pose, left) if self._tours == 1 else []
+        return stops if stops or self._tours > MAX_TOURS else self._rest_tour(pose, left)
 
-    def _search(self, task: Task) -> list[Stop]:
+    def _first_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
+        """A tour through everything."""
+        total = len(self._samples)
+        bits = frame_bits(self._samples, self._ways.places_m, self._rays)
+        seen = pack(~left[None, :total])[0]
+        have, most = int(count(seen)), int(count(_union(bits) | seen))
+        wanted = [(min(math.ceil((share + SLACK) * total), most), weight) for share, weight in LEVELS]
+        levels = tuple(Level(samples, weight) for samples, weight in wanted if samples > have)
+        return self._search(Task(self._place, self._yaw(pose), seen, levels), bits, self._rounds, MISSING_STEPS)
+
+    def _rest_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
+        """A tour through what is left after others, from places that are chosen for it."""
+        which = np.flatnonzero(left & (self._failures < MAX_FAILURES))
+        rest = np.sort(np.random.default_rng(SEED).permutation(which)[:MAX_REST])
+        samples = self._kept[rest]
+        self._ways = Ways(self._floor, self._spacing_m, finer_places(samples, self._floor, self._rays))
+        for spot_m in self._avoided:
+            self._ways.avoid(spot_m)
+        self._place = int(self._ways.nearest(pose.xy_m[None])[0])
+        bits = exact_bits(samples, self._ways.places_m, self._rays)
+        shown = _union(bits)
+        most = int(count(shown))
+        if most == 0:
+            return []
+        self._promised = rest[np.flatnonzero(unpack(shown))]
+        # What is to be covered of these for a share of all that account is kept of.
+        wanted = [
+            (math.ceil((share + SLACK - 1.0) * len(left) / max(len(which), 1) * len(rest)) + len(rest), weight)
+            for share, weight in LEVELS
+        ]
+        levels = [Level(samples, weight) for samples, weight in wanted if 0 < samples < most]
+        task = Task(self._place, self._yaw(pose), np.zeros_like(shown), (*levels, Level(most, LAST_WEIGHT)))
+        return self._search(task, bits, min(self._rounds, ROUNDS_AFTER), LAST_MISSING_STEPS)
+
+    def _search(
+        self, task: Task, bits: UInt64[np.ndarray, "p yaws words"], rounds: int, missing_steps: float
+    ) -> list[Stop]:
         """A tour for a task: one that was found before, or the best that is found now."""
         assert self._yaw_rad is not None
-        rounds = self._rounds if self._tours == 1 else min(self._rounds, ROUNDS_AFTER)
-        key = f"{self._key}\0{task.place}\0{task.yaw}\0{task.levels}\0{rounds}".encode() + task.seen.tobytes()
-        known = load_tour(key)
+        if not task.levels:
+            return []
+        digest = hashlib.sha256(self._ways.places_m.tobytes() + bits.tobytes()).hexdigest()
+        key = f"{self._key}\0{digest}\0{task.place}\0{task.yaw}\0{task.levels}\0{rounds}".encode()
+        known = load_tour(key + task.seen.tobytes())
         if known is not None:
             return known
-        pieces = Pieces(self._bits, self._ways, self._yaw_rad)
-        search = TourSearch(pieces, self._ways, task, SEED)
+        pieces = Pieces(bits, self._ways, self._yaw_rad)
+        search = TourSearch(pieces, self._ways, task, SEED, missing_steps)
         begin = greedy_tour(pieces, self._ways, task, self._yaw_rad)
         each = rounds // (2 * NUM_STARTS)
         tours = [
@@ -213,21 +257,21 @@ class Oracle:
         self._on_progress(rounds, rounds)
         steps, covered = search.curve(found)
         _logger.info("tour of %d steps and %d stops, for %d samples", steps[-1], len(found), covered[-1])
-        store_tour(key, found)
+        store_tour(key + task.seen.tobytes(), found)
         return found
 
     @cached_property
-    def _ways(self) -> Ways:
+    def _spacing_m(self) -> float:
+        """Spacing of the places of the first tour [m]."""
         spacing_m = PLACE_SPACING_M
         while num_places(self._floor, spacing_m) > MAX_PLACES:
             spacing_m *= 1.15
-        return Ways(self._floor, spacing_m)
+        return spacing_m
 
     @cached_property
-    def _bits(self) -> UInt64[np.ndarray, "p yaws words"]:
+    def _rays(self) -> PixelRays:
         assert self._yaw_rad is not None
-        caster = RayCaster(self._truth.vertices, self._truth.faces)
-        return frame_bits(self._samples, self._ways.places_m, PixelRays(caster, self._mount, self._yaw_rad))
+        return PixelRays(RayCaster(self._truth.vertices, self._truth.faces), self._mount, self._yaw_rad)
 
     @cached_property
     def _key(self) -> str:
@@ -244,3 +288,8 @@ class Oracle:
 def _turns(a: int, b: int, side: int) -> list[Action]:
     """The turns from one yaw to another, to the left (1) or to the right (-1)."""
     return [Action.TURN_LEFT if side > 0 else Action.TURN_RIGHT] * len(turned(a, b, side))
+
+
+def _union(bits: UInt64[np.ndarray, "p yaws words"]) -> UInt64[np.ndarray, " words"]:
+    """What any frame covers."""
+    return np.bitwise_or.reduce(bits.reshape(-1, bits.shape[2]), axis=0)

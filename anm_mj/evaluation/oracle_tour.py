@@ -81,12 +81,14 @@ class TourSearch:
         ways: Between places.
         task: What they are wanted for.
         seed: Of the random choices.
+        missing_steps: What a sample short of a level costs [steps].
     """
 
-    def __init__(self, pieces: Pieces, ways: Ways, task: Task, seed: int) -> None:
+    def __init__(self, pieces: Pieces, ways: Ways, task: Task, seed: int, missing_steps: float = MISSING_STEPS) -> None:
         self._pieces = pieces
         self._ways = ways
         self._task = task
+        self._missing_steps = missing_steps
         self._needs = np.array([level.samples for level in task.levels])
         self._rng = np.random.default_rng(seed)
         self._num_places = len(ways.places_m)
@@ -101,7 +103,7 @@ class TourSearch:
         at = np.searchsorted(covered, self._needs).tolist()
         for k, level in zip(at, self._task.levels, strict=True):
             if k == len(steps):
-                total += level.weight * (float(steps[-1]) + MISSING_STEPS * (level.samples - float(covered[-1])))
+                total += level.weight * (float(steps[-1]) + self._missing_steps * (level.samples - float(covered[-1])))
             elif k > 0:
                 before, after = float(covered[k - 1]), float(covered[k])
                 share = (level.samples - before) / (after - before)

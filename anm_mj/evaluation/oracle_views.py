@@ -73,16 +73,36 @@ def _seen(
     towards = rays.yaw_towards(delta[which])
     inside = rays.in_picture(samples[which], place_m, towards)
     which, towards = which[inside], towards[inside]
+    places_m = np.broadcast_to(place_m, (len(which), 2))
+    hit = aimed(samples[which], places_m, towards, rays, PROMISED_M)
+    return which[hit], towards[hit]
+
+
+def aimed(
+    samples: Float32[np.ndarray, "n 3"],
+    places_m: Float32[np.ndarray, "n 2"],
+    towards: Int32[np.ndarray, " n"],
+    rays: PixelRays,
+    within_m: float,
+) -> Bool[np.ndarray, " n"]:
+    """Which samples are hit within a distance by one of several rays cast about each.
+
+    Args:
+        samples: World [m].
+        places_m: Where the robot's axis stands for each.
+        towards: The yaw towards each.
+        rays: The camera.
+        within_m: How near a hit is to be.
+    """
     order = np.argsort(np.abs(rays.yaws_aside), kind="stable")
-    hit = np.zeros(len(which), bool)
-    again = np.arange(len(which))
+    hit = np.zeros(len(samples), bool)
+    again = np.arange(len(samples))
     # What hides just behind an edge or below a thin board is covered by what is seen beside it, and what the pixels of
     # one yaw just miss those of the next one hit: a robot turns and moves while it looks.
     for aside_m, turn in zip(ASIDE_M, np.resize(rays.yaws_aside[order], len(ASIDE_M)), strict=True):
-        targets = samples[which[again]]
-        places_m = np.broadcast_to(place_m, (len(again), 2))
-        hits = rays.hits(targets + aside_m, places_m, (towards[again] + turn) % NUM_YAWS)
+        targets = samples[again]
+        hits = rays.hits(targets + aside_m, places_m[again], (towards[again] + turn) % NUM_YAWS)
         miss_m = np.linalg.norm(hits - targets, axis=1)
-        hit[again[miss_m < PROMISED_M]] = True
-        again = again[(miss_m >= PROMISED_M) & (miss_m < NEAR_MISS_M)]
-    return which[hit], towards[hit]
+        hit[again[miss_m < within_m]] = True
+        again = again[(miss_m >= within_m) & (miss_m < NEAR_MISS_M)]
+    return hit

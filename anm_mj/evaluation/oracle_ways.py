@@ -33,18 +33,19 @@ class Ways:
     Args:
         floor: Where the robot's axis can get to.
         spacing_m: Of the places; one stands in every square of this size that holds reachable floor.
+        more_m: Further places, as far as there is a way to them [m].
     """
 
-    def __init__(self, floor: Floor, spacing_m: float) -> None:
+    def __init__(self, floor: Floor, spacing_m: float, more_m: Float[np.ndarray, "k 2"] | None = None) -> None:
         self._floor = floor
         edge_m = np.asarray(distance_transform_edt(np.pad(floor.reachable, 1)))[1:-1, 1:-1] * floor.resolution_m
         self._edge_m: Float[np.ndarray, "rows cols"] = edge_m
         """Distance from each cell's centre to the nearest that cannot be reached [m]."""
         cells = spread_places(floor.reachable, max(1, round(spacing_m / floor.resolution_m)), edge_m)
-        links, _ = self._open_links(self._xy_m(cells), LINK_SPACINGS * spacing_m)
-        _, part = connected_components(csr_array((np.ones(len(links)), links.T), shape=(len(cells), len(cells))))
-        cells = cells[part == np.bincount(part).argmax()]
-        self.places_m: Float[np.ndarray, "p 2"] = self._xy_m(cells)
+        places_m = np.concatenate([self._xy_m(cells), np.zeros((0, 2)) if more_m is None else more_m])
+        links, _ = self._open_links(places_m, LINK_SPACINGS * spacing_m)
+        _, part = connected_components(csr_array((np.ones(len(links)), links.T), shape=(len(places_m), len(places_m))))
+        self.places_m: Float[np.ndarray, "p 2"] = places_m[part == np.bincount(part).argmax()]
         """World x, y of every place; there is a way from each to each."""
         self._links, room_m = self._open_links(self.places_m, LINK_SPACINGS * spacing_m)
         self._tree = KDTree(self.places_m)

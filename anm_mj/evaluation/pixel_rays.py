@@ -63,9 +63,12 @@ class PixelRays:
         return np.rint(azimuth_rad / np.float32(TURN_STEP_RAD)).astype(np.int32) % np.int32(NUM_YAWS)
 
     def in_picture(
-        self, targets_m: Float32[np.ndarray, "n 3"], place_m: Float32[np.ndarray, "2"], yaw: Int[np.ndarray, " n"]
+        self,
+        targets_m: Float32[np.ndarray, "n 3"],
+        place_m: Float32[np.ndarray, "2"] | Float32[np.ndarray, "n 2"],
+        yaw: Int[np.ndarray, " n"],
     ) -> Bool[np.ndarray, " n"]:
-        """Whether targets [m] lie within the picture taken at one place and a yaw of each."""
+        """Whether targets [m] lie within the picture taken at one place, or one of each, and a yaw of each."""
         origin = self._offset_m[yaw]
         origin[:, :2] += place_m
         x, y, z = np.einsum("nji,nj->ni", self._rotation[yaw], targets_m - origin).T
