@@ -40,7 +40,7 @@ from anm_mj.types import TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopRe
 
 _logger = logging.getLogger(__name__)
 
-METHOD = 2
+METHOD = 3
 """Raised when the search changes, so that tours that older versions kept are not used."""
 LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.5))
 """Shares of the observable surface, and how much the steps to each count: one tour is made for all of them, and the
@@ -204,7 +204,9 @@ class Oracle:
         have, most = int(count(seen)), int(count(_union(bits) | seen))
         wanted = [(min(math.ceil((share + SLACK) * total), most), weight) for share, weight in LEVELS]
         levels = tuple(Level(samples, weight) for samples, weight in wanted if samples > have)
-        return self._search(Task(self._place, self._yaw(pose), seen, levels), bits, self._rounds, MISSING_STEPS)
+        # In a large scene a sample costs more steps, and what is missing of a level must not be the cheaper way.
+        missing_steps = MISSING_STEPS * self._spacing_m / PLACE_SPACING_M
+        return self._search(Task(self._place, self._yaw(pose), seen, levels), bits, self._rounds, missing_steps)
 
     def _rest_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
         """A tour through what is left after others, from places that are chosen for it."""
