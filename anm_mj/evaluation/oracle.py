@@ -64,7 +64,7 @@ MAX_FAILURES = 2
 """A sample that so many tours have promised and not shown is given up."""
 MAX_TOURS = 8
 """Tours in all."""
-ROUNDS = 300_000
+ROUNDS = 100_000
 """Changes tried of the first tour."""
 NUM_STARTS = 4
 """Tours that half of the changes are spent on; the best of them gets the other half."""
