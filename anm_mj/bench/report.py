@@ -20,6 +20,7 @@ COLUMNS = (
     ("mean_ratio", "mean ratio [%]", 1),
     ("steps_to_90", "steps to 90 %", 0),
     ("steps_to_95", "steps to 95 %", 0),
+    ("steps_to_99", "steps to 99 %", 0),
     ("oracle_ratio_90", "x oracle, 90 %", 2),
     ("oracle_ratio_95", "x oracle, 95 %", 2),
     ("steps", "steps", 0),
