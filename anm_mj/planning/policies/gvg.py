@@ -26,6 +26,7 @@ from anm_mj.planning.unseen import unseen_patches
 from anm_mj.protocols import Mapper
 from anm_mj.stopwatch import Stopwatch
 from anm_mj.types import (
+    ARRIVED_M,
     FORWARD_STEP_M,
     TURN_STEP_RAD,
     Action,
@@ -130,6 +131,8 @@ class Gvg:
         news_m2 = caster.view.seen_m2 - self._decided_at_m2
         enough_m2 = max(self.config.news_m2, NEWS_SHARE * self._expected_m2)
         if news_m2 > enough_m2 or self._kept_on >= self.config.keep_decisions:
+            return None
+        if _is_followed(plan, pose):
             return None
         path = plan.path_xy_m
         if len(path):
@@ -358,3 +361,10 @@ class Gvg:
             graph=now.graph,
             stage_ms=now.watch.ms,
         )
+
+
+def _is_followed(plan: Plan, pose: Pose2) -> bool:
+    """Whether a plan asks for nothing more: its vertex may have moved from where the ledger has the target."""
+    there = not len(plan.path_xy_m) or math.dist(plan.path_xy_m[-1], pose.xy_m) < ARRIVED_M
+    # Headings lie whole turns away, but for what wheels are off.
+    return there and all(abs(wrap_angle(yaw - pose.yaw_rad)) < 0.75 * TURN_STEP_RAD for yaw in plan.headings_rad)
