@@ -29,6 +29,8 @@ KEPT = (
     "topdown.png",
 )
 """What is kept of a run folder: the numbers and how they came about, without frames, map and mesh."""
+WITHOUT_PICTURES = "mlp"
+"""The engine whose maps are not rendered from held-out views: they have no colours, a picture takes half a minute."""
 FAILED = 2
 
 
@@ -42,8 +44,10 @@ def explore(job: Job, folder: Path) -> None:
     from anm_mj.heldout import measure_held_out
     from anm_mj.run import run
 
-    made, _ = run(job.config(), out=folder)
-    add_held_out(made.path, measure_held_out(made.path))
+    config = job.config()
+    made, _ = run(config, out=folder)
+    if config.mapping.engine != WITHOUT_PICTURES:
+        add_held_out(made.path, measure_held_out(made.path))
     for path in sorted(made.path.rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()
