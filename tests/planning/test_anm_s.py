@@ -91,6 +91,50 @@ def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_end
     assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.COMPLETE
 
 
+def test_a_door_that_was_passed_and_not_looked_through_is_gone_to_before_the_run_ends():
+    world = room(8, 3, boxes=WALL, unknown=[(4.3, 0.2, 8.2, 3.2)])
+    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    for x in np.arange(0.6, 3.6, 0.5):
+        for y in np.arange(0.6, 3.0, 0.5):
+            policy._stages.topdown.visit(np.array([x, y]))
+
+    plan = policy.plan(world, observation(1.0, 1.7))
+
+    assert plan.reason.startswith("every vertex is visited: a look into the unknown")
+    assert plan.target_xy_m is not None
+    assert 2.5 < plan.target_xy_m[0] < 4.3
+    assert len(plan.headings_rad) == 1
+    assert abs(plan.headings_rad[0]) < math.radians(45)
+
+
+def test_a_target_that_comes_and_goes_is_given_up():
+    world = two_rooms()
+    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, target="best-anchored"), BODY, 0)
+    fickle = policy.plan(world, observation(1.0, 1.7)).target_xy_m
+    assert fickle is not None
+    for _ in range(3):
+        policy._turned_from_xy_m.append(fickle)
+
+    again = policy.plan(world, observation(1.0, 1.7)).target_xy_m
+
+    assert again is not None
+    assert math.dist(again, fickle) >= 0.3
+
+
+def test_a_target_that_the_robot_turns_from_on_the_way_is_noted():
+    world = two_rooms()
+    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, target="best-anchored"), BODY, 0)
+    first = policy.plan(world, observation(1.0, 1.7)).target_xy_m
+    assert first is not None
+    policy._failed_xy_m += [first, first]
+
+    other = policy.plan(world, observation(1.0, 1.7)).target_xy_m
+
+    assert other is not None
+    assert math.dist(other, first) > 1.0
+    assert np.allclose(policy._turned_from_xy_m, [first])
+
+
 def test_vertices_whose_surroundings_were_seen_from_elsewhere_come_last():
     world = two_rooms()
     world.occupancy.seen_range_m[:, :, : round(4.8 / world.occupancy.resolution_m)] = 2.0

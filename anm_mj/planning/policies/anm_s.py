@@ -15,7 +15,7 @@ regions anchored by visibility, surfaces from zero-crossings. Deviations from th
 own, so that vertices lie in observed free space only, and bounds are never taken from ground truth; regions vanish once
 their surface was seen from near or turned to, so that there is an end; spurs of the graph into corners are no decision
 vertices; vertices come last when all that surrounds them was seen from near enough (``visited_by`` "place" leaves that
-out, as in the released code).
+out, as in the released code); after them come those beside the unknown that the robot has only been near to.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from jaxtyping import Bool, Float, Int
 
 from anm_mj.frames import pixel_directions, wrap_angle
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.junctions import BORDER_WIDTH_M, leads_on
 from anm_mj.planning.paths import segments_clear
 from anm_mj.planning.stages import Situation, Stages
-from anm_mj.planning.visited import num_within, seen_around, visited
+from anm_mj.planning.visited import num_within, seen_around, visited, within
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -52,6 +53,8 @@ FAIL_RADIUS_M = 0.3
 """Vertices this near to a target that led into an obstacle are put last [m]."""
 MAX_FAILS = 2
 """After so many blocked ways a target is given up."""
+MAX_CHANGES = 3
+"""A target that the robot has turned from so often is given up: it is there from afar only, where graphs are rough."""
 REPLAN_STEPS = 10
 """So often it is asked whether the target is still worth going to."""
 SAME_TARGET_M = 1.0
@@ -78,6 +81,8 @@ class AnmS:
         self._target_xy_m: Float[np.ndarray, 2] | None = None
         self._target_unvisited = False
         self._failed_xy_m: list[Float[np.ndarray, 2]] = []
+        self._turned_from_xy_m: list[Float[np.ndarray, 2]] = []
+        """Targets that were no candidates any more before they were reached."""
         self._headed_for: tuple[Region, ...] = ()
         self._last_xy_m: Float[np.ndarray, 2] | None = None
         self._ahead: Observation | None = None
@@ -103,13 +108,22 @@ class AnmS:
         now = self._stages.read(mapper, observation)
         nodes, unvisited = self._candidates(now, mapper.occupancy)
         score = self._scores(now, nodes, unvisited)
+        before_xy_m = self._target_xy_m
         for best in self._order(now, nodes, unvisited, score):
             plan = self._go(now, int(nodes[best]), nodes, score)
             if plan is not None:
+                self._note_change(before_xy_m, now.pose)
                 self._target_unvisited = bool(unvisited[best])
                 self._looked_around = False
                 return plan
-        return self._at_a_loss(now)
+        return self._to_the_unknown(now) or self._at_a_loss(now)
+
+    def _note_change(self, before_xy_m: Float[np.ndarray, 2] | None, pose: Pose2) -> None:
+        """Note the target before this one if the robot turns from it on the way."""
+        if before_xy_m is None or self._target_xy_m is None or math.dist(before_xy_m, pose.xy_m) < 2 * ARRIVED_M:
+            return
+        if math.dist(before_xy_m, self._target_xy_m) > SAME_TARGET_M:
+            self._turned_from_xy_m.append(before_xy_m)
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
@@ -125,7 +139,7 @@ class AnmS:
         decisions = np.union1d(now.decisions, self._kept(now))
         nodes = np.union1d(decisions, anchored)
         nodes = nodes[np.isfinite(now.reach.distance_m[nodes])]
-        nodes = nodes[num_within(now.graph.vertex_xy_m[nodes], self._failed_xy_m, FAIL_RADIUS_M) < MAX_FAILS]
+        nodes = nodes[~self._is_given_up(now.graph.vertex_xy_m[nodes])]
         unvisited = np.isin(nodes, decisions)
         unvisited &= ~visited(now.graph, nodes, self._stages.topdown.trail_xy_m, self.config)
         worth_it = unvisited
@@ -137,6 +151,11 @@ class AnmS:
         unvisited = worth_it if (worth_it | guided).any() else unvisited
         active = unvisited | guided
         return nodes[active], unvisited[active]
+
+    def _is_given_up(self, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        """Which places have led into an obstacle twice, or have come and gone as targets."""
+        blocked = num_within(xy_m, self._failed_xy_m, FAIL_RADIUS_M) >= MAX_FAILS
+        return blocked | (num_within(xy_m, self._turned_from_xy_m, FAIL_RADIUS_M) >= MAX_CHANGES)
 
     def _kept(self, now: Situation) -> Int[np.ndarray, " k"]:
         """The vertex that now stands for the present target, if that was unvisited: no junction any more, maybe."""
@@ -226,6 +245,37 @@ class AnmS:
             headings,
             valid_steps=REPLAN_STEPS,
             candidates=candidates,
+            topdown=now.topdown,
+            graph=now.graph,
+            regions=now.regions,
+            stage_ms=now.watch.ms,
+        )
+
+    def _to_the_unknown(self, now: Situation) -> Plan | None:
+        """To the nearest vertex beside the unknown that the robot has been near to but not at, and a look into it.
+
+        Where the paper's graph goes on through unknown space there are unvisited vertices behind a door that was passed
+        and not looked through; here the graph ends before it, maybe nearer than counts as visited.
+        """
+        graph, distance_m = now.graph, now.reach.distance_m
+        beside = np.flatnonzero(leads_on(graph, now.frontier_xy_m) & np.isfinite(distance_m))
+        xy = graph.vertex_xy_m[beside]
+        beside = beside[~within(xy, self._stages.topdown.trail_xy_m, 2 * ARRIVED_M) & ~self._is_given_up(xy)]
+        if not len(beside):
+            return None
+        vertex = int(beside[np.argmin(distance_m[beside])])
+        path = now.reach.path_to(vertex)
+        if not len(path):
+            return None
+        self._target_xy_m, self._headed_for, self._target_unvisited = graph.vertex_xy_m[vertex], (), False
+        away = np.linalg.norm(now.frontier_xy_m - self._target_xy_m, axis=1)
+        near = away <= graph.clearance_m[vertex] + BORDER_WIDTH_M
+        towards = now.frontier_xy_m[near].mean(axis=0) - self._target_xy_m
+        self._stages.set_out(path)
+        return Plan(
+            f"every vertex is visited: a look into the unknown beside one, {distance_m[vertex]:.1f} m away",
+            path,
+            (math.atan2(towards[1], towards[0]),),
             topdown=now.topdown,
             graph=now.graph,
             regions=now.regions,
