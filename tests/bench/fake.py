@@ -53,6 +53,7 @@ def write_run(job: Job, folder: Path) -> None:
         "observable_ratio": ratio[-1] + 4.0,
         "steps": int(steps[-1]),
         "turns": int(rng.integers(50)),
+        "collisions": 0,
         "wall_s": time.perf_counter(),
         "hz": time.perf_counter(),
         "stage_hz": {"map": time.perf_counter()},
