@@ -2,15 +2,26 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.gvg import components, voronoi_graph
+from anm_mj.planning.gvg import voronoi_graph
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.types import FREE, Footprint, Pose2, TopDownMap
 from tests.planning.worlds import BoxWorld, room
 
 SAFE_M = 0.22
 CONFIG = PlanningConfig(horizon_m=20.0)
+
+
+def components(graph):
+    """For each vertex the number of its connected component; the largest is 0, the next 1 and so on."""
+    n = len(graph.vertex_xy_m)
+    links = coo_matrix((np.ones(len(graph.edges)), graph.edges.T), shape=(n, n))
+    _, label = connected_components(links, directed=False)
+    rank = np.argsort(np.argsort(-np.bincount(label), kind="stable"))
+    return rank[label]
 
 
 def graph_of(world, x, y):
