@@ -50,6 +50,14 @@ def test_the_cluster_of_highest_variance_is_driven_to(policy, high, low, side):
     assert plan.valid_steps == 100
 
 
+def test_a_target_that_the_robot_has_all_but_come_to_is_left_out(policy):
+    # 0.85 m before the target of the wall at +x, looking at it: of that way nothing would be left.
+    plan = policy.plan(Uncertain(high=9.0, low=8.0), look(Pose2(0.65, 0.0, 0.0)))
+
+    assert [round(c.xy_m[0], 1) for c in plan.candidates] == [-1.5]
+    assert len(plan.path_xy_m) > 1
+
+
 def test_with_nothing_to_go_to_it_looks_around_once_and_then_stops(policy):
     world, here = BoxWorld((1.0, 1.0), []), look(Pose2(0.0, 0.0, 0.0))
 

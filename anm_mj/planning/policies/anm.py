@@ -27,6 +27,7 @@ from anm_mj.planning.policies.frontier import FULL_RANGE_M
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.protocols import Mapper
 from anm_mj.stopwatch import Stopwatch
+from anm_mj.types import ARRIVED_M as FOLLOWED_M
 from anm_mj.types import (
     FORWARD_STEP_M,
     Action,
@@ -53,6 +54,7 @@ STAND_OFF_M = 0.5
 MIN_DISTANCE_M = 1.0
 """Targets nearer than this are taken only when there is no other [m]."""
 ARRIVED_M = 0.8
+"""A target has been come to when the robot is this near to it [m]."""
 MAX_STEPS = 100
 LOOK_AROUND = 36
 
@@ -122,7 +124,8 @@ class Anm:
             mine = labels == label
             target = (points[top][mine] + STAND_OFF_M * normals[top][mine]).mean(axis=0)[:2].astype(float)
             cost_m = routes.cost_at(target)
-            if math.isfinite(cost_m) and math.dist(target, routes.pose.xy_m) > ARRIVED_M:
+            # Nearer ones the robot has come to already: of a way to there nothing would be left to follow.
+            if math.isfinite(cost_m) and math.dist(target, routes.pose.xy_m) > ARRIVED_M + FOLLOWED_M:
                 variance = float(uncertainty[top][mine].mean())
                 found.append(Candidate(target, variance, float(mine.sum()), cost_m / FORWARD_STEP_M))
         return found
