@@ -54,7 +54,7 @@ def test_a_target_that_the_robot_has_all_but_come_to_is_left_out(policy):
     # 0.85 m before the target of the wall at +x, looking at it: of that way nothing would be left.
     plan = policy.plan(Uncertain(high=9.0, low=8.0), look(Pose2(0.65, 0.0, 0.0)))
 
-    assert [round(c.xy_m[0], 1) for c in plan.candidates] == [-1.5]
+    assert max(c.xy_m[0] for c in plan.candidates) < 1.0
     assert len(plan.path_xy_m) > 1
 
 
