@@ -52,7 +52,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
             f"{key[2]}",
             f"{ours.curve[-1, 3]:.1f} / {theirs.curve[-1, 3]:.1f} %",
             f"{_mean(ours):.1f} / {_mean(theirs):.1f} %",
-            f"{steps:.0f} / {their_steps:.0f} ({100 * ratios[-1]:.0f} %)",
+            f"{steps:.0f} / {their_steps:.0f} ({100 * ratios[-1]:.0f} %)" if np.isfinite(steps) else "never",
             _end(ours),
         )
         print("| " + " | ".join(cells) + " |")
