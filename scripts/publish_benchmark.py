@@ -17,7 +17,7 @@ from anm_mj.errors import AnmError
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
-COLOURS = 32
+COLOURS = 256
 
 
 def main(comparison: Annotated[Path, tyro.conf.Positional], page: Path = PAGE) -> None:
