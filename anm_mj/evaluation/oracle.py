@@ -211,6 +211,8 @@ class Oracle:
     def _rest_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
         """A tour through what is left after others, from places that are chosen for it."""
         which = np.flatnonzero(left & (self._failures < MAX_FAILURES))
+        if not len(which):
+            return []
         rest = np.sort(np.random.default_rng(SEED).permutation(which)[:MAX_REST])
         samples = self._kept[rest]
         self._ways = Ways(self._floor, self._spacing_m, finer_places(samples, self._floor, self._rays))
