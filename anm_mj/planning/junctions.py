@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
+from anm_mj.planning.chains import Chains, edge_chains
+from anm_mj.planning.distance import capped_distance_cells
 from anm_mj.types import UNKNOWN, TopDownMap, VoronoiGraph
 
 SPUR_SLOPE = 0.5
@@ -27,20 +28,27 @@ BORDER_WIDTH_M = 0.15
 """Border points this much farther from a vertex than its nearest one belong to its border too [m]."""
 
 
-def decision_vertices(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Int[np.ndarray, " k"]:
+def decision_vertices(graph: VoronoiGraph, chains: Chains) -> Int[np.ndarray, " k"]:
     """Junctions and ends of the pruned graph, and single vertices on its long ways, in ascending order.
 
     Args:
         graph: the road map.
-        frontier_xy_m: border of the unknown [m].
+        chains: what :func:`prune` has left of it, contracted.
     """
-    kept, degree = prune(graph, leads_on(graph, frontier_xy_m))
-    chosen = kept & ((degree >= 3) | (degree == 1))
-    for vertex in np.argsort(-graph.clearance_m, kind="stable"):
-        if kept[vertex] and not chosen[vertex]:
-            away = np.linalg.norm(graph.vertex_xy_m[chosen] - graph.vertex_xy_m[vertex], axis=1)
-            chosen[vertex] = not (away < SPACING_M).any()
-    return np.flatnonzero(chosen)
+    # Shorter chains have an end near every vertex.
+    long = np.repeat(chains.length_m >= 2.0 * SPACING_M, np.diff(chains.start))
+    left = np.unique(chains.vertex[long])
+    if len(left):
+        nodes = KDTree(graph.vertex_xy_m[chains.node])
+        left = left[np.isinf(nodes.query(graph.vertex_xy_m[left], distance_upper_bound=SPACING_M)[0])]
+    left = left[np.argsort(-graph.clearance_m[left], kind="stable")]
+    chosen = [chains.node]
+    tree, free = KDTree(graph.vertex_xy_m[left].reshape(-1, 2)), np.ones(len(left), bool)
+    for i, vertex in enumerate(left):
+        if free[i]:
+            chosen.append(left[i : i + 1])
+            free[tree.query_ball_point(graph.vertex_xy_m[vertex], SPACING_M)] = False
+    return np.sort(np.concatenate(chosen))
 
 
 def leads_on(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Bool[np.ndarray, " n"]:
@@ -64,61 +72,34 @@ def roomy_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarray, "f
     radius = radius_m / topdown.resolution_m
     pad = int(np.ceil(radius)) + 1
     unknown = np.pad(topdown.state == UNKNOWN, pad, constant_values=True)
-    middle = np.asarray(ndimage.distance_transform_edt(unknown)) >= radius
+    middle = capped_distance_cells(unknown, pad) >= radius
     # A border point lies on the edge of a cell, so that the disc's own rim is out by up to two cells.
-    roomy = np.asarray(ndimage.distance_transform_edt(~middle)) <= radius + 1.5
+    roomy = capped_distance_cells(~middle, pad + 2) <= radius + 1.5
     cell = world_to_cell(frontier, topdown.origin_xy_m, topdown.resolution_m) + pad
     cell = np.clip(cell, 0, np.array(roomy.shape) - 1)
     return frontier[roomy[cell[:, 0], cell[:, 1]]]
 
 
-def prune(
-    graph: VoronoiGraph, leads_on: Bool[np.ndarray, " n"]
-) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Which vertices are left without the branches into corners, and how many edges each has then.
+def prune(graph: VoronoiGraph, leads_on: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which vertices are left without the branches into corners.
 
     Args:
         graph: the road map.
         leads_on: vertices that no branch is pruned at the end of.
     """
-    n = len(graph.vertex_xy_m)
-    neighbours: list[list[int]] = [[] for _ in range(n)]
-    for a, b in graph.edges.tolist():
-        neighbours[a].append(b)
-        neighbours[b].append(a)
-    kept = np.ones(n, bool)
-    degree = graph.degree.copy()
+    kept = np.ones(len(graph.vertex_xy_m), bool)
     for _ in range(MAX_ROUNDS):
-        spurs = [
-            (branch, junction)
-            for leaf in np.flatnonzero(kept & (degree == 1) & ~leads_on).tolist()
-            if (found := _branch(leaf, neighbours, kept, degree)) is not None
-            for branch, junction in (found,)
-            if _is_spur(graph, branch, junction)
-        ]
-        if not spurs:
+        edge = np.flatnonzero(kept[graph.edges].all(axis=1))
+        edges = graph.edges[edge]
+        degree = np.bincount(edges.ravel(), minlength=len(kept))
+        chain, ends = edge_chains(edges, degree != 2)
+        # Circles have no ends, and the same vertex stands for both: it cannot have one edge and three.
+        tip, base = np.take_along_axis(ends, np.argsort(degree[ends], axis=1), axis=1).T
+        branch = (degree[tip] == 1) & (degree[base] >= 3) & ~leads_on[tip]
+        length = np.bincount(chain, graph.edge_length_m[edge], len(ends))
+        spur = branch & (graph.clearance_m[base] - graph.clearance_m[tip] >= SPUR_SLOPE * length)
+        if not spur.any():
             break
-        for branch, junction in spurs:
-            kept[branch] = False
-            degree[branch] = 0
-            degree[junction] -= 1
-    return kept, degree
-
-
-def _branch(
-    leaf: int, neighbours: list[list[int]], kept: Bool[np.ndarray, " n"], degree: Int[np.ndarray, " n"]
-) -> tuple[list[int], int] | None:
-    """The vertices from an end to the next junction, and that junction; None where the way has two ends."""
-    branch, before = [leaf], -1
-    while True:
-        (after,) = [v for v in neighbours[branch[-1]] if kept[v] and v != before]
-        if degree[after] != 2:
-            return (branch, after) if degree[after] > 2 else None
-        before = branch[-1]
-        branch.append(after)
-
-
-def _is_spur(graph: VoronoiGraph, branch: list[int], junction: int) -> bool:
-    xy = graph.vertex_xy_m[[*branch, junction]]
-    length = float(np.linalg.norm(np.diff(xy, axis=0), axis=1).sum())
-    return bool(graph.clearance_m[junction] - graph.clearance_m[branch[0]] >= SPUR_SLOPE * length)
+        kept[edges[spur[chain]]] = False
+        kept[base[spur]] = True
+    return kept

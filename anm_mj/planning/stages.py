@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.frames import wrap_angle
+from anm_mj.planning.chains import contract
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gvg import voronoi_graph
-from anm_mj.planning.junctions import decision_vertices, roomy_frontier
+from anm_mj.planning.junctions import decision_vertices, leads_on, prune, roomy_frontier
 from anm_mj.planning.paths import Reach, reach
 from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.topdown import TopDownMapper
@@ -104,7 +105,8 @@ class Stages:
                 radius = self.config.region_radius_m
                 self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
                 frontier = roomy_frontier(topdown, self.safe_m)
-                decisions = decision_vertices(graph, frontier)
+                kept = prune(graph, leads_on(graph, frontier))
+                decisions = decision_vertices(graph, contract(graph, kept))
                 regions = self.finder.regions(graph, mapper.occupancy, height, decisions)
         return Situation(pose, topdown, graph, paths, regions, height, watch, decisions, frontier)
 

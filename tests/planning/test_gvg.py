@@ -2,31 +2,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from anm_mj.planning.chains import components
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gvg import voronoi_graph
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.types import FREE, Footprint, Pose2, TopDownMap
-from tests.planning.worlds import BoxWorld, room
+from tests.planning.worlds import BoxWorld, room, see
 
 SAFE_M = 0.22
 CONFIG = PlanningConfig(horizon_m=20.0)
-
-
-def components(graph):
-    """For each vertex the number of its connected component; the largest is 0, the next 1 and so on."""
-    n = len(graph.vertex_xy_m)
-    links = coo_matrix((np.ones(len(graph.edges)), graph.edges.T), shape=(n, n))
-    _, label = connected_components(links, directed=False)
-    rank = np.argsort(np.argsort(-np.bincount(label), kind="stable"))
-    return rank[label]
-
-
-def graph_of(world, x, y):
-    topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, Pose2(x, y, 0))
-    return voronoi_graph(topdown, np.array([x, y]), CONFIG, SAFE_M), topdown
 
 
 def border_map(border_xy_m, size=200):
@@ -36,7 +21,7 @@ def border_map(border_xy_m, size=200):
 
 
 def test_the_graph_of_a_corridor_is_its_centre_line():
-    graph, _ = graph_of(room(8, 1.2), 4, 0.8)
+    graph, _ = see(room(8, 1.2), 4, 0.8)
     inner = graph.vertex_xy_m[np.abs(graph.vertex_xy_m[:, 0] - 4.2) < 2.5]
     assert len(inner) > 10
     assert np.abs(inner[:, 1] - 0.8).max() < 0.03
@@ -50,7 +35,7 @@ def test_a_t_junction_has_one_vertex_of_degree_three_where_the_arms_meet():
         [(0, 0, 8.4, 0.2), (0, 0, 0.2, 5.6), (8.2, 0, 8.4, 5.6), (0, 1.4, 3.6, 5.6), (4.8, 1.4, 8.4, 5.6),
          (3.6, 5.4, 4.8, 5.6)],
     )  # fmt: skip
-    graph, _ = graph_of(world, 4.2, 0.8)
+    graph, _ = see(world, 4.2, 0.8)
     forks = graph.vertex_xy_m[graph.degree >= 3]
     near = forks[np.linalg.norm(forks - [4.2, 0.9], axis=1) < 0.6]
     assert len(near) == 1
@@ -58,7 +43,7 @@ def test_a_t_junction_has_one_vertex_of_degree_three_where_the_arms_meet():
 
 def test_two_rooms_are_joined_through_their_door_and_the_door_is_the_neck():
     wall = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
-    graph, _ = graph_of(room(8, 3, boxes=wall), 2, 1.6)
+    graph, _ = see(room(8, 3, boxes=wall), 2, 1.6)
     label = components(graph)
     left, right = (label[np.argmin(np.linalg.norm(graph.vertex_xy_m - [x, 1.7], axis=1))] for x in (2.0, 6.5))
     assert left == right == 0
@@ -71,7 +56,7 @@ def test_two_rooms_are_joined_through_their_door_and_the_door_is_the_neck():
 
 def test_a_door_too_narrow_for_the_robot_separates_the_rooms():
     wall = [(4.2, 0.2, 4.3, 1.45), (4.2, 1.8, 4.3, 3.2)]
-    graph, _ = graph_of(room(8, 3, boxes=wall), 2, 1.6)
+    graph, _ = see(room(8, 3, boxes=wall), 2, 1.6)
     label = components(graph)
     left, right = (label[np.argmin(np.linalg.norm(graph.vertex_xy_m - [x, 1.7], axis=1))] for x in (2.0, 6.5))
     assert left != right
@@ -79,7 +64,7 @@ def test_a_door_too_narrow_for_the_robot_separates_the_rooms():
 
 def test_no_edge_passes_a_thin_leg_too_closely():
     leg = (2.00, 1.50, 2.05, 1.55)
-    graph, _ = graph_of(room(4, 3, boxes=[leg]), 1, 1)
+    graph, _ = see(room(4, 3, boxes=[leg]), 1, 1)
     a, b = graph.vertex_xy_m[graph.edges[:, 0]], graph.vertex_xy_m[graph.edges[:, 1]]
     for share in np.linspace(0, 1, 9):
         point = a + share * (b - a)
@@ -117,6 +102,31 @@ def test_turning_the_border_turns_the_graph(seed, angle):
     expected = (graph.vertex_xy_m[inside] - centre) @ rotation.T + centre
     nearest = np.linalg.norm(turned.vertex_xy_m[None] - expected[:, None], axis=-1).min(axis=1)
     assert nearest.max(initial=0.0) < 1e-6
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31))
+def test_every_place_is_retracted_onto_the_graph_away_from_its_nearest_border(seed):
+    # Straight away from the nearest border point, the clearance grows until another one is as near: that is the graph.
+    rng = np.random.default_rng(seed)
+    around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    border = 5.0 + np.concatenate(
+        [rng.uniform(-2.5, 2.5, (40, 2)), 4.0 * np.stack([np.cos(around), np.sin(around)], 1)]
+    )
+    config = PlanningConfig(fine_spacing_m=1e-4, coarse_spacing_m=1e-4, min_site_distance_m=1e-6)
+    graph = voronoi_graph(border_map(border), np.array([5.0, 5.0]), config, 1e-3)
+    a, b = graph.vertex_xy_m[graph.edges[:, 0]], graph.vertex_xy_m[graph.edges[:, 1]]
+    for place in 5.0 + rng.uniform(-2.0, 2.0, (20, 2)):
+        from_border = place - border
+        nearest = np.argmin(np.linalg.norm(from_border, axis=1))
+        ahead = from_border[nearest] / np.linalg.norm(from_border[nearest])
+        # At border + t * ahead the other point p is as near when |border + t * ahead - p| = t.
+        apart = border[nearest] - border
+        along = -2.0 * apart @ ahead
+        others = (along > 1e-9) & (np.arange(len(border)) != nearest)
+        retracted = border[nearest] + ((apart[others] ** 2).sum(axis=1) / along[others]).min() * ahead
+        share = np.clip(((retracted - a) * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1).clip(1e-18), 0.0, 1.0)
+        assert np.linalg.norm(a + share[:, None] * (b - a) - retracted, axis=1).min() < 1e-6
 
 
 def test_vertices_and_edges_grow_linearly_with_the_border_as_euler_says():

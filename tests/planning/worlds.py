@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, MapUpdate, Observation, SurfacePoints, VoxelGrid
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.gvg import voronoi_graph
+from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, MapUpdate, Observation, Pose2, SurfacePoints, VoxelGrid
 
 RESOLUTION_M = 0.05
 HEIGHT_M = 2.0
@@ -48,3 +51,10 @@ def room(width_m, height_m, wall_m=0.2, boxes=(), unknown=()):
     w, h = width_m + 2 * wall_m, height_m + 2 * wall_m
     walls = [(0, 0, w, wall_m), (0, h - wall_m, w, h), (0, 0, wall_m, h), (w - wall_m, 0, w, h)]
     return BoxWorld((w, h), [*walls, *boxes], unknown)
+
+
+def see(world, x, y, safe_m=0.22):
+    """The graph and the top-down map of a world, with everything in the local horizon of a robot at (x, y)."""
+    config = PlanningConfig(horizon_m=100.0)
+    topdown = TopDownMapper(config, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, Pose2(x, y, 0.0))
+    return voronoi_graph(topdown, np.array([x, y]), config, safe_m), topdown
