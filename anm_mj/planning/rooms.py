@@ -1,0 +1,117 @@
+"""The rooms of the graph: its parts between doors, which are its necks.
+
+A door is where the clearance along the graph has a minimum that is clearly narrower than what lies to both sides of it
+(critical points: Thrun, Artificial Intelligence 99(1), 1998). Every vertex begins as a part of its own; each part joins
+the neighbour that its widest exit leads to, until all parts that are left are clearly wider than their widest exit and
+large enough for a room. This comes to the watershed of the clearance over the graph with basins of too little
+prominence filled in, widest necks first (Bormann et al., ICRA 2016): a part's widest exit is reached before any other
+of its exits, so that nothing is lost by letting all parts join at once. A few rounds do, each a pass over the edges.
+
+Only a neck between two walls can be a door. One beside a table or a chair is a way through a room: what stands free is
+furniture unless it is long, or thin as a wall. One beside the unknown may be wider than it looks: it ends where the
+view does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from anm_mj.frames import world_to_cell
+from anm_mj.planning.chains import connected
+from anm_mj.planning.narrows import Narrows, narrows
+from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
+
+DOOR_HALF_WIDTH_M = 0.8
+"""What is wider than twice this is an opening within one room [m]."""
+NARROWING = 0.75
+"""A door is narrower than this share of the widest place in either room: a door of 0.9 m in a corridor of 1 m is."""
+LEAST_ROOM_M2 = 3.0
+"""What is smaller is a niche of its neighbour [m2]."""
+LONG_M = 4.0
+"""What does not end within this is no furniture, however thick [m]."""
+THIN_M, LEAST_WALL_M = 0.3, 1.5
+"""Thinner obstacles are walls from this length on [m]."""
+
+
+@dataclass(frozen=True)
+class Rooms:
+    """Rooms of a graph, numbered in the order of how near they come to where the exploration began."""
+
+    room: Int[np.ndarray, " n"]
+    """The room of each vertex; -1 in what is cut off and too small for a room."""
+    centre_xy_m: Float[np.ndarray, "r 2"]
+    """The widest place of each room [m]."""
+    floor_m2: Float[np.ndarray, " r"]
+    """Floor of each room, as far as it is known."""
+    door_xy_m: Float[np.ndarray, "d 2"]
+    """The narrowest places of the necks between rooms [m]."""
+    door_half_width_m: Float[np.ndarray, " d"]
+
+
+def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, 2]) -> Rooms:
+    """The rooms of a graph and the doors between them; every vertex is asked, those of spurs too.
+
+    Args:
+        graph: the road map.
+        topdown: the map that it was made from, which tells walls from furniture and from the unknown.
+        start_xy_m: the room nearest to this is room 0, and so on [m]: where the exploration began, so that most rooms
+            keep their numbers while others are found.
+    """
+    places = narrows(graph)
+    may_be_door = places.clearance_m <= DOOR_HALF_WIDTH_M
+    may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
+    part = _parts(graph, places, may_be_door)
+    num = int(part.max(initial=-1)) + 1
+    floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num).astype(float)
+    by_distance = np.argsort(np.linalg.norm(graph.vertex_xy_m - start_xy_m, axis=1), kind="stable")
+    _, first = np.unique(part[by_distance], return_index=True)
+    order = np.argsort(first)
+    order = order[floor_m2[order] >= LEAST_ROOM_M2]
+    number = np.full(num, -1)
+    number[order] = np.arange(len(order))
+    by_width = np.lexsort((-graph.clearance_m, part))
+    _, widest = np.unique(part[by_width], return_index=True)
+    centre = graph.vertex_xy_m[by_width[widest[order]]]
+    door = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
+    return Rooms(number[part], centre, floor_m2[order], places.xy_m[door], places.clearance_m[door])
+
+
+def _parts(graph: VoronoiGraph, places: Narrows, may_be_door: Bool[np.ndarray, " e"]) -> Int[np.ndarray, " n"]:
+    """The part of each vertex when no two parts can join any more."""
+    width = places.clearance_m
+    part = connected(graph.edges[~may_be_door], len(graph.vertex_xy_m))
+    while True:
+        num = int(part.max(initial=-1)) + 1
+        widest_m = np.zeros(num)
+        np.maximum.at(widest_m, part, graph.clearance_m)
+        floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num)
+        sides = part[graph.edges]
+        between = np.flatnonzero(sides[:, 0] != sides[:, 1])
+        of, edge = sides[between].T.ravel(), np.tile(between, 2)
+        order = np.lexsort((-width[edge], of))
+        of, widest = np.unique(of[order], return_index=True)
+        exit_ = edge[order[widest]]
+        joins = (width[exit_] > NARROWING * widest_m[of]) | (floor_m2[of] < LEAST_ROOM_M2)
+        if not joins.any():
+            return part
+        part = connected(sides[exit_[joins]], num)[part]
+
+
+def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:
+    """Which pairs of border points both lie on walls; the unknown behind an obstacle counts as part of it."""
+    obstacle = np.empty(topdown.state.shape, np.int32)
+    ndimage.label(topdown.state != FREE, np.ones((3, 3)), output=obstacle)  # pyright: ignore[reportArgumentType]
+    sides = [[side.stop - side.start for side in box] for box in ndimage.find_objects(obstacle)]
+    length_m = np.linalg.norm(np.array(sides).reshape(-1, 2), axis=1) * topdown.resolution_m
+    area_m2 = np.bincount(obstacle.ravel(), minlength=1)[1:] * topdown.resolution_m**2
+    wall = np.append(False, (length_m > LONG_M) | ((length_m > LEAST_WALL_M) & (area_m2 < THIN_M * length_m)))
+    # A border point lies on the edge between two cells; which of them is the wall, it does not tell.
+    cell = world_to_cell(border_xy_m.reshape(-1, 2), topdown.origin_xy_m, topdown.resolution_m)
+    near = np.array([(row, col) for row in (-1, 0, 1) for col in (-1, 0, 1)])
+    row, col = np.moveaxis(np.clip(cell[:, None] + near, 0, np.array(obstacle.shape) - 1), -1, 0)
+    on_wall = wall[obstacle[row, col]] & (topdown.state[row, col] == OCCUPIED)
+    return np.all(on_wall.any(axis=1).reshape(-1, 2), axis=1)
