@@ -37,6 +37,10 @@ THIN_M, LEAST_WALL_M = 0.3, 1.5
 """Thinner obstacles are walls from this length on [m]."""
 
 
+_CELL_AND_NEIGHBOURS = np.array([(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)])
+"""Row and column steps."""
+
+
 @dataclass(frozen=True)
 class Rooms:
     """Rooms of a graph, numbered in the order of how near they come to where the exploration began."""
@@ -62,9 +66,7 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
             keep their numbers while others are found.
     """
     places = narrows(graph)
-    may_be_door = places.clearance_m <= DOOR_HALF_WIDTH_M
-    may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
-    part = _parts(graph, places, may_be_door)
+    part = _parts(graph, places, topdown)
     num = int(part.max(initial=-1)) + 1
     floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num).astype(float)
     by_distance = np.argsort(np.linalg.norm(graph.vertex_xy_m - start_xy_m, axis=1), kind="stable")
@@ -80,9 +82,11 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
     return Rooms(number[part], centre, floor_m2[order], places.xy_m[door], places.clearance_m[door])
 
 
-def _parts(graph: VoronoiGraph, places: Narrows, may_be_door: Bool[np.ndarray, " e"]) -> Int[np.ndarray, " n"]:
+def _parts(graph: VoronoiGraph, places: Narrows, topdown: TopDownMap) -> Int[np.ndarray, " n"]:
     """The part of each vertex when no two parts can join any more."""
     width = places.clearance_m
+    may_be_door = width <= DOOR_HALF_WIDTH_M
+    may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
     part = connected(graph.edges[~may_be_door], len(graph.vertex_xy_m))
     while True:
         num = int(part.max(initial=-1)) + 1
@@ -90,28 +94,43 @@ def _parts(graph: VoronoiGraph, places: Narrows, may_be_door: Bool[np.ndarray, "
         np.maximum.at(widest_m, part, graph.clearance_m)
         floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num)
         sides = part[graph.edges]
-        between = np.flatnonzero(sides[:, 0] != sides[:, 1])
-        of, edge = sides[between].T.ravel(), np.tile(between, 2)
-        order = np.lexsort((-width[edge], of))
-        of, widest = np.unique(of[order], return_index=True)
-        exit_ = edge[order[widest]]
-        joins = (width[exit_] > NARROWING * widest_m[of]) | (floor_m2[of] < LEAST_ROOM_M2)
+        of, exits = _widest_exits(sides, width)
+        joins = (width[exits] > NARROWING * widest_m[of]) | (floor_m2[of] < LEAST_ROOM_M2)
         if not joins.any():
             return part
-        part = connected(sides[exit_[joins]], num)[part]
+        part = connected(sides[exits[joins]], num)[part]
+
+
+def _widest_exits(
+    sides: Int[np.ndarray, "e 2"], width: Float[np.ndarray, " e"]
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """The parts that have edges to others, and the widest such edge of each.
+
+    Args:
+        sides: the parts at both ends of each edge.
+        width: of each edge.
+    """
+    between = np.flatnonzero(sides[:, 0] != sides[:, 1])
+    of, edge = sides[between].T.ravel(), np.tile(between, 2)
+    order = np.lexsort((-width[edge], of))
+    of, first = np.unique(of[order], return_index=True)
+    return of, edge[order[first]]
 
 
 def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:
     """Which pairs of border points both lie on walls; the unknown behind an obstacle counts as part of it."""
-    obstacle = np.empty(topdown.state.shape, np.int32)
-    ndimage.label(topdown.state != FREE, np.ones((3, 3)), output=obstacle)  # pyright: ignore[reportArgumentType]
+    rows, cols = topdown.state.shape
+    solid = np.pad(topdown.state != FREE, ((0, rows % 2), (0, cols % 2)), constant_values=True).view(np.uint8)
+    # By squares of four cells: what is less than two cells apart is as good as one.
+    squares = solid[::2, ::2] + solid[1::2, ::2] + solid[::2, 1::2] + solid[1::2, 1::2]
+    obstacle = np.empty(squares.shape, np.int32)
+    ndimage.label(squares, np.ones((3, 3)), output=obstacle)  # pyright: ignore[reportArgumentType]
     sides = [[side.stop - side.start for side in box] for box in ndimage.find_objects(obstacle)]
-    length_m = np.linalg.norm(np.array(sides).reshape(-1, 2), axis=1) * topdown.resolution_m
-    area_m2 = np.bincount(obstacle.ravel(), minlength=1)[1:] * topdown.resolution_m**2
+    length_m = np.linalg.norm(np.array(sides).reshape(-1, 2), axis=1) * 2.0 * topdown.resolution_m
+    area_m2 = np.bincount(obstacle.ravel(), squares.ravel(), 1)[1:] * topdown.resolution_m**2
     wall = np.append(False, (length_m > LONG_M) | ((length_m > LEAST_WALL_M) & (area_m2 < THIN_M * length_m)))
     # A border point lies on the edge between two cells; which of them is the wall, it does not tell.
     cell = world_to_cell(border_xy_m.reshape(-1, 2), topdown.origin_xy_m, topdown.resolution_m)
-    near = np.array([(row, col) for row in (-1, 0, 1) for col in (-1, 0, 1)])
-    row, col = np.moveaxis(np.clip(cell[:, None] + near, 0, np.array(obstacle.shape) - 1), -1, 0)
-    on_wall = wall[obstacle[row, col]] & (topdown.state[row, col] == OCCUPIED)
+    row, col = np.moveaxis(np.clip(cell[:, None] + _CELL_AND_NEIGHBOURS, 0, [rows - 1, cols - 1]), -1, 0)
+    on_wall = wall[obstacle[row // 2, col // 2]] & (topdown.state[row, col] == OCCUPIED)
     return np.all(on_wall.any(axis=1).reshape(-1, 2), axis=1)

@@ -16,6 +16,7 @@ from anm_mj.planning.gvg import voronoi_graph
 from anm_mj.planning.junctions import decision_vertices, leads_on, prune, roomy_frontier
 from anm_mj.planning.paths import Reach, reach
 from anm_mj.planning.regions import RegionFinder
+from anm_mj.planning.rooms import find_rooms
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.protocols import Mapper
 from anm_mj.stopwatch import Stopwatch
@@ -52,6 +53,8 @@ class Situation:
     """Vertices at which there is something to decide; read together with the regions."""
     frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Border of the unknown that the robot fits into [m]; read together with the regions."""
+    room: Int[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """The room of each vertex, -1 for none; read together with the regions."""
 
 
 class Stages:
@@ -99,7 +102,7 @@ class Stages:
             paths = reach(graph, topdown, pose, self.safe_m)
         height = float(observation.T_world_camera[2, 3])
         regions: tuple[Region, ...] = ()
-        decisions, frontier = np.zeros(0, np.int64), np.zeros((0, 2))
+        decisions, frontier, room = np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, np.int64)
         if with_regions:
             with watch.stage("regions"):
                 radius = self.config.region_radius_m
@@ -107,8 +110,9 @@ class Stages:
                 frontier = roomy_frontier(topdown, self.safe_m)
                 kept = prune(graph, leads_on(graph, frontier))
                 decisions = decision_vertices(graph, contract(graph, kept))
+                room = find_rooms(graph, topdown, self.topdown.trail_xy_m[0]).room
                 regions = self.finder.regions(graph, mapper.occupancy, height, decisions)
-        return Situation(pose, topdown, graph, paths, regions, height, watch, decisions, frontier)
+        return Situation(pose, topdown, graph, paths, regions, height, watch, decisions, frontier, room)
 
     def set_out(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:
         """Remember the way that the robot is sent, of which the next reading counts what it has gone as visited [m]."""

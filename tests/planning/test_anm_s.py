@@ -55,6 +55,34 @@ def test_the_hierarchy_stays_in_the_horizon_and_the_most_uncertain_is_chased_thr
     assert [region.vertex for region in far.regions if region.centre_m[0] > 8.0]
 
 
+def test_the_rest_of_the_room_comes_before_the_next_room_and_that_before_farther_ones():
+    # A hall of 12 m; a room behind a door beside the robot, and another one behind that.
+    hall = room(12, 7, boxes=[(0.2, 3.2, 1.0, 3.3), (1.9, 3.2, 12.2, 3.3), (5.0, 3.3, 5.1, 4.0), (5.0, 4.9, 5.1, 7.2)])
+    hall.occupancy.seen_range_m[:] = 6.0
+    places = np.stack(np.meshgrid(np.arange(0.6, 12.2, 0.6), np.arange(0.6, 7.2, 0.6)), axis=-1).reshape(-1, 2)
+    in_hall = places[:, 1] < 3.2
+    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+
+    def plan_after_visiting(which):
+        for place in places[which]:
+            policy._stages.topdown.visit(place)
+        policy._target_xy_m = None
+        return policy.plan(hall, observation(1.5, 1.7))
+
+    rest = plan_after_visiting(in_hall & (places[:, 0] < 5.0))
+    assert "in the rest of the room" in rest.reason
+    assert rest.target_xy_m[1] < 3.2
+    # The nearest of all would have been behind the door.
+    assert min(rest.candidates, key=lambda candidate: candidate.cost_steps).xy_m[1] > 3.2
+    following = plan_after_visiting(in_hall)
+    assert "in room 1" in following.reason
+    assert following.target_xy_m[1] > 3.2
+    assert following.target_xy_m[0] < 5.1
+    last = plan_after_visiting(places[:, 0] < 5.0)
+    assert "in room 2" in last.reason
+    assert last.target_xy_m[0] > 5.0
+
+
 def test_without_visibility_guidance_the_robot_turns_to_nothing():
     assert decide(two_rooms(), target="best-anchored", visibility_guidance=False).headings_rad == ()
 
@@ -76,7 +104,16 @@ def test_a_place_without_any_way_out_ends_the_run():
     world = room(4, 3, boxes=walls)
     policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
     assert len(policy.plan(world, observation(1.0, 1.7)).actions) == 36
-    assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.NO_REACHABLE_TARGET
+    end = policy.plan(world, observation(1.0, 1.7))
+    assert end.stop is StopReason.NO_REACHABLE_TARGET
+    assert end.reason.endswith("parts of the graph out of reach: 1")
+
+
+def test_where_there_is_no_room_for_any_graph_the_run_ends_too():
+    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    cell = room(0.3, 0.3)
+    assert len(policy.plan(cell, observation(0.35, 0.35)).actions) == 36
+    assert policy.plan(cell, observation(0.35, 0.35)).stop is StopReason.NO_REACHABLE_TARGET
 
 
 def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_ends():
@@ -88,7 +125,9 @@ def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_end
             policy._stages.topdown.visit(np.array([x, y]))
     around = policy.plan(world, observation(1.0, 1.7))
     assert len(around.actions) == 36
-    assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.COMPLETE
+    end = policy.plan(world, observation(1.0, 1.7))
+    assert end.stop is StopReason.COMPLETE
+    assert end.reason.endswith("parts of the graph out of reach: 0")
 
 
 def test_a_door_that_was_passed_and_not_looked_through_is_gone_to_before_the_run_ends():

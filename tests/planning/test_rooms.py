@@ -172,7 +172,9 @@ def test_joining_all_parts_at_once_is_the_watershed_from_the_widest_neck_to_the_
     places = Narrows(width, np.zeros((len(edges), 2)), np.zeros((len(edges), 2, 2)), np.ones(len(edges)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rooms, "LEAST_ROOM_M2", 0.0)
-        part = rooms._parts(graph, places, np.ones(len(edges), bool))
+        patch.setattr(rooms, "DOOR_HALF_WIDTH_M", 2.0)
+        patch.setattr(rooms, "_between_walls", lambda border_xy_m, topdown: np.ones(len(border_xy_m), bool))
+        part = rooms._parts(graph, places, see(room(1, 1), 0.7, 0.7)[1])
 
     expected = np.arange(num)
     for edge in np.argsort(-width):

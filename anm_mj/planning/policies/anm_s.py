@@ -3,8 +3,9 @@
 After a full turn at the start, every decision weighs the vertices at which something is to be decided
 (:mod:`anm_mj.planning.junctions`), and any other that a region of interest is anchored to. Only those are candidates
 that lie in an area not visited yet or have a region anchored to them. A candidate is better when it is unvisited, when
-it lies in the local horizon and in the view ahead, and when it does and a region is anchored to it; among equals the
-nearest along the graph is taken (target "hierarchical"; the paper's ablation knows "random", any unvisited vertex, and
+it lies in the local horizon and in the view ahead, and when it does and a region is anchored to it; among equals those
+in the room that the robot is in come first, then room by room from near to far (:mod:`anm_mj.planning.rooms`), in each
+the nearest along the graph (target "hierarchical"; the paper's ablation knows "random", any unvisited vertex, and
 "best-anchored", the one with the most uncertain region). On arrival the robot turns until every region anchored there
 has been in view. A target is kept until it is reached, blocked, or no longer a candidate because of what was seen on
 the way. With no candidate left the robot looks around once more, as the authors' released code does, then the run ends.
@@ -14,8 +15,9 @@ Where paper and code differ, the paper is followed: a bootstrap of 36 turns with
 regions anchored by visibility, surfaces from zero-crossings. Deviations from the paper: unknown space is a state of its
 own, so that vertices lie in observed free space only, and bounds are never taken from ground truth; regions vanish once
 their surface was seen from near or turned to, so that there is an end; spurs of the graph into corners are no decision
-vertices; vertices come last when all that surrounds them was seen from near enough (``visited_by`` "place" leaves that
-out, as in the released code); after them come those beside the unknown that the robot has only been near to.
+vertices; between the local horizon and the whole graph there are rooms; vertices come last when all that surrounds them
+was seen from near enough (``visited_by`` "place" leaves that out, as in the released code); after them come those
+beside the unknown that the robot has only been near to.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from anm_mj.frames import pixel_directions, wrap_angle
+from anm_mj.planning.chains import components
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.junctions import BORDER_WIDTH_M, leads_on
 from anm_mj.planning.paths import segments_clear
@@ -107,10 +110,11 @@ class AnmS:
             return self._look_around("bootstrap: one full turn before the first decision", self.config.bootstrap_turns)
         now = self._stages.read(mapper, observation)
         nodes, unvisited = self._candidates(now, mapper.occupancy)
-        score = self._scores(now, nodes, unvisited)
+        near = self._in_horizon(now, now.graph.vertex_xy_m[nodes])
+        score = self._scores(now, nodes, unvisited, near)
         before_xy_m = self._target_xy_m
         for best in self._order(now, nodes, unvisited, score):
-            plan = self._go(now, int(nodes[best]), nodes, score)
+            plan = self._go(now, int(best), nodes, near, score)
             if plan is not None:
                 self._note_change(before_xy_m, now.pose)
                 self._target_unvisited = bool(unvisited[best])
@@ -165,12 +169,14 @@ class AnmS:
         return np.flatnonzero((away == away.min()) & (away <= SAME_TARGET_M))[:1]
 
     def _scores(
-        self, now: Situation, nodes: Int[np.ndarray, " n"], unvisited: Bool[np.ndarray, " n"]
+        self,
+        now: Situation,
+        nodes: Int[np.ndarray, " n"],
+        unvisited: Bool[np.ndarray, " n"],
+        near: Bool[np.ndarray, " n"],
     ) -> Int[np.ndarray, " n"]:
-        xy = now.graph.vertex_xy_m[nodes]
-        failed = num_within(xy, self._failed_xy_m, FAIL_RADIUS_M) > 0
+        failed = num_within(now.graph.vertex_xy_m[nodes], self._failed_xy_m, FAIL_RADIUS_M) > 0
         anchored = np.isin(nodes, [region.vertex for region in self._guiding(now)])
-        near = self._in_horizon(now, xy)
         return UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * (anchored & near) + FAILED * failed
 
     def _in_horizon(self, now: Situation, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
@@ -198,7 +204,7 @@ class AnmS:
             away = np.linalg.norm(xy - self._target_xy_m, axis=1)
             present[np.argmin(away)] = away.min() <= SAME_TARGET_M
         if self.config.target == "hierarchical":
-            return np.lexsort((distance, -score, ~present))
+            return np.lexsort((distance, _rooms_off(now, nodes), -score, ~present))
         if self.config.target == "random":
             return np.lexsort((self._rng.random(len(nodes)), failed, ~present))
         most = np.zeros(len(now.graph.vertex_xy_m))
@@ -211,9 +217,15 @@ class AnmS:
         return now.regions if self.config.visibility_guidance else ()
 
     def _go(
-        self, now: Situation, vertex: int, nodes: Int[np.ndarray, " n"], score: Int[np.ndarray, " n"]
+        self,
+        now: Situation,
+        chosen: int,
+        nodes: Int[np.ndarray, " n"],
+        near: Bool[np.ndarray, " n"],
+        score: Int[np.ndarray, " n"],
     ) -> Plan | None:
-        """The plan that leads to a vertex and looks at its regions; None when nothing is to be done for that."""
+        """The plan that leads to one of the nodes and looks at its regions; None when there is nothing to be done."""
+        vertex = int(nodes[chosen])
         xy = now.graph.vertex_xy_m[vertex]
         regions = tuple(region for region in self._guiding(now) if region.vertex == vertex)
         path = now.reach.path_to(vertex)
@@ -227,13 +239,14 @@ class AnmS:
             return None
         self._target_xy_m, self._headed_for = xy, regions
         self._stages.set_out(path)
-        tier = int(score[np.flatnonzero(nodes == vertex)[0]])
-        chosen = {
-            "hierarchical": f"nearest of {int((score == tier).sum())} vertices",
+        tier = int(score[chosen])
+        where = "the local horizon" if near[chosen] else _room_name(now, vertex)
+        why = {
+            "hierarchical": f"in {where}, first of {int((score == tier).sum())} vertices",
             "best-anchored": "the most uncertain region",
             "random": "drawn at random",
         }[self.config.target]
-        reason = f"tier {tier}: {chosen}, {len(regions)} regions anchored, {now.reach.distance_m[vertex]:.1f} m away"
+        reason = f"tier {tier}: {why}, {len(regions)} regions anchored, {now.reach.distance_m[vertex]:.1f} m away"
         steps = now.reach.distance_m[nodes] / FORWARD_STEP_M
         candidates = tuple(
             Candidate(now.graph.vertex_xy_m[n], float(s), float(s), float(c))
@@ -285,13 +298,15 @@ class AnmS:
     def _at_a_loss(self, now: Situation) -> Plan:
         """Look around once, as the authors' released code does; when that has brought nothing, stop."""
         self._target_xy_m, self._headed_for = None, ()
-        reachable = np.isfinite(now.reach.distance_m).any()
+        reached = np.isfinite(now.reach.distance_m)
+        reachable = reached.any()
         what = "every vertex is visited and no region is left" if reachable else "no vertex of the graph can be reached"
         if not self._looked_around:
             self._looked_around = True
             return self._look_around(f"{what}: another full turn", FULL_TURN)
+        num_parts = len(np.unique(components(now.graph)[~reached]))
         return Plan(
-            f"{what}, even after a look around",
+            f"{what}, even after a look around; parts of the graph out of reach: {num_parts}",
             np.zeros((0, 2)),
             stop=StopReason.COMPLETE if reachable else StopReason.NO_REACHABLE_TARGET,
             topdown=now.topdown,
@@ -302,6 +317,27 @@ class AnmS:
 
     def _look_around(self, reason: str, turns: int) -> Plan:
         return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * turns)
+
+
+def _own_room(now: Situation) -> int:
+    """The room that the robot is in: that of the vertex that it reaches first; -1 for none."""
+    return int(now.room[np.argmin(now.reach.distance_m)]) if len(now.room) else -1
+
+
+def _room_name(now: Situation, vertex: int) -> str:
+    """What to call the room of a vertex."""
+    room = int(now.room[vertex])
+    if room == _own_room(now):
+        return "the rest of the room"
+    return f"room {room}" if room >= 0 else "a nook"
+
+
+def _rooms_off(now: Situation, nodes: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """How far the room of each vertex is: 0 for the robot's own, else to the nearest of these vertices in it [m]."""
+    _, room = np.unique(now.room[nodes], return_inverse=True)
+    nearest = np.full(len(nodes), np.inf)
+    np.minimum.at(nearest, room, now.reach.distance_m[nodes])
+    return np.where(now.room[nodes] == _own_room(now), 0.0, nearest[room])
 
 
 def view_headings(regions: tuple[Region, ...], xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> tuple[float, ...]:
