@@ -88,33 +88,24 @@ def _parts(graph: VoronoiGraph, places: Narrows, topdown: TopDownMap) -> Int[np.
     may_be_door = width <= DOOR_HALF_WIDTH_M
     may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
     part = connected(graph.edges[~may_be_door], len(graph.vertex_xy_m))
+    # Doors of one size are equally wide: of these, the first is taken for the widest.
+    by_width = np.argsort(-width, kind="stable")
+    rank = np.empty(len(width), np.int64)
+    rank[by_width] = np.arange(len(width))
     while True:
         num = int(part.max(initial=-1)) + 1
-        widest_m = np.zeros(num)
-        np.maximum.at(widest_m, part, graph.clearance_m)
-        floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num)
         sides = part[graph.edges]
-        of, exits = _widest_exits(sides, width)
-        joins = (width[exits] > NARROWING * widest_m[of]) | (floor_m2[of] < LEAST_ROOM_M2)
-        if not joins.any():
+        between = sides[:, 0] != sides[:, 1]
+        widest_m, first = np.zeros(num), np.full(num, len(width))
+        np.maximum.at(widest_m, part, graph.clearance_m)
+        np.minimum.at(first, sides[between].ravel(), np.repeat(rank[between], 2))
+        floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num)
+        with_exit = np.flatnonzero(first < len(width))
+        exits = by_width[first[with_exit]]
+        no_room = (width[exits] > NARROWING * widest_m[with_exit]) | (floor_m2[with_exit] < LEAST_ROOM_M2)
+        if not no_room.any():
             return part
-        part = connected(sides[exits[joins]], num)[part]
-
-
-def _widest_exits(
-    sides: Int[np.ndarray, "e 2"], width: Float[np.ndarray, " e"]
-) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """The parts that have edges to others, and the widest such edge of each.
-
-    Args:
-        sides: the parts at both ends of each edge.
-        width: of each edge.
-    """
-    between = np.flatnonzero(sides[:, 0] != sides[:, 1])
-    of, edge = sides[between].T.ravel(), np.tile(between, 2)
-    order = np.lexsort((-width[edge], of))
-    of, first = np.unique(of[order], return_index=True)
-    return of, edge[order[first]]
+        part = connected(sides[exits[no_room]], num)[part]
 
 
 def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:
