@@ -116,7 +116,8 @@ def building(area_m2: float, style: Style, seed: int) -> Plan:
     """Generated buildings in a row, so many that their rooms have the area."""
     obstacles, room = np.ones((1, 0), bool), np.full((1, 0), -1)
     while (missing := area_m2 - np.count_nonzero(room >= 0) * CELL_M**2) > ROOM_M2 / 2:
-        part = generated(min(MOST_ROOMS, math.ceil(missing / ROOM_M2)), seed, style)
+        # No two of one kind.
+        part = generated(min(MOST_ROOMS, math.ceil(missing / ROOM_M2)), 100 * seed + obstacles.shape[1], style)
         labels = np.where(part.rooms >= 0, part.rooms + int(room.max(initial=-1)) + 1, -1)
         rows, seam = max(len(obstacles), len(labels)), obstacles.shape[1]
         obstacles = np.hstack([_as_high(a, rows, True) for a in (obstacles, part.obstacles)])
