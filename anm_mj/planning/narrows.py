@@ -28,7 +28,8 @@ class Narrows:
     border_xy_m: Float[np.ndarray, "e 2 2"]
     """The points of the border that each edge is equidistant to, to its left and to its right [m]."""
     floor_m2: Float[np.ndarray, " e"]
-    """Floor that an edge is the middle of, from border to border [m2]; exact between straight borders."""
+    """Floor that an edge is the middle of, from border to border [m2]; exact between straight borders, up to twice as
+    much where a corner or a pole juts out."""
 
 
 def narrows(graph: VoronoiGraph) -> Narrows:

@@ -50,7 +50,7 @@ class Rooms:
     centre_xy_m: Float[np.ndarray, "r 2"]
     """The widest place of each room [m]."""
     floor_m2: Float[np.ndarray, " r"]
-    """Floor of each room, as far as it is known."""
+    """About the floor of each room, as far as it is known: rather too much among furniture."""
     door_xy_m: Float[np.ndarray, "d 2"]
     """The narrowest places of the necks between rooms [m]."""
     door_half_width_m: Float[np.ndarray, " d"]
