@@ -16,18 +16,21 @@ def capped_distance_cells(free: Bool[np.ndarray, "rows cols"], cap_cells: int) -
     squared = along * along
     nearest = squared.copy()
     shifted = np.empty_like(squared)
-    for d in range(1, min(cap_cells, len(free) - 1) + 1):
-        np.add(squared[d:], np.uint16(d * d), out=shifted[d:])
+    for d in range(1, min(cap_cells, len(free))):
+        np.add(squared, np.uint16(d * d), out=shifted)
         np.minimum(nearest[:-d], shifted[d:], out=nearest[:-d])
-        np.add(squared[:-d], np.uint16(d * d), out=shifted[:-d])
         np.minimum(nearest[d:], shifted[:-d], out=nearest[d:])
-    return np.minimum(np.sqrt(nearest, dtype=np.float32), np.float32(cap_cells))
+    return np.sqrt(nearest, dtype=np.float32)
 
 
 def _along_rows(free: Bool[np.ndarray, "rows cols"], cap_cells: int) -> UInt16[np.ndarray, "rows cols"]:
     """Distance to the nearest cell of the same row that is not free, capped [cells]."""
-    cols = free.shape[1]
-    index = np.arange(cols, dtype=np.int32)
-    last = np.maximum.accumulate(np.where(free, np.int32(-cap_cells), index), axis=1)
-    following = np.minimum.accumulate(np.where(free, np.int32(cols + cap_cells), index)[:, ::-1], axis=1)[:, ::-1]
-    return np.minimum(np.minimum(index - last, following - index), cap_cells).astype(np.uint16)
+    distance = np.where(free, np.uint16(cap_cells), np.uint16(0))
+    step = 1
+    while step < min(cap_cells, free.shape[1]):
+        # What was exact below a step is exact below two.
+        farther = distance + np.uint16(step)
+        np.minimum(distance[:, :-step], farther[:, step:], out=distance[:, :-step])
+        np.minimum(distance[:, step:], farther[:, :-step], out=distance[:, step:])
+        step *= 2
+    return distance

@@ -16,11 +16,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int8, UInt8
 from scipy import ndimage
 
+from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
+from anm_mj.planning.windows import Window, bounds, clipped, grown, hull, within
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
 
 TRUNCATION_M = 0.1
@@ -41,13 +43,7 @@ _HOLE_WIDTH_CELLS = 20
 _HOLE_REACH_CELLS = 20
 """Unknown patches are followed this far beyond what changed, to see whether they are small and enclosed."""
 
-_NEIGHBOURS = ((0, 1), (1, 0))
-"""Row and column steps to the neighbours that borders are noted towards."""
-_SURFACE, _FRONTIER = 1, 2
-"""Kinds of border of free space."""
-
 SdfQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, " n"]]
-Window = tuple[slice, slice]
 
 
 class TopDownMapper:
@@ -70,6 +66,7 @@ class TopDownMapper:
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._origin_xy_m = np.zeros(2)
         self._layers = _Layers((0, 0))
+        self._borders = BorderPoints()
 
     def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Remember a place where the robot met something the map does not show [m]."""
@@ -102,7 +99,7 @@ class TopDownMapper:
         layers, resolution = self._layers, grid.resolution_m
         changed = self._stamp(grid) + self._read_columns(grid, window) + self._ask_sdf(grid, sdf, pose)
         # Whether an unknown patch is a hole may change as far away as the patch is wide.
-        window = _grown(_hull(changed), _HOLE_WIDTH_CELLS, layers.state.shape)
+        window = grown(hull(changed), _HOLE_WIDTH_CELLS, layers.state.shape)
         state = self._column_state(grid, window)
         field = np.where(state == OCCUPIED, np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
         field = np.minimum(field, layers.min_sdf_m[window])
@@ -111,11 +108,16 @@ class TopDownMapper:
         field[passable], state[passable] = TRUNCATION_M, FREE
         field[blocked], state[blocked] = -TRUNCATION_M / 2, OCCUPIED
         state[(field <= 0) & (state == FREE)] = OCCUPIED
+        freed = bounds((state == FREE) != (layers.state[window] == FREE), window)
+        moved = bounds((state != layers.state[window]) | (field != layers.field_m[window]), window)
         layers.state[window], layers.field_m[window] = state, field
-        self._update_clearance(window, resolution)
-        self._update_borders(window)
+        for part in freed:
+            self._update_clearance(part, resolution)
+        self._borders.update(layers.state, layers.field_m, hull(moved)[0] if moved else slice(0, 0))
         origin = grid.origin_m[:2].astype(float)
-        surface, frontier = self._border_points(origin, resolution)
+        surface, frontier = (
+            origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)
+        )
         return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
 
     def _window(self, grid: VoxelGrid, box_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None) -> Window:
@@ -136,7 +138,7 @@ class TopDownMapper:
         self.changed_xy_m = low, high
         first = np.floor((low - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         last = np.ceil((high - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
-        return _clipped(first, last, shape)
+        return clipped(first, last, shape)
 
     def _read_columns(self, grid: VoxelGrid, window: Window) -> list[Window]:
         """Count the free voxels of each column over the body's heights, and note where anything was hit.
@@ -161,7 +163,7 @@ class TopDownMapper:
             below = grid.state[deep : floor + 1, window[0], window[1]]
             hit |= (below == FREE).all(axis=0)
         layers = self._layers
-        changed = _changed((num_free != layers.num_free[window]) | (hit != layers.hit[window]), window)
+        changed = bounds((num_free != layers.num_free[window]) | (hit != layers.hit[window]), window)
         layers.num_free[window], layers.hit[window] = num_free, hit
         return changed
 
@@ -171,10 +173,10 @@ class TopDownMapper:
             self.footprint.z_min_m / grid.resolution_m
         )
         enough = self.config.free_share * max(heights, 1)
-        around = _grown(window, _HOLE_REACH_CELLS, layers.state.shape)
+        around = grown(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < enough
         holes = _enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
-        inner = _within(window, around)
+        inner = within(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
         state[layers.near_trail[window]] = FREE
         state[layers.hit[window]] = OCCUPIED
@@ -186,13 +188,13 @@ class TopDownMapper:
         old = self._layers
         if old.state.shape == shape and np.allclose(self._origin_xy_m, grid.origin_m[:2]):
             return
-        grown = _Layers(shape)
+        layers = _Layers(shape)
         if old.state.size:
             col, row = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)
             where = slice(row, row + old.state.shape[0]), slice(col, col + old.state.shape[1])
             for name, array in vars(old).items():
-                getattr(grown, name)[where] = array
-        self._layers = grown
+                getattr(layers, name)[where] = array
+        self._layers = layers
         self._origin_xy_m = grid.origin_m[:2].astype(float)
 
     def _stamp(self, grid: VoxelGrid) -> list[Window]:
@@ -211,14 +213,14 @@ class TopDownMapper:
         low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         self._new_trail_xy_m, self._new_blocked_xy_m = [], []
-        return [_clipped(low, high, layers.state.shape)]
+        return [clipped(low, high, layers.state.shape)]
 
     def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
         """Ask for the smallest SDF of the columns next to surface inside the horizon, and say where it has changed."""
         layers, config = self._layers, self.config
         centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         half = int(np.ceil(config.horizon_m / 2 / grid.resolution_m))
-        window = _clipped(centre - half, centre + half, layers.state.shape)
+        window = clipped(centre - half, centre + half, layers.state.shape)
         hit = layers.hit[window]
         near = np.asarray(ndimage.binary_dilation(hit, iterations=2), bool) & (hit | (layers.num_free[window] > 0))
         cells = np.argwhere(near)
@@ -226,60 +228,26 @@ class TopDownMapper:
         before = remembered.copy()
         remembered[...] = TRUNCATION_M
         if not len(cells):
-            return _changed(before != remembered, window)
+            return bounds(before != remembered, window)
         heights = np.arange(self.footprint.z_min_m + 0.05, self.footprint.z_max_m + 1e-6, config.sdf_height_spacing_m)
         centres = (cells + np.array([window[0].start, window[1].start]))[:, ::-1] + 0.5
         xy = grid.origin_m[:2] + centres * grid.resolution_m
         points = np.concatenate([np.repeat(xy, len(heights), axis=0), np.tile(heights, len(xy))[:, None]], axis=1)
         remembered[cells[:, 0], cells[:, 1]] = sdf(points).reshape(len(cells), len(heights)).min(axis=1)
-        return _changed(before != remembered, window)
+        return bounds(before != remembered, window)
 
     def _update_clearance(self, window: Window, resolution_m: float) -> None:
-        cap, depth = (math.ceil(d / resolution_m) for d in (MAX_CLEARANCE_M, MAX_DEPTH_M))
+        cap, depth = math.ceil(MAX_CLEARANCE_M / resolution_m), math.ceil(MAX_DEPTH_M / resolution_m + 0.5)
         layers = self._layers
-        reached = _grown(window, cap, layers.state.shape)
-        needed = _grown(reached, cap, layers.state.shape)
+        reached = grown(window, cap, layers.state.shape)
+        needed = grown(reached, cap, layers.state.shape)
         free = layers.state[needed] == FREE
-        inner = _within(reached, needed)
+        inner = within(reached, needed)
         # A pad makes the rim of the map a border; at the rim of a part of it, it is farther away than the cap.
         inside = capped_distance_cells(np.pad(free, 1), cap)[1:-1, 1:-1][inner]
         outside = capped_distance_cells(~free, depth)[inner]
         clearance = np.where(free[inner], inside - np.float32(0.5), np.float32(0.5) - outside)
-        layers.clearance_m[reached] = clearance * np.float32(resolution_m)
-
-    def _update_borders(self, window: Window) -> None:
-        """Note between which cells free space ends, at what, and how far along from the one centre to the other."""
-        layers = self._layers
-        for direction, (d_row, d_col) in enumerate(_NEIGHBOURS):
-            rows, cols = (slice(max(s.start - d, 0), s.stop) for s, d in zip(window, (d_row, d_col), strict=True))
-            state, field = layers.state[rows, cols], layers.field_m[rows, cols]
-            here = slice(0, state.shape[0] - d_row), slice(0, state.shape[1] - d_col)
-            there = slice(d_row, None), slice(d_col, None)
-            a, b = state[here], state[there]
-            border = ((a == FREE) != (b == FREE)).astype(np.uint8)
-            border[border.astype(bool) & ((a == UNKNOWN) | (b == UNKNOWN))] = _FRONTIER
-            kind, share = layers.border[direction], layers.share[direction]
-            to = tuple(slice(s.start, s.start + n) for s, n in zip((rows, cols), border.shape, strict=True))
-            kind[to] = border
-            at = np.nonzero(border == _SURFACE)
-            fa, fb = field[here][at], field[there][at]
-            share[to][at] = np.where(fa * fb < 0, fa / np.where(fa == fb, np.float32(1.0), fa - fb), np.float32(0.5))
-
-    def _border_points(
-        self, origin_xy_m: Float[np.ndarray, 2], resolution_m: float
-    ) -> tuple[Float[np.ndarray, "s 2"], Float[np.ndarray, "f 2"]]:
-        """Zero-crossings between free and occupied cells, and the middles between free and unknown ones [m]."""
-        points: list[list[Float[np.ndarray, "n 2"]]] = [[], []]
-        for direction, (d_row, d_col) in enumerate(_NEIGHBOURS):
-            kind, share = self._layers.border[direction], self._layers.share[direction]
-            flat = np.flatnonzero(kind)
-            surface = kind.ravel()[flat] == _SURFACE
-            for found, which, along in ((points[0], flat[surface], share), (points[1], flat[~surface], None)):
-                row, col = np.divmod(which, kind.shape[1])
-                t = np.full(len(which), 0.5) if along is None else along.ravel()[which].astype(float)
-                xy = np.stack([col + 0.5 + t * d_col, row + 0.5 + t * d_row], axis=1)
-                found.append(origin_xy_m + xy * resolution_m)
-        return np.concatenate(points[0]), np.concatenate(points[1])
+        layers.clearance_m[reached] = np.maximum(clearance * np.float32(resolution_m), np.float32(-MAX_DEPTH_M))
 
 
 class _Layers:
@@ -295,52 +263,6 @@ class _Layers:
         self.state: Int8[np.ndarray, "rows cols"] = np.full(shape, UNKNOWN, np.int8)
         self.field_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(TRUNCATION_M))
         self.clearance_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(-MAX_DEPTH_M))
-        self.border_right: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
-        self.border_up: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
-        self.share_right: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
-        self.share_up: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
-
-    @property
-    def border(self) -> tuple[UInt8[np.ndarray, "rows cols"], UInt8[np.ndarray, "rows cols"]]:
-        """Kind of border between each cell and its neighbour, by direction of ``_NEIGHBOURS``."""
-        return self.border_right, self.border_up
-
-    @property
-    def share(self) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
-        """How far along to that neighbour the surface lies."""
-        return self.share_right, self.share_up
-
-
-def _clipped(first: Int[np.ndarray, 2], last: Int[np.ndarray, 2], shape: tuple[int, ...]) -> Window:
-    a, b = (slice(min(max(int(f), 0), n), min(max(int(e), 0), n)) for f, e, n in zip(first, last, shape, strict=True))
-    return a, b
-
-
-def _changed(mask: Bool[np.ndarray, "rows cols"], window: Window) -> list[Window]:
-    """The smallest part of a window that holds all of a mask over it; none when the mask is empty."""
-    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return []
-    r, c = window[0].start, window[1].start
-    return [(slice(r + int(rows[0]), r + int(rows[-1]) + 1), slice(c + int(cols[0]), c + int(cols[-1]) + 1))]
-
-
-def _hull(windows: list[Window]) -> Window:
-    """The smallest window that holds some others."""
-    a, b = (slice(min(w[k].start for w in windows), max(w[k].stop for w in windows)) for k in (0, 1))
-    return a, b
-
-
-def _grown(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
-    """A window with so many more cells on all sides, as far as there are any."""
-    a, b = (slice(max(s.start - cells, 0), min(s.stop + cells, n)) for s, n in zip(window, shape, strict=True))
-    return a, b
-
-
-def _within(inner: Window, outer: Window) -> Window:
-    """A window in the cells of another one."""
-    a, b = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
-    return a, b
 
 
 def _stamp_disc(

@@ -1,0 +1,76 @@
+"""Where free space ends: points on the borders between neighbouring cells, kept up by rows of the map."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Int8
+
+from anm_mj.types import FREE, UNKNOWN
+
+_NEIGHBOURS = ((0, 1), (1, 0))
+"""Row and column steps to the neighbours that borders are looked for towards."""
+
+
+class BorderPoints:
+    """Zero-crossings between free and occupied cells, and the middles between free and unknown ones.
+
+    They are kept in the order of rows, so that those of rows where something has changed can be exchanged.
+    """
+
+    def __init__(self) -> None:
+        """Start with a map without cells."""
+        self._shape: tuple[int, ...] = (0, 0)
+        self._surface = [_Points() for _ in _NEIGHBOURS]
+        self._frontier = [_Points() for _ in _NEIGHBOURS]
+
+    @property
+    def surface_cells(self) -> Float[np.ndarray, "s 2"]:
+        """Zero-crossings between free and occupied: x, y from the corner of the map [cells]."""
+        return np.concatenate([points.xy_cells for points in self._surface])
+
+    @property
+    def frontier_cells(self) -> Float[np.ndarray, "f 2"]:
+        """Middles between free and unknown: x, y from the corner of the map [cells]."""
+        return np.concatenate([points.xy_cells for points in self._frontier])
+
+    def update(
+        self, state: Int8[np.ndarray, "rows cols"], field_m: Float32[np.ndarray, "rows cols"], rows: slice
+    ) -> None:
+        """Look for the points of some rows anew; of all rows where the map has grown.
+
+        Args:
+            state: the whole map: FREE, OCCUPIED or UNKNOWN.
+            field_m: signed distance to the surface, positive where free [m].
+            rows: where cells have changed.
+        """
+        if state.shape != self._shape:
+            self._shape, rows = state.shape, slice(0, len(state))
+        # The last row before those that have changed borders on them.
+        rows = slice(max(rows.start - 1, 0), rows.stop)
+        free = state[rows.start : rows.stop + 1] == FREE
+        for (d_row, d_col), surface, frontier in zip(_NEIGHBOURS, self._surface, self._frontier, strict=True):
+            here, there = free[: len(free) - d_row, : free.shape[1] - d_col], free[d_row:, d_col:]
+            row, col = np.nonzero((here != there)[: rows.stop - rows.start])
+            row += rows.start
+            at, beyond = (row, col), (row + d_row, col + d_col)
+            unknown = (state[at] == UNKNOWN) | (state[beyond] == UNKNOWN)
+            a, b = field_m[at], field_m[beyond]
+            share = np.where(a * b < 0, a / np.where(a == b, np.float32(1.0), a - b), np.float32(0.5)).astype(float)
+            share[unknown] = 0.5
+            xy = np.stack([col + 0.5 + share * d_col, row + 0.5 + share * d_row], axis=1)
+            surface.exchange(rows, row[~unknown], xy[~unknown])
+            frontier.exchange(rows, row[unknown], xy[unknown])
+
+
+class _Points:
+    """Points by ascending row."""
+
+    def __init__(self) -> None:
+        self.row: Int[np.ndarray, " n"] = np.zeros(0, np.int64)
+        self.xy_cells: Float[np.ndarray, "n 2"] = np.zeros((0, 2))
+
+    def exchange(self, rows: slice, row: Int[np.ndarray, " m"], xy_cells: Float[np.ndarray, "m 2"]) -> None:
+        """Take points in place of those in some rows."""
+        first, last = np.searchsorted(self.row, [rows.start, rows.stop])
+        self.row = np.concatenate([self.row[:first], row, self.row[last:]])
+        self.xy_cells = np.concatenate([self.xy_cells[:first], xy_cells, self.xy_cells[last:]])
