@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import Delaunay, QhullError
 
-from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 
@@ -47,26 +46,25 @@ def voronoi_graph(
         return _empty_graph()
     # The Voronoi diagram is the triangulation's dual: a vertex per triangle, an edge per pair of neighbours, generated
     # by the two sites that they share. Taken so, it costs half.
-    triangle, corner = np.nonzero(diagram.neighbors > np.arange(len(diagram.simplices))[:, None])
-    ridges = np.stack([triangle, diagram.neighbors[triangle, corner]], axis=1)
-    a_b = np.stack([diagram.simplices[triangle, (corner + k) % 3] for k in (1, 2)], axis=1)
-    usable = np.linalg.norm(sites[a_b[:, 0]] - sites[a_b[:, 1]], axis=1) >= config.min_site_distance_m
     vertices = _circumcentres(sites[diagram.simplices])
-    usable &= _in_free_space(vertices, topdown)[ridges].all(axis=1)
-    ridges, a_b = ridges[usable], a_b[usable]
-    start, end = vertices[ridges[:, 0]], vertices[ridges[:, 1]]
-    usable = _segment_distance(sites[a_b[:, 0]], start, end) >= safe_m
-    ridges, a_b = ridges[usable], a_b[usable]
+    free = _in_free_space(vertices, topdown)
+    beyond = diagram.neighbors > np.arange(len(vertices))[:, None]
+    triangle, corner = np.nonzero(beyond & free[:, None] & free[diagram.neighbors])
+    a, b = (sites[diagram.simplices[triangle, (corner + k) % 3]] for k in (1, 2))
+    usable = _length(a - b) >= config.min_site_distance_m
+    ridges, a = np.stack([triangle, diagram.neighbors[triangle, corner]], axis=1)[usable], a[usable]
+    usable = _segment_distance(a, vertices[ridges[:, 0]], vertices[ridges[:, 1]]) >= safe_m
+    ridges, a = ridges[usable], a[usable]
     if not len(ridges):
         return _empty_graph()
-    used, edges = np.unique(ridges, return_inverse=True)
-    edges = edges.reshape(-1, 2)
-    xy = vertices[used]
+    used = np.flatnonzero(np.bincount(ridges.ravel(), minlength=len(vertices)))
+    number = np.zeros(len(vertices), np.int64)
+    number[used] = np.arange(len(used))
+    xy, edges = vertices[used], number[ridges]
+    start, end = xy[edges[:, 0]], xy[edges[:, 1]]
     clearance = np.empty(len(xy))
-    for side in (0, 1):
-        clearance[edges[:, side]] = np.linalg.norm(xy[edges[:, side]] - sites[a_b[:, 0]], axis=1)
-    length = np.linalg.norm(xy[edges[:, 0]] - xy[edges[:, 1]], axis=1)
-    return VoronoiGraph(xy, clearance, edges.astype(np.int64), length)
+    clearance[edges[:, 0]], clearance[edges[:, 1]] = _length(start - a), _length(end - a)
+    return VoronoiGraph(xy, clearance, edges, _length(start - end))
 
 
 def border_sites(
@@ -76,7 +74,7 @@ def border_sites(
     border = np.concatenate([topdown.surface_xy_m, topdown.frontier_xy_m])
     if not len(border):
         return border
-    off = np.abs(border - centre_xy_m).max(axis=1)
+    off = np.maximum(*np.abs(border - centre_xy_m).T)
     inside = off <= config.horizon_m / 2
     far = (off > config.far_m) & thin_far
     kept = [
@@ -95,15 +93,19 @@ def _one_per_square(points: Float[np.ndarray, "n 2"], spacing_m: float) -> Float
     if not len(points):
         return points
     # The member nearest to its square's mean: staircases of grid borders would otherwise bend the graph.
-    keys = np.floor(points / spacing_m).astype(np.int64)
-    keys -= keys.min(axis=0)
-    key = keys[:, 0] * (keys[:, 1].max() + 1) + keys[:, 1]
-    _, group = np.unique(key, return_inverse=True)
-    size = np.bincount(group)
-    mean = np.stack([np.bincount(group, points[:, i]) / size for i in (0, 1)], axis=1)
-    order = np.lexsort((((points - mean[group]) ** 2).sum(axis=1), group))
-    first = np.concatenate([[0], np.cumsum(size)[:-1]])
-    return points[order[first]]
+    col, row = np.floor(points / spacing_m).astype(np.int64).T
+    row = row - row.min()
+    square = (col - col.min()) * (row.max() + 1) + row
+    size = np.maximum(np.bincount(square), 1)
+    mean = np.stack([np.bincount(square, along) / size for along in points.T], axis=1)
+    off = _squared(points - mean[square])
+    least = np.full(len(size), np.inf)
+    np.minimum.at(least, square, off)
+    # Of equally near ones the first, which is written last.
+    nearest = np.flatnonzero(off == least[square])[::-1]
+    chosen = np.full(len(size), -1)
+    chosen[square[nearest]] = nearest
+    return points[chosen[chosen >= 0]]
 
 
 def _circumcentres(corners: Float[np.ndarray, "n 3 2"]) -> Float[np.ndarray, "n 2"]:
@@ -111,7 +113,7 @@ def _circumcentres(corners: Float[np.ndarray, "n 3 2"]) -> Float[np.ndarray, "n 
     first = corners[:, 0]
     b, c = corners[:, 1] - first, corners[:, 2] - first
     twice_area = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    bb, cc = (b**2).sum(axis=1), (c**2).sum(axis=1)
+    bb, cc = _squared(b), _squared(c)
     with np.errstate(divide="ignore", invalid="ignore"):
         x = (c[:, 1] * bb - b[:, 1] * cc) / twice_area
         y = (b[:, 0] * cc - c[:, 0] * bb) / twice_area
@@ -120,13 +122,10 @@ def _circumcentres(corners: Float[np.ndarray, "n 3 2"]) -> Float[np.ndarray, "n 
 
 def _in_free_space(points: Float[np.ndarray, "n 2"], topdown: TopDownMap) -> Bool[np.ndarray, " n"]:
     rows, cols = topdown.state.shape
-    span = np.array([cols, rows]) * topdown.resolution_m
     # Vertices of nearly parallel ridges lie arbitrarily far away and would overflow an integer.
-    inside = ((points >= topdown.origin_xy_m) & (points < topdown.origin_xy_m + span)).all(axis=1)
-    free = np.zeros(len(points), bool)
-    cell = world_to_cell(points[inside], topdown.origin_xy_m, topdown.resolution_m)
-    cell = np.minimum(cell, [rows - 1, cols - 1])
-    free[inside] = topdown.state[cell[:, 0], cell[:, 1]] == FREE
+    x, y = ((points - topdown.origin_xy_m) / topdown.resolution_m).T
+    free = (x >= 0) & (x < cols) & (y >= 0) & (y < rows)
+    free[free] = topdown.state[y[free].astype(np.int64), x[free].astype(np.int64)] == FREE
     return free
 
 
@@ -134,6 +133,13 @@ def _segment_distance(
     point: Float[np.ndarray, "n 2"], start: Float[np.ndarray, "n 2"], end: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
     along = end - start
-    squared = np.maximum((along**2).sum(axis=1), 1e-18)
-    t = np.clip(((point - start) * along).sum(axis=1) / squared, 0.0, 1.0)
-    return np.linalg.norm(start + t[:, None] * along - point, axis=1)
+    t = np.clip(((point - start) * along).sum(axis=1) / np.maximum(_squared(along), 1e-18), 0.0, 1.0)
+    return _length(start + t[:, None] * along - point)
+
+
+def _squared(vector: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    return vector[:, 0] ** 2 + vector[:, 1] ** 2
+
+
+def _length(vector: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    return np.sqrt(_squared(vector))
