@@ -115,8 +115,8 @@ class ViewGrid:
     def _count(self, where: tuple[slice, ...], sign: int) -> None:
         """Add or take away the cells of a part in what is known of every layer."""
         state = self.state[where]
-        self._num_free[where[0]] += sign * np.count_nonzero(state == FREE, axis=(1, 2))
-        self._num_surface[where[0]] += sign * np.count_nonzero(state == OCCUPIED, axis=(1, 2))
+        for counts, counted in ((self._num_free, state == FREE), (self._num_surface, state == OCCUPIED)):
+            counts[where[0]] += sign * np.array([np.count_nonzero(layer) for layer in counted])
 
     def _follow(self, grid: VoxelGrid) -> None:
         """Keep the voxels as they were last seen aligned with a grid that has grown."""
@@ -197,7 +197,9 @@ def _pooled(
     total = state.view(np.uint8) & np.uint8(17)
     total = total[0::2] + total[1::2]
     total = total[:, 0::2] + total[:, 1::2]
-    total = total[:, :, 0::2] + total[:, :, 1::2]
+    # Neighbours in a row as the two halves of one number: no sum exceeds a byte.
+    pairs = total.view(np.uint16)
+    total = (pairs + (pairs >> 8)).astype(np.uint8)
     num_unknown = total >> 4
     occupied = (total & np.uint8(15)) > num_unknown
     unknown = (num_unknown >= POOL**3 // 2) & ~occupied
