@@ -19,6 +19,8 @@ from skimage.graph import MCP_Geometric
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2, TopDownMap, VoronoiGraph
 
+SKIPPED_SAMPLES = 8
+"""Segments are tested first at every so manieth of their samples."""
 MAX_JOINTS = 16
 """Vertices near the robot that a direct segment is tried to."""
 SHORT_LEG_M = 0.6
@@ -103,23 +105,43 @@ def segments_clear(
     """
     longest = float(np.linalg.norm(end_xy_m - start_xy_m, axis=1).max(initial=0.0))
     share = np.linspace(0.0, 1.0, max(math.ceil(longest / topdown.resolution_m * 2), 1) + 1)
-    xy = start_xy_m[:, None] + (end_xy_m - start_xy_m)[:, None] * share[None, :, None]
-    clearance = clearance_at(topdown, xy.reshape(-1, 2)).reshape(xy.shape[:2])
-    needed = np.full_like(clearance, safe_m)
+    clear = np.ones(len(start_xy_m), bool)
+    # A few samples are enough to find most segments that are not clear.
+    for some in (share[::SKIPPED_SAMPLES], share):
+        start, along = start_xy_m[clear, :, None], (end_xy_m - start_xy_m)[clear, :, None]
+        clear[clear] = _are_clear(topdown, *np.moveaxis(start + along * some, 1, 0), safe_m, pose).all(axis=1)
+    return clear
+
+
+def _are_clear(
+    topdown: TopDownMap, x_m: Float[np.ndarray, "n k"], y_m: Float[np.ndarray, "n k"], safe_m: float, pose: Pose2 | None
+) -> Bool[np.ndarray, "n k"]:
+    clearance = _clearance(topdown, x_m, y_m)
+    clear = clearance >= safe_m
     if pose is not None:
         here = float(clearance_at(topdown, pose.xy_m[None])[0])
-        near = np.linalg.norm(xy - pose.xy_m, axis=-1) < NEAR_ROBOT_M
-        needed[near] = min(safe_m, here - topdown.resolution_m)
-    return np.all(clearance >= needed, axis=1)
+        tight = np.nonzero(~clear)
+        x, y = x_m[tight] - pose.x_m, y_m[tight] - pose.y_m
+        near = np.sqrt(x**2 + y**2) < NEAR_ROBOT_M
+        clear[tight] = near & (clearance[tight] >= min(safe_m, here - topdown.resolution_m))
+    return clear
 
 
 def clearance_at(topdown: TopDownMap, xy_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     """Signed clearance of places, -inf outside of the map [m]."""
-    cell = world_to_cell(xy_m, topdown.origin_xy_m, topdown.resolution_m)
-    inside = ((cell >= 0) & (cell < topdown.clearance_m.shape)).all(axis=1)
-    clearance = np.full(len(xy_m), -np.inf)
-    clearance[inside] = topdown.clearance_m[cell[inside, 0], cell[inside, 1]]
-    return clearance
+    return _clearance(topdown, xy_m[:, 0], xy_m[:, 1])
+
+
+def _clearance(
+    topdown: TopDownMap, x_m: Float[np.ndarray, "*n"], y_m: Float[np.ndarray, "*n"]
+) -> Float[np.ndarray, "*n"]:
+    rows, cols = topdown.clearance_m.shape
+    col, row = (
+        np.floor((c - origin) / topdown.resolution_m) for c, origin in zip((x_m, y_m), topdown.origin_xy_m, strict=True)
+    )
+    inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
+    cell = np.where(inside, row * cols + col, 0).astype(np.int64)
+    return np.where(inside, topdown.clearance_m.ravel()[cell].astype(float), -np.inf)
 
 
 def pull_straight(
