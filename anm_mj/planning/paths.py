@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
@@ -39,7 +39,7 @@ class Reach:
 
     distance_m: Float[np.ndarray, " n"]
     """Length of the shortest path [m]; +inf where there is none."""
-    predecessor: Int[np.ndarray, " m"]
+    predecessor: list[int]
     """Previous node on it; node ``n`` is the robot itself; negative where there is none."""
     joint_xy_m: dict[int, Float[np.ndarray, "k 2"]]
     """Way from the robot to each vertex it is joined to, both ends included [m]."""
@@ -61,7 +61,7 @@ class Reach:
         """The vertices of the shortest path to a vertex that can be reached, from the vertex back to the robot."""
         chain = [vertex]
         while self.predecessor[chain[-1]] != len(self.distance_m):
-            chain.append(int(self.predecessor[chain[-1]]))
+            chain.append(self.predecessor[chain[-1]])
         return chain
 
 
@@ -84,7 +84,7 @@ def reach(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) 
     weights = np.maximum(np.concatenate([graph.edge_length_m, lengths]), 1e-6)
     links = coo_matrix((weights, (rows, cols)), shape=(n + 1, n + 1)).tocsr()
     distance, predecessor = dijkstra(links, directed=False, indices=n, return_predecessors=True)
-    return Reach(distance[:n], predecessor.astype(np.int64), joints, graph, topdown, safe_m, pose)
+    return Reach(distance[:n], predecessor.tolist(), joints, graph, topdown, safe_m, pose)
 
 
 def segments_clear(

@@ -14,18 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from anm_mj.planning.paths import Reach, segments_clear
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
+from anm_mj.planning.ways import HALF_TURN, NUM_AZIMUTHS, Ways
 
-HALF_TURN = 18
-"""Turns of 10 degrees in half a turn; azimuth sectors are as wide as one turn."""
-NUM_AZIMUTHS = 2 * HALF_TURN
 SIDE = 4
 """Sectors to either side of the middle one that a view of 90 degrees takes in."""
-VISIBLE_M = 5.0
-"""Places farther from one another than this are taken to be joined by the graph alone [m]."""
-BEARING_OVER_M = 0.8
-"""The direction of arrival is that of the last so many metres [m]."""
 
 
 @dataclass(frozen=True)
@@ -67,37 +59,60 @@ class Tour:
 
 
 @dataclass(frozen=True)
-class _State:
-    tour: Tour
-    place: int
-    heading: int
-    steps: float
-    factor: float
-    """On the worth of all that is gained, from the place the tour begins at."""
-    shown: Bool[np.ndarray, " patches"]
+class _Beam:
+    """Tours that are grown together."""
+
+    tours: list[Tour]
+    place: Int[np.ndarray, " b"]
+    heading: Int[np.ndarray, " b"]
+    """Azimuth sector looked along at the end."""
+    steps: Float[np.ndarray, " b"]
+    factor: Float[np.ndarray, "b k"]
+    """On the worth of what comes next at each place: where a tour has begun, it is that of its first place."""
+    shown: Bool[np.ndarray, "b patches"]
+
+    @property
+    def value(self) -> Float[np.ndarray, " b"]:
+        """Worth of each tour."""
+        return np.array([tour.value for tour in self.tours])
+
+
+@dataclass(frozen=True)
+class _Next:
+    """The best view at each place after each tour of a beam."""
+
+    value: Float[np.ndarray, "b k"]
+    """What it adds to the worth of the tour."""
+    heading: Int[np.ndarray, "b k"]
+    steps: Float[np.ndarray, "b k"]
+    gain_m2: Float[np.ndarray, "b k"]
 
 
 class TourSearch:
     """Beam search over sequences of views among a few places."""
 
     def __init__(
-        self, places: Places, reach: Reach, *, discount_steps: float, preferred: Float[np.ndarray, " k"]
+        self, places: Places, ways: Ways, *, discount_steps: float, preferred: Float[np.ndarray, " k"]
     ) -> None:
         """Work out all pairs of ways.
 
         Args:
             places: where to look from.
-            reach: shortest paths from the robot.
+            ways: how these are joined.
             discount_steps: gain had after this many steps counts 1/e.
             preferred: factor on the worth of sequences that begin at each place: hysteresis.
         """
         self._discount_steps = discount_steps
         self._preferred = preferred
-        names, patch = np.unique(places.patch, return_inverse=True)
-        self._num_patches = len(names)
+        counts = places.worth > 0.0
+        names, found = np.unique(places.patch[counts], return_inverse=True)
+        self._num_patches = len(names) + 1
+        # What adds nothing shares one more patch.
+        patch = np.full(places.patch.shape, len(names))
+        patch[counts] = found
         self._patch = patch.reshape(len(places.xy_m), NUM_AZIMUTHS, -1)
         self._worth = places.worth.reshape(self._patch.shape)
-        self._steps, self._leave, self._arrive = _ways(places, reach)
+        self._steps, self._leave, self._arrive = ways.between(places.xy_m, places.vertex)
 
     def best(self, heading: int, *, depth: int, width: int) -> list[Tour]:
         """The best tours found for a robot that looks along an azimuth sector, best first.
@@ -107,154 +122,92 @@ class TourSearch:
             depth: most stops in a tour.
             width: tours kept at each depth.
         """
-        beam = [_State(Tour((), 0.0), 0, heading, 0.0, 1.0, np.zeros(self._num_patches, bool))]
+        shown = np.zeros((1, self._num_patches), bool)
+        beam = _Beam([Tour((), 0.0)], np.array([0]), np.array([heading]), np.zeros(1), self._preferred[None], shown)
         found: list[Tour] = []
         for _ in range(depth):
-            grown = [child for state in beam for child in self._expand(state, 2 * width)]
-            grown.sort(key=lambda child: -child[0])
-            beam = [self._go(state, *step) for _, state, step in grown[:width]]
-            if not beam:
+            after = self._expand(beam)
+            tour, place = np.nonzero(after.value > 0.0)
+            added = after.value[tour, place]
+            best = np.lexsort((-added, tour, -(beam.value[tour] + added)))[:width]
+            if not len(best):
                 break
-            found += [state.tour for state in beam]
+            beam = self._go(beam, after, tour[best], place[best])
+            found += beam.tours
         return sorted(found, key=lambda tour: -tour.value)
 
-    def _expand(self, state: _State, most: int) -> list[tuple[float, _State, tuple[int, int, float, float]]]:
-        """The most promising next stops: value, state before, and (place, heading, steps, gain)."""
-        left = np.where(state.shown[self._patch], np.float32(0.0), self._worth).sum(axis=2)
-        turn_away = _turns(self._leave[state.place], state.heading)
+    def _expand(self, beam: _Beam) -> _Next:
+        """What may come next."""
+        each, place = np.arange(len(beam.tours)), beam.place
+        left = np.where(beam.shown.take(self._patch, axis=1), np.float32(0.0), self._worth).sum(axis=3)
+        turn_away = _turns(self._leave[place], beam.heading[:, None])
         # Where the robot stays, it only turns; the sweep is then that of the arrival.
-        turn_away[state.place] = 0
-        here = _swept(left[state.place][None], np.array([state.heading]))[0]
-        away = here[turn_away] - here[0]
-        arrive = self._arrive[state.place].copy()
-        arrive[state.place] = state.heading
+        turn_away[each, place] = 0
+        here = _swept(left[each, place], beam.heading)
+        away = here[each[:, None], turn_away] - here[:, :1]
+        arrive = self._arrive[place]
+        arrive[each, place] = beam.heading
         at = _swept(left, arrive)
-        steps = self._steps[state.place][:, None] + np.abs(turn_away)[:, None] + np.abs(_TURNS)[None, :]
-        gain = away[:, None] + at
-        gain[state.place] -= at[state.place, 0]
-        late = state.steps + steps
-        added = gain * np.exp(-late / self._discount_steps)
+        steps = self._steps[place][:, :, None] + np.abs(turn_away)[:, :, None] + np.abs(_TURNS)
+        gain = away[:, :, None] + at
+        gain[each, place] -= at[each, place, :1]
+        added = gain * np.exp(-(beam.steps[:, None, None] + steps) / self._discount_steps)
         added[steps < 0.5] = 0.0
-        added *= state.factor if state.tour.stops else self._preferred[:, None]
-        turn = added.argmax(axis=1)
-        rows = np.arange(len(turn))
-        value = added[rows, turn]
-        order = np.argsort(-value, kind="stable")[:most]
-        return [
-            (
-                state.tour.value + float(value[j]),
-                state,
-                (
-                    int(j),
-                    int((arrive[j] + _TURNS[turn[j]]) % NUM_AZIMUTHS),
-                    float(steps[j, turn[j]]),
-                    float(gain[j, turn[j]]),
-                ),
+        added *= beam.factor[:, :, None]
+        turn = added.argmax(axis=2)
+        best = each[:, None], np.arange(len(self._worth)), turn
+        return _Next(added[best], (arrive + _TURNS[turn]) % NUM_AZIMUTHS, steps[best], gain[best])
+
+    def _go(self, beam: _Beam, after: _Next, tour: Int[np.ndarray, " c"], place: Int[np.ndarray, " c"]) -> _Beam:
+        """The tours that some of a beam become at their next places."""
+        chosen = tour, place
+        heading, steps, gain = after.heading[chosen], beam.steps[tour] + after.steps[chosen], after.gain_m2[chosen]
+        factor = beam.factor[chosen]
+        before, looks = beam.place[tour], beam.heading[tour]
+        stays = before == place
+        shown = beam.shown[tour]
+        self._show(shown, before, looks, np.where(stays, heading, self._leave[before, place]))
+        self._show(shown, place, np.where(stays, looks, self._arrive[before, place]), heading)
+        tours = [
+            Tour(
+                (*beam.tours[t].stops, Stop(int(p), int(h), float(g), float(s))),
+                beam.tours[t].value + float(g) * math.exp(-s / self._discount_steps) * float(f),
             )
-            for j in order
-            if value[j] > 0.0
+            for t, p, h, g, s, f in zip(tour, place, heading, gain, steps, factor, strict=True)
         ]
+        return _Beam(tours, place, heading, steps, np.repeat(factor[:, None], len(self._worth), axis=1), shown)
 
-    def _go(self, state: _State, place: int, heading: int, steps: float, gain: float) -> _State:
-        shown = state.shown.copy()
-        late = state.steps + steps
-        if place != state.place:
-            self._show(shown, state.place, state.heading, int(self._leave[state.place, place]))
-            self._show(shown, place, int(self._arrive[state.place, place]), heading)
-        else:
-            self._show(shown, place, state.heading, heading)
-        factor = state.factor if state.tour.stops else float(self._preferred[place])
-        value = state.tour.value + gain * math.exp(-late / self._discount_steps) * factor
-        stops = (*state.tour.stops, Stop(place, heading, gain, late))
-        return _State(Tour(stops, float(value)), place, heading, late, factor, shown)
-
-    def _show(self, shown: Bool[np.ndarray, " patches"], place: int, start: int, end: int) -> None:
-        """Mark what a turn at a place sweeps over."""
-        turn = int(_turns(np.array([end]), start)[0])
-        low, high = min(turn, 0) - SIDE, max(turn, 0) + SIDE
-        sectors = np.arange(start + low, start + high + 1) % NUM_AZIMUTHS
-        met = self._patch[place, sectors]
-        shown[met[self._worth[place, sectors] > 0.0]] = True
+    def _show(
+        self,
+        shown: Bool[np.ndarray, "c patches"],
+        place: Int[np.ndarray, " c"],
+        start: Int[np.ndarray, " c"],
+        end: Int[np.ndarray, " c"],
+    ) -> None:
+        """Mark what turns at some places sweep over."""
+        turn = _turns(end, start)[:, None]
+        swept = (np.minimum(turn, 0) - SIDE <= _SWEPT) & (np.maximum(turn, 0) + SIDE >= _SWEPT)
+        row, column = np.nonzero(swept)
+        shown[row[:, None], self._patch[place[row], (start[row] + _SWEPT[column]) % NUM_AZIMUTHS]] = True
 
 
 _TURNS = np.concatenate([np.arange(HALF_TURN + 1), -np.arange(HALF_TURN, 0, -1)])
 """Turns to the left from 0 up, then to the right: index ``t`` and ``-t`` hold the turns ``t`` and ``-t``."""
 
 
-def _turns(to: Int[np.ndarray, " n"], start: int) -> Int[np.ndarray, " n"]:
-    """Signed turns of 10 degrees from one azimuth sector to others, the shorter way."""
+_SWEPT = np.arange(-HALF_TURN - SIDE, HALF_TURN + SIDE + 1)
+"""Azimuth sectors that turns sweep over, counted from the one that they begin at."""
+
+
+def _turns(to: Int[np.ndarray, "*#n"], start: Int[np.ndarray, "*#n"]) -> Int[np.ndarray, "*#n"]:
+    """Signed turns of 10 degrees from azimuth sectors to others, the shorter way."""
     return (to - start + HALF_TURN) % NUM_AZIMUTHS - HALF_TURN
 
 
-def _swept(left: Float[np.ndarray, "k azimuths"], start: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k turns"]:
+def _swept(left: Float[np.ndarray, "*n azimuths"], start: Int[np.ndarray, "*n"]) -> Float[np.ndarray, "*n turns"]:
     """What a camera that looks along ``start`` and then turns sees in all, for each turn of ``_TURNS``."""
-    around = (start[:, None] + np.arange(-SIDE - HALF_TURN, SIDE + HALF_TURN + 1)[None, :]) % NUM_AZIMUTHS
-    rolled = np.take_along_axis(left, around, axis=1).astype(float)
-    middle = rolled[:, HALF_TURN : HALF_TURN + 2 * SIDE + 1].sum(axis=1, keepdims=True)
-    to_left = middle + np.cumsum(rolled[:, HALF_TURN + 2 * SIDE + 1 :], axis=1)
-    to_right = middle + np.cumsum(rolled[:, HALF_TURN - 1 :: -1], axis=1)
-    return np.concatenate([middle, to_left, to_right[:, ::-1]], axis=1)
-
-
-def _ways(
-    places: Places, reach: Reach
-) -> tuple[Float[np.ndarray, "k k"], Int[np.ndarray, "k k"], Int[np.ndarray, "k k"]]:
-    """Forward steps between places and the azimuth sectors that they are left and come to along.
-
-    Places in sight of one another are joined by a straight line, others by the way along the tree of shortest paths
-    from the robot: back to where their paths part and on from there.
-    """
-    k = len(places.xy_m)
-    chains = [[] if v < 0 else reach.chain_to(int(v)) for v in places.vertex]
-    from_root = np.array([0.0 if v < 0 else reach.distance_m[v] for v in places.vertex])
-    used = sorted({v for chain in chains for v in chain})
-    column = {v: i for i, v in enumerate(used)}
-    on_way = np.zeros((k, len(used)), np.float32)
-    for i, chain in enumerate(chains):
-        on_way[i, [column[v] for v in chain]] = 1.0
-    depth = on_way * reach.distance_m[used].astype(np.float32)
-    parting = np.stack([(depth * row).max(axis=1, initial=0.0) for row in on_way])
-    length = np.maximum(from_root[:, None] + from_root[None, :] - 2.0 * parting, 0.0)
-
-    difference = places.xy_m[None, :] - places.xy_m[:, None]
-    straight = np.linalg.norm(difference, axis=-1)
-    near = np.argwhere(np.triu(straight < VISIBLE_M, 1))
-    clear = segments_clear(reach.topdown, places.xy_m[near[:, 0]], places.xy_m[near[:, 1]], reach.safe_m, reach.pose)
-    direct = np.zeros((k, k), bool)
-    direct[near[clear, 0], near[clear, 1]] = True
-    direct |= direct.T
-    length = np.where(direct, straight, np.maximum(length, straight))
-
-    bearing = np.arctan2(difference[..., 1], difference[..., 0])
-    arrival = np.array([_arrival(reach, chain, xy) for chain, xy in zip(chains, places.xy_m, strict=True)])
-    first = np.array([_departure(reach, chain, xy) for chain, xy in zip(chains, places.xy_m, strict=True)])
-    leave = np.where(direct, bearing, (arrival + math.pi)[:, None])
-    leave[0] = np.where(direct[0], bearing[0], first)
-    arrive = np.where(direct, bearing, arrival[None, :])
-    arrive[:, 0] = np.where(direct[:, 0], bearing[:, 0], first + math.pi)
-    turning = np.abs(np.remainder(arrive - leave + math.pi, math.tau) - math.pi) / TURN_STEP_RAD
-    return length / FORWARD_STEP_M + turning, _sector(leave), _sector(arrive)
-
-
-def _arrival(reach: Reach, chain: list[int], xy_m: Float[np.ndarray, 2]) -> float:
-    """Direction in which a path comes to its end [rad]."""
-    for v in chain:
-        back = xy_m - reach.graph.vertex_xy_m[v]
-        if math.hypot(*back) > BEARING_OVER_M:
-            return math.atan2(back[1], back[0])
-    back = xy_m - reach.pose.xy_m
-    return math.atan2(back[1], back[0])
-
-
-def _departure(reach: Reach, chain: list[int], xy_m: Float[np.ndarray, 2]) -> float:
-    """Direction in which a path leaves the robot [rad]."""
-    for v in [*chain[::-1]]:
-        on = reach.graph.vertex_xy_m[v] - reach.pose.xy_m
-        if math.hypot(*on) > BEARING_OVER_M:
-            return math.atan2(on[1], on[0])
-    on = xy_m - reach.pose.xy_m
-    return math.atan2(on[1], on[0])
-
-
-def _sector(angle_rad: Float[np.ndarray, "k k"]) -> Int[np.ndarray, "k k"]:
-    return np.rint(angle_rad / TURN_STEP_RAD).astype(np.int64) % NUM_AZIMUTHS
+    rolled = np.take_along_axis(left, (start[..., None] + _SWEPT) % NUM_AZIMUTHS, axis=-1).astype(float)
+    middle = rolled[..., HALF_TURN : HALF_TURN + 2 * SIDE + 1].sum(axis=-1, keepdims=True)
+    to_left = middle + np.cumsum(rolled[..., HALF_TURN + 2 * SIDE + 1 :], axis=-1)
+    to_right = middle + np.cumsum(rolled[..., HALF_TURN - 1 :: -1], axis=-1)
+    return np.concatenate([middle, to_left, to_right[..., ::-1]], axis=-1)

@@ -7,7 +7,8 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gvg import voronoi_graph
 from anm_mj.planning.paths import reach
 from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.planning.tour import NUM_AZIMUTHS, Places, TourSearch
+from anm_mj.planning.tour import Places, TourSearch
+from anm_mj.planning.ways import NUM_AZIMUTHS, Ways
 from anm_mj.types import FORWARD_STEP_M, Footprint, Pose2
 from tests.planning.worlds import room
 
@@ -38,7 +39,7 @@ def search(ways, targets, patches=None, preferred=None, discount=100.0):
                 patch[i, azimuth] = patches[i - 1]
     places = Places(np.array(xy), np.array(vertex), patch, worth)
     factor = np.ones(len(xy)) if preferred is None else np.array(preferred)
-    return TourSearch(places, ways, discount_steps=discount, preferred=factor)
+    return TourSearch(places, Ways(ways), discount_steps=discount, preferred=factor)
 
 
 def test_of_two_equal_gains_the_one_ahead_is_taken_before_the_one_behind(ways):

@@ -21,8 +21,9 @@ from anm_mj.planning.gain import GainCaster, view_sums
 from anm_mj.planning.ledger import Ledger
 from anm_mj.planning.paths import along_headings, path_steps, rest_of_path, segments_clear
 from anm_mj.planning.stages import Situation, Stages
-from anm_mj.planning.tour import NUM_AZIMUTHS, SIDE, Places, Tour, TourSearch
+from anm_mj.planning.tour import SIDE, Places, Tour, TourSearch
 from anm_mj.planning.unseen import unseen_patches
+from anm_mj.planning.ways import NUM_AZIMUTHS, Ways
 from anm_mj.protocols import Mapper
 from anm_mj.stopwatch import Stopwatch
 from anm_mj.types import (
@@ -245,10 +246,11 @@ class Gvg:
         if options.gain_m2.max() < self.config.min_gain_m2:
             return self._stop(now, options, caster)
         near_steps, far_steps = self.config.discount_steps, self._discount_steps(options)
-        places, tours = self._search(now, options, caster, near_steps)
+        ways = Ways(now.reach)
+        places, tours = self._search(now, options, caster, ways, near_steps)
         if far_steps > FARTHER * near_steps:
             # Crumbs at hand must not come before a wing of the building, nor the wing before what is left of a room.
-            far = self._search(now, options, caster, far_steps)
+            far = self._search(now, options, caster, ways, far_steps)
             if self._rate(*far) > FAR_RATE * self._rate(places, tours):
                 places, tours = far
         candidates = self._candidates(places, tours)
@@ -265,14 +267,14 @@ class Gvg:
         return self._stop(now, options, caster)
 
     def _search(
-        self, now: Situation, options: _Options, caster: GainCaster, discount_steps: float
+        self, now: Situation, options: _Options, caster: GainCaster, ways: Ways, discount_steps: float
     ) -> tuple[Places, list[Tour]]:
         """The best tours when gain is discounted over so many steps, and the places that they lead to."""
         short = self._shortlist(options, discount_steps)
         hit, worth = caster.rays(options.xy_m[short])
         places = Places(options.xy_m[short], options.vertex[short], caster.patches(hit), worth)
         preferred = np.array([self.config.hysteresis if self._ledger.is_target(xy) else 1.0 for xy in places.xy_m])
-        search = TourSearch(places, now.reach, discount_steps=discount_steps, preferred=preferred)
+        search = TourSearch(places, ways, discount_steps=discount_steps, preferred=preferred)
         return places, search.best(self._sector(now.pose), depth=self.config.tour_depth, width=self.config.tour_width)
 
     def _rate(self, places: Places, tours: list[Tour]) -> float:

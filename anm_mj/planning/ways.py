@@ -1,0 +1,104 @@
+"""How far places are from one another in steps, and along which headings they are left and come to."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from anm_mj.planning.paths import Reach, segments_clear
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
+
+HALF_TURN = 18
+"""Turns of 10 degrees in half a turn; azimuth sectors are as wide as one turn."""
+NUM_AZIMUTHS = 2 * HALF_TURN
+VISIBLE_M = 5.0
+"""Places farther from one another than this are taken to be joined by the graph alone [m]."""
+BEARING_OVER_M = 0.8
+"""The direction of arrival is that of the last so many metres [m]."""
+
+
+class Ways:
+    """Ways between places: straight where they are in sight of one another, others along the tree of shortest paths."""
+
+    def __init__(self, reach: Reach) -> None:
+        """Remember nothing yet.
+
+        Args:
+            reach: shortest paths from the robot.
+        """
+        self._reach = reach
+        self._chains: dict[int, Int[np.ndarray, " n"]] = {-1: np.zeros(0, np.int64)}
+
+    def between(
+        self, xy_m: Float[np.ndarray, "k 2"], vertex: Int[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, "k k"], Int[np.ndarray, "k k"], Int[np.ndarray, "k k"]]:
+        """Forward steps between places and the azimuth sectors that they are left and come to along.
+
+        The way along the tree of shortest paths leads back to where their paths part and on from there.
+
+        Args:
+            xy_m: the places, of which the first is where the robot stands [m].
+            vertex: their vertices of the graph; -1 for the robot's own place.
+        """
+        reach = self._reach
+        chains = [self._chain(int(v)) for v in vertex]
+        difference = xy_m[None, :] - xy_m[:, None]
+        straight = np.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
+        near = np.argwhere(np.triu(straight < VISIBLE_M, 1))
+        clear = segments_clear(reach.topdown, xy_m[near[:, 0]], xy_m[near[:, 1]], reach.safe_m, reach.pose)
+        direct = np.zeros(straight.shape, bool)
+        direct[near[clear, 0], near[clear, 1]] = True
+        direct |= direct.T
+        length = np.where(direct, straight, np.maximum(self._along_tree(vertex, chains), straight))
+
+        bearing = np.arctan2(difference[..., 1], difference[..., 0])
+        arrival = np.array([self._arrival(chain, xy) for chain, xy in zip(chains, xy_m, strict=True)])
+        first = np.array([self._departure(chain, xy) for chain, xy in zip(chains, xy_m, strict=True)])
+        leave = np.where(direct, bearing, (arrival + math.pi)[:, None])
+        leave[0] = np.where(direct[0], bearing[0], first)
+        arrive = np.where(direct, bearing, arrival[None, :])
+        arrive[:, 0] = np.where(direct[:, 0], bearing[:, 0], first + math.pi)
+        turning = np.abs(np.remainder(arrive - leave + math.pi, math.tau) - math.pi) / TURN_STEP_RAD
+        return length / FORWARD_STEP_M + turning, _sector(leave), _sector(arrive)
+
+    def _chain(self, vertex: int) -> Int[np.ndarray, " n"]:
+        """Vertices of the shortest path, from a place back to the robot."""
+        if vertex not in self._chains:
+            self._chains[vertex] = np.array(self._reach.chain_to(vertex))
+        return self._chains[vertex]
+
+    def _along_tree(
+        self, vertex: Int[np.ndarray, " k"], chains: list[Int[np.ndarray, " _"]]
+    ) -> Float[np.ndarray, "k k"]:
+        """Length of the ways along the tree of shortest paths [m]."""
+        distance_m = self._reach.distance_m
+        used, column = np.unique(np.concatenate(chains), return_inverse=True)
+        depth = np.zeros((len(chains), len(used)), np.float32)
+        depth[np.repeat(np.arange(len(chains)), [len(chain) for chain in chains]), column] = distance_m[used][column]
+        parting = np.minimum(depth[:, None], depth[None]).max(axis=2, initial=0.0)
+        from_root = np.array([0.0 if v < 0 else distance_m[v] for v in vertex])
+        return np.maximum(from_root[:, None] + from_root[None, :] - 2.0 * parting, 0.0)
+
+    def _arrival(self, chain: Int[np.ndarray, " n"], xy_m: Float[np.ndarray, 2]) -> float:
+        """Direction in which a path comes to its end [rad]."""
+        xy = self._reach.graph.vertex_xy_m[chain]
+        return _bearing(xy_m - np.concatenate([xy, self._reach.pose.xy_m[None]]))
+
+    def _departure(self, chain: Int[np.ndarray, " n"], xy_m: Float[np.ndarray, 2]) -> float:
+        """Direction in which a path leaves the robot [rad]."""
+        xy = self._reach.graph.vertex_xy_m[chain[::-1]]
+        return _bearing(np.concatenate([xy, xy_m[None]]) - self._reach.pose.xy_m)
+
+
+def _bearing(difference_m: Float[np.ndarray, "n 2"]) -> float:
+    """Direction of the first of some differences that is long enough to tell, else of the last [rad]."""
+    long = np.hypot(*difference_m.T) > BEARING_OVER_M
+    long[-1] = True
+    x, y = difference_m[long.argmax()]
+    return math.atan2(y, x)
+
+
+def _sector(angle_rad: Float[np.ndarray, "k k"]) -> Int[np.ndarray, "k k"]:
+    return np.rint(angle_rad / TURN_STEP_RAD).astype(np.int64) % NUM_AZIMUTHS
