@@ -33,8 +33,8 @@ MUCH_NEARER = 0.6
 """Unknown that a view left unknown counts again only from this share of that view's distance."""
 CLEARLY_NEARER = 0.9
 """Trials from nearer than this share of the nearest one so far are noted."""
-CAST_TOGETHER = 50_000
-"""Rays followed at once: more would only take more memory."""
+CAST_TOGETHER = 16_384
+"""Rays followed at once: what they meet stays in the cache."""
 MIN_ROWS = 256
 """Places that there is room for at first."""
 NEVER_MET = -3
@@ -63,10 +63,12 @@ class GainCaster:
         self._slope = (edges[:-1] + edges[1:]) / 2
         self._ray_area_m2 = (math.tau / config.num_azimuths) * float(edges[1] - edges[0])
         self._epoch = -1
-        self._rho_m = np.zeros(0)
-        self._offset = np.zeros((0, 0), np.int32)
-        self._row_of: dict[int, int] = {}
-        self._base = np.zeros(0, np.int32)
+        self._distance_m = np.zeros(0, np.float32)
+        self._offset = np.zeros((0, 0), np.int64)
+        self._row_of = np.zeros(0, np.int32)
+        """Row of each cell of the camera's layer in the memory; -1 where nothing was cast from there."""
+        self._num_rows = 0
+        self._base = np.zeros(0, np.int64)
         self._hit = np.zeros((0, self._num_rays), np.int32)
         self._reach = np.zeros((0, self._num_rays), np.uint8)
         self._depth = np.zeros((0, self._num_rays), np.uint8)
@@ -84,8 +86,8 @@ class GainCaster:
 
         Rays are ordered by azimuth, then by elevation. A place stands for the cell that it lies in.
         """
-        hit, worth, _ = self._rays(places_xy_m)
-        return hit, worth
+        rows = self._cast_from(places_xy_m)
+        return self._hit[rows], self._worth(rows)
 
     def expectation(
         self, place_xy_m: Float[np.ndarray, 2], sectors: Int[np.ndarray, " k"]
@@ -95,26 +97,13 @@ class GainCaster:
         Returns:
             The unknown cells by flat index, their distances [m], and the worth of the whole view [m2].
         """
-        hit, worth, rho_m = (a.reshape(self.config.num_azimuths, -1)[sectors] for a in self._rays(place_xy_m[None]))
+        rows = self._cast_from(place_xy_m[None])
+        rho_m = self._distance_m[self._reach[rows]]
+        hit, worth, rho_m = (
+            a.reshape(self.config.num_azimuths, -1)[sectors] for a in (self._hit[rows], self._worth(rows), rho_m)
+        )
         counts = worth > 0.0
         return hit[counts].astype(np.int64), rho_m[counts].astype(float), float(worth.sum())
-
-    def _rays(
-        self, places_xy_m: Float[np.ndarray, "n 2"]
-    ) -> tuple[Int32[np.ndarray, "n rays"], Float32[np.ndarray, "n rays"], Float32[np.ndarray, "n rays"]]:
-        """What each ray meets, what that is worth [m2], and how far away it is [m]."""
-        self._follow_growth()
-        xyz = np.column_stack([places_xy_m, np.full(len(places_xy_m), self.camera_height_m)])
-        base = self.view.flat_index(xyz)
-        rows = np.array([self._row(int(b)) for b in base], np.int64)
-        state = self.view.state.ravel()
-        place, ray = np.nonzero(state[self._hit[rows]] != self._met[rows])
-        for begin in range(0, len(place), CAST_TOGETHER):
-            some = slice(begin, begin + CAST_TOGETHER)
-            self._cast(rows[place[some]], ray[some])
-        hit, rho_m = self._hit[rows], self._rho_m.astype(np.float32)[self._reach[rows]]
-        beyond_m = np.minimum(self._depth[rows] * np.float32(self.view.cell_m), np.float32(BEYOND_M))
-        return hit, self._worth(hit, rho_m, beyond_m), rho_m
 
     def note_view(self, pose: Pose2, fov_rad: float = math.pi / 2) -> None:
         """Note what is still unknown in a view that the grid already holds, as tried from there.
@@ -123,11 +112,11 @@ class GainCaster:
             pose: where the robot stands and looks along.
             fov_rad: horizontal field of view [rad].
         """
-        hit, _, rho_m = self._rays(pose.xy_m[None])
+        (row,) = self._cast_from(pose.xy_m[None])
         azimuth = np.arange(self.config.num_azimuths) * math.tau / self.config.num_azimuths
         off_axis = np.abs(np.mod(azimuth - pose.yaw_rad + math.pi, math.tau) - math.pi)
         in_view = np.repeat(off_axis < fov_rad / 2, self.config.num_elevations)
-        self.give_up(hit[0, in_view], rho_m[0, in_view])
+        self.give_up(self._hit[row, in_view], self._distance_m[self._reach[row, in_view]])
 
     def give_up(self, cells: Int[np.ndarray, " n"], rho_m: Float[np.ndarray, " n"]) -> None:
         """Expect what is still unknown of some cells from clearly nearer than ``rho_m`` only.
@@ -160,47 +149,61 @@ class GainCaster:
             layer // PATCH_CELLS * (rows // PATCH_CELLS + 1) + row // PATCH_CELLS
         ) * (cols // PATCH_CELLS + 1) + col // PATCH_CELLS  # fmt: skip
 
-    def _row(self, base: int) -> int:
-        """Row of a place in the memory, made where there is none."""
-        row = self._row_of.get(base)
-        if row is None:
-            row = self._row_of[base] = len(self._row_of)
-            if row >= len(self._base):
-                room = max(2 * len(self._base), MIN_ROWS)
-                for name in ("_base", "_hit", "_reach", "_depth", "_met"):
-                    old = getattr(self, name)
-                    new = np.zeros((room, *old.shape[1:]), old.dtype)
-                    new[: len(old)] = old
-                    setattr(self, name, new)
-            self._base[row] = base
-            self._met[row] = NEVER_MET
-        return row
+    def _cast_from(self, places_xy_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
+        """Rows of places in the memory, with all rays as they are now."""
+        self._follow_growth()
+        rows = self._rows(self.view.flat_index(np.insert(places_xy_m, 2, self.camera_height_m, axis=1)))
+        place, ray = np.nonzero(self.view.state.ravel()[self._hit[rows]] != self._met[rows])
+        for begin in range(0, len(place), CAST_TOGETHER):
+            some = slice(begin, begin + CAST_TOGETHER)
+            self._cast(rows[place[some]], ray[some])
+        return rows
+
+    def _rows(self, base: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """Rows of places in the memory, made where there are none."""
+        cell = base % len(self._row_of)
+        new = np.unique(cell[self._row_of[cell] < 0])
+        self._row_of[new] = np.arange(self._num_rows, self._num_rows + len(new))
+        self._num_rows += len(new)
+        if self._num_rows > len(self._base):
+            room = max(2 * self._num_rows, MIN_ROWS)
+            for name in ("_base", "_hit", "_reach", "_depth", "_met"):
+                old = getattr(self, name)
+                larger = np.full((room, *old.shape[1:]), NEVER_MET if name == "_met" else 0, old.dtype)
+                larger[: len(old)] = old
+                setattr(self, name, larger)
+        rows = self._row_of[cell]
+        self._base[rows] = base
+        return rows
 
     def _cast(self, row: Int[np.ndarray, " n"], ray: Int[np.ndarray, " n"]) -> None:
         """Follow rays of places, given by row, to what they meet now."""
-        cells = self._offset[ray] + self._base[row, None]
-        met = self.view.state.reshape(-1)[cells]
+        cells = self._offset.take(ray, axis=0)
+        cells += self._base[row, None]
+        met = self.view.state.reshape(-1).take(cells)
         each = np.arange(len(row))
         first = (met != FREE).argmax(axis=1)
         what = met[each, first]
-        # How far the unknown goes on behind: that tells a room from the back of a chair.
-        ends = (met != UNKNOWN) & (np.arange(met.shape[1], dtype=np.uint8) > first.astype(np.uint8)[:, None])
-        ends[:, -1] = True
         self._hit[row, ray], self._reach[row, ray], self._met[row, ray] = cells[each, first], first, what
-        self._depth[row, ray] = np.where(what == UNKNOWN, ends.argmax(axis=1) - first, 0)
+        # How far the unknown goes on behind: that tells a room from the back of a chair.
+        unknown = np.flatnonzero(what == UNKNOWN)
+        first = first[unknown]
+        ends = (met[unknown] != UNKNOWN) & (np.arange(met.shape[1], dtype=np.uint8) > first.astype(np.uint8)[:, None])
+        ends[:, -1] = True
+        self._depth[row[unknown], ray[unknown]] = ends.argmax(axis=1) - first
 
-    def _worth(
-        self,
-        hit: Int32[np.ndarray, "n rays"],
-        rho: Float32[np.ndarray, "n rays"],
-        beyond: Float32[np.ndarray, "n rays"],
-    ) -> Float32[np.ndarray, "n rays"]:
-        what = self.view.state.ravel()[hit]
-        worth = np.minimum(rho + beyond, np.float32(self.config.gain_range_m)) ** 2
-        _, rows, cols = self.view.state.shape
-        worth *= self.view.layer_share[hit // (rows * cols)]
-        worth[(what != UNKNOWN) | (rho >= MUCH_NEARER * self.view.tried_from_m.ravel()[hit])] = 0.0
-        return worth * np.float32(self._ray_area_m2)
+    def _worth(self, rows: Int[np.ndarray, " n"]) -> Float32[np.ndarray, "n rays"]:
+        """What the rays of places, given by row, would add [m2]."""
+        worth = np.zeros((len(rows), self._num_rays), np.float32)
+        place, ray = np.nonzero(self._met[rows] == UNKNOWN)
+        at = rows[place], ray
+        hit, rho = self._hit[at], self._distance_m[self._reach[at]]
+        beyond = np.minimum(self._depth[at] * np.float32(self.view.cell_m), np.float32(BEYOND_M))
+        squared = np.minimum(rho + beyond, np.float32(self.config.gain_range_m)) ** 2
+        squared *= self.view.layer_share[hit // len(self._row_of)]
+        squared[rho >= MUCH_NEARER * self.view.tried_from_m.ravel()[hit]] = 0.0
+        worth[place, ray] = squared * np.float32(self._ray_area_m2)
+        return worth
 
     def _follow_growth(self) -> None:
         """Lay the rays out in the array as it is now; what was remembered of another array is cast anew."""
@@ -209,18 +212,21 @@ class GainCaster:
         self._epoch = self.view.epoch
         layers, rows, cols = self.view.state.shape
         cell = self.view.cell_m
-        self._rho_m = np.arange(NEAREST_M, self.config.gain_range_m, cell)
+        rho_m = np.arange(NEAREST_M, self.config.gain_range_m, cell)
         azimuth = np.arange(self.config.num_azimuths) * math.tau / self.config.num_azimuths
         # From a cell's centre, so that a place may be anywhere in it.
-        dx = np.rint(np.cos(azimuth)[:, None, None] * self._rho_m / cell)
-        dy = np.rint(np.sin(azimuth)[:, None, None] * self._rho_m / cell)
-        dz = np.rint(self._slope[None, :, None] * self._rho_m / cell)
+        dx = np.rint(np.cos(azimuth)[:, None, None] * rho_m / cell)
+        dy = np.rint(np.sin(azimuth)[:, None, None] * rho_m / cell)
+        dz = np.rint(self._slope[None, :, None] * rho_m / cell)
         level = math.floor((self.camera_height_m - self.view.origin_m[2]) / cell)
         # Steep rays end in the floor's own layer or in the highest one there is.
         floor = max(math.floor(-self.view.origin_m[2] / cell), 0)
         dz = np.clip(dz, floor - level, layers - 1 - level)
-        self._offset = ((dz * rows + dy) * cols + dx).astype(np.int32).reshape(self._num_rays, len(self._rho_m))
-        self._row_of.clear()
+        self._offset = ((dz * rows + dy) * cols + dx).astype(np.int64).reshape(self._num_rays, len(rho_m))
+        self._distance_m = rho_m.astype(np.float32)
+        self._row_of = np.full(rows * cols, -1, np.int32)
+        self._num_rows = 0
+        self._met[:] = NEVER_MET
 
 
 def view_sums(

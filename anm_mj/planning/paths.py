@@ -109,7 +109,8 @@ def segments_clear(
     # A few samples are enough to find most segments that are not clear.
     for some in (share[::SKIPPED_SAMPLES], share):
         start, along = start_xy_m[clear, :, None], (end_xy_m - start_xy_m)[clear, :, None]
-        clear[clear] = _are_clear(topdown, *np.moveaxis(start + along * some, 1, 0), safe_m, pose).all(axis=1)
+        xy = start + along * some
+        clear[clear] = _are_clear(topdown, xy[:, 0], xy[:, 1], safe_m, pose).all(axis=1)
     return clear
 
 

@@ -19,6 +19,7 @@ from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gain import GainCaster, view_sums
 from anm_mj.planning.ledger import Ledger
+from anm_mj.planning.panoramas import Panoramas
 from anm_mj.planning.paths import along_headings, path_steps, rest_of_path, segments_clear
 from anm_mj.planning.stages import Situation, Stages
 from anm_mj.planning.tour import SIDE, Places, Tour, TourSearch
@@ -89,7 +90,7 @@ class Gvg:
         self._decided_at_m2 = 0.0
         self._expected_m2 = 0.0
         self._aim = np.zeros(2), IN_VIEW
-        self._remembered: dict[tuple[int, int], Float[np.ndarray, " azimuths"]] = {}
+        self._remembered = Panoramas(config.candidate_spacing_m, config.num_azimuths)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the first stop of the best tour."""
@@ -173,7 +174,7 @@ class Gvg:
         away = np.linalg.norm(now.graph.vertex_xy_m - now.pose.xy_m, axis=1) > SAME_PLACE_M
         vertices = self._thin(now, reachable & away)
         places = np.concatenate([now.pose.xy_m[None], now.graph.vertex_xy_m[vertices]])
-        panoramas = self._panoramas(now, caster, places, fresh)
+        panoramas = self._panoramas(caster, places, fresh)
         gain = view_sums(panoramas).max(axis=1)
         steps = np.concatenate([[0.0], now.reach.distance_m[vertices] / FORWARD_STEP_M])
         return _Options(np.concatenate([[HERE], vertices]), places, gain, steps, int((~reachable).sum()))
@@ -190,34 +191,17 @@ class Gvg:
         return kept[np.argsort(now.reach.distance_m[kept], kind="stable")]
 
     def _panoramas(
-        self, now: Situation, caster: GainCaster, places_xy_m: Float[np.ndarray, "n 2"], fresh: bool
+        self, caster: GainCaster, places_xy_m: Float[np.ndarray, "n 2"], fresh: bool
     ) -> Float[np.ndarray, "n azimuths"]:
-        keys = [(int(x), int(y)) for x, y in np.floor(places_xy_m / self.config.candidate_spacing_m)]
-        stale = np.zeros(len(places_xy_m), bool)
         if caster.changed_xy_m is not None:
             low, high = caster.changed_xy_m
-            reach = self.config.gain_range_m
-            stale = ((places_xy_m >= low - reach) & (places_xy_m <= high + reach)).all(axis=1)
-            # What lies there and is no place now may be one again.
-            for key in self._squares_between(low - reach, high + reach):
-                del self._remembered[key]
+            self._remembered.forget(low - self.config.gain_range_m, high + self.config.gain_range_m)
             caster.changed_xy_m = None
-        stale |= np.array([key not in self._remembered for key in keys]) | fresh
-        panoramas = np.zeros((len(places_xy_m), self.config.num_azimuths))
-        for i in np.flatnonzero(~stale):
-            panoramas[i] = self._remembered[keys[i]]
+        panoramas, known = self._remembered.recall(places_xy_m)
+        stale = ~known | fresh
         panoramas[stale] = caster.panoramas(places_xy_m[stale])
-        self._remembered.update({keys[i]: panoramas[i].copy() for i in np.flatnonzero(stale)})
+        self._remembered.remember(places_xy_m[stale], panoramas[stale])
         return panoramas
-
-    def _squares_between(
-        self, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]
-    ) -> list[tuple[int, int]]:
-        """Squares of remembered places that touch the part between two corners [m]."""
-        keys = np.array(list(self._remembered), np.int64).reshape(-1, 2)
-        side = self.config.candidate_spacing_m
-        touch = ((keys + 1) * side >= low_xy_m).all(axis=1) & (keys * side <= high_xy_m).all(axis=1)
-        return [(int(x), int(y)) for x, y in keys[touch]]
 
     def _discount_steps(self, options: _Options) -> float:
         """After how many steps gain counts 1/e: more where what is left lies far away, or crumbs would come first."""
