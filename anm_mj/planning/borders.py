@@ -50,7 +50,7 @@ class BorderPoints:
         free = state[rows.start : rows.stop + 1] == FREE
         for (d_row, d_col), surface, frontier in zip(_NEIGHBOURS, self._surface, self._frontier, strict=True):
             here, there = free[: len(free) - d_row, : free.shape[1] - d_col], free[d_row:, d_col:]
-            row, col = np.nonzero((here != there)[: rows.stop - rows.start])
+            row, col = np.divmod(np.flatnonzero((here != there)[: rows.stop - rows.start]), here.shape[1])
             row += rows.start
             at, beyond = (row, col), (row + d_row, col + d_col)
             unknown = (state[at] == UNKNOWN) | (state[beyond] == UNKNOWN)

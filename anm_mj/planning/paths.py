@@ -137,8 +137,10 @@ def _clearance(
     topdown: TopDownMap, x_m: Float[np.ndarray, "*n"], y_m: Float[np.ndarray, "*n"]
 ) -> Float[np.ndarray, "*n"]:
     rows, cols = topdown.clearance_m.shape
+    origin_x, origin_y = topdown.origin_xy_m.tolist()
     col, row = (
-        np.floor((c - origin) / topdown.resolution_m) for c, origin in zip((x_m, y_m), topdown.origin_xy_m, strict=True)
+        np.floor((x_m - origin_x) / topdown.resolution_m),
+        np.floor((y_m - origin_y) / topdown.resolution_m),
     )
     inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
     cell = np.where(inside, row * cols + col, 0).astype(np.int64)

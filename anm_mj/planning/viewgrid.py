@@ -164,19 +164,14 @@ class ViewGrid:
         else:
             new_low = np.floor_divide(low, room) * room
         new_shape = tuple((new_high - new_low)[::-1].tolist())
-        for name, fill, kind in (
-            ("state", UNKNOWN, np.int8),
-            ("tried_from_m", np.inf, np.float32),
-        ):
-            new = np.full(new_shape, fill, kind)
+        where = tuple(slice(-a, -a + n) for a, n in zip(new_low[::-1], shape[::-1], strict=True))
+        for name, fill in (("state", UNKNOWN), ("tried_from_m", np.inf), ("_num_free", 0), ("_num_surface", 0)):
+            old = getattr(self, name)
+            new = np.full(new_shape[: old.ndim], fill, old.dtype)
             if shape.all():
-                new[tuple(slice(-a, -a + n) for a, n in zip(new_low[::-1], shape[::-1], strict=True))] = getattr(
-                    self, name
-                )
+                new[where[: old.ndim]] = old
             setattr(self, name, new)
         self.layer_share = np.ones(new_shape[0], np.float32)
-        self._num_free = np.count_nonzero(self.state == FREE, axis=(1, 2))
-        self._num_surface = np.count_nonzero(self.state == OCCUPIED, axis=(1, 2))
         self.origin_m = self.origin_m + new_low * cell
         self.epoch += 1
 

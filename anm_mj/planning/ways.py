@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,6 +20,18 @@ BEARING_OVER_M = 0.8
 """The direction of arrival is that of the last so many metres [m]."""
 
 
+@dataclass(frozen=True)
+class _Path:
+    """The shortest path to a vertex."""
+
+    chain: Int[np.ndarray, " n"]
+    """Its vertices, from the end back to the robot."""
+    arrival_rad: float
+    """Direction in which it comes to its end."""
+    departure_rad: float
+    """Direction in which it leaves the robot."""
+
+
 class Ways:
     """Ways between places: straight where they are in sight of one another, others along the tree of shortest paths."""
 
@@ -29,7 +42,7 @@ class Ways:
             reach: shortest paths from the robot.
         """
         self._reach = reach
-        self._chains: dict[int, Int[np.ndarray, " n"]] = {-1: np.zeros(0, np.int64)}
+        self._paths: dict[int, _Path] = {-1: _Path(np.zeros(0, np.int64), 0.0, 0.0)}
 
     def between(
         self, xy_m: Float[np.ndarray, "k 2"], vertex: Int[np.ndarray, " k"]
@@ -43,7 +56,7 @@ class Ways:
             vertex: their vertices of the graph; -1 for the robot's own place.
         """
         reach = self._reach
-        chains = [self._chain(int(v)) for v in vertex]
+        paths = [self._path(int(v)) for v in vertex]
         difference = xy_m[None, :] - xy_m[:, None]
         straight = np.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
         near = np.argwhere(np.triu(straight < VISIBLE_M, 1))
@@ -51,11 +64,13 @@ class Ways:
         direct = np.zeros(straight.shape, bool)
         direct[near[clear, 0], near[clear, 1]] = True
         direct |= direct.T
-        length = np.where(direct, straight, np.maximum(self._along_tree(vertex, chains), straight))
+        length = np.where(
+            direct, straight, np.maximum(self._along_tree(vertex, [path.chain for path in paths]), straight)
+        )
 
         bearing = np.arctan2(difference[..., 1], difference[..., 0])
-        arrival = np.array([self._arrival(chain, xy) for chain, xy in zip(chains, xy_m, strict=True)])
-        first = np.array([self._departure(chain, xy) for chain, xy in zip(chains, xy_m, strict=True)])
+        arrival = np.array([path.arrival_rad for path in paths])
+        first = np.array([path.departure_rad for path in paths])
         leave = np.where(direct, bearing, (arrival + math.pi)[:, None])
         leave[0] = np.where(direct[0], bearing[0], first)
         arrive = np.where(direct, bearing, arrival[None, :])
@@ -63,11 +78,15 @@ class Ways:
         turning = np.abs(np.remainder(arrive - leave + math.pi, math.tau) - math.pi) / TURN_STEP_RAD
         return length / FORWARD_STEP_M + turning, _sector(leave), _sector(arrive)
 
-    def _chain(self, vertex: int) -> Int[np.ndarray, " n"]:
-        """Vertices of the shortest path, from a place back to the robot."""
-        if vertex not in self._chains:
-            self._chains[vertex] = np.array(self._reach.chain_to(vertex))
-        return self._chains[vertex]
+    def _path(self, vertex: int) -> _Path:
+        """The shortest path to a vertex, worked out once."""
+        if vertex not in self._paths:
+            graph_xy_m, robot_xy_m = self._reach.graph.vertex_xy_m, self._reach.pose.xy_m
+            chain = np.array(self._reach.chain_to(vertex))
+            xy_m = graph_xy_m[chain]
+            arrival = _bearing(xy_m[0] - np.concatenate([xy_m, robot_xy_m[None]]))
+            self._paths[vertex] = _Path(chain, arrival, _bearing(xy_m[::-1] - robot_xy_m))
+        return self._paths[vertex]
 
     def _along_tree(
         self, vertex: Int[np.ndarray, " k"], chains: list[Int[np.ndarray, " _"]]
@@ -80,16 +99,6 @@ class Ways:
         parting = np.minimum(depth[:, None], depth[None]).max(axis=2, initial=0.0)
         from_root = np.array([0.0 if v < 0 else distance_m[v] for v in vertex])
         return np.maximum(from_root[:, None] + from_root[None, :] - 2.0 * parting, 0.0)
-
-    def _arrival(self, chain: Int[np.ndarray, " n"], xy_m: Float[np.ndarray, 2]) -> float:
-        """Direction in which a path comes to its end [rad]."""
-        xy = self._reach.graph.vertex_xy_m[chain]
-        return _bearing(xy_m - np.concatenate([xy, self._reach.pose.xy_m[None]]))
-
-    def _departure(self, chain: Int[np.ndarray, " n"], xy_m: Float[np.ndarray, 2]) -> float:
-        """Direction in which a path leaves the robot [rad]."""
-        xy = self._reach.graph.vertex_xy_m[chain[::-1]]
-        return _bearing(np.concatenate([xy, xy_m[None]]) - self._reach.pose.xy_m)
 
 
 def _bearing(difference_m: Float[np.ndarray, "n 2"]) -> float:
