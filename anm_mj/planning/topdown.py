@@ -22,7 +22,7 @@ from scipy import ndimage
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
-from anm_mj.planning.windows import Window, bounds, clipped, grown, hull, within
+from anm_mj.planning.windows import Window, bounds, clipped, grown, hull, next_to, within
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
 
 TRUNCATION_M = 0.1
@@ -222,7 +222,7 @@ class TopDownMapper:
         half = int(np.ceil(config.horizon_m / 2 / grid.resolution_m))
         window = clipped(centre - half, centre + half, layers.state.shape)
         hit = layers.hit[window]
-        near = np.asarray(ndimage.binary_dilation(hit, iterations=2), bool) & (hit | (layers.num_free[window] > 0))
+        near = next_to(next_to(hit)) & (hit | (layers.num_free[window] > 0))
         cells = np.argwhere(near)
         remembered = layers.min_sdf_m[window]
         before = remembered.copy()
@@ -232,8 +232,9 @@ class TopDownMapper:
         heights = np.arange(self.footprint.z_min_m + 0.05, self.footprint.z_max_m + 1e-6, config.sdf_height_spacing_m)
         centres = (cells + np.array([window[0].start, window[1].start]))[:, ::-1] + 0.5
         xy = grid.origin_m[:2] + centres * grid.resolution_m
-        points = np.concatenate([np.repeat(xy, len(heights), axis=0), np.tile(heights, len(xy))[:, None]], axis=1)
-        remembered[cells[:, 0], cells[:, 1]] = sdf(points).reshape(len(cells), len(heights)).min(axis=1)
+        points = np.empty((len(xy), len(heights), 3))
+        points[..., :2], points[..., 2] = xy[:, None], heights
+        remembered[cells[:, 0], cells[:, 1]] = sdf(points.reshape(-1, 3)).reshape(points.shape[:2]).min(axis=1)
         return bounds(before != remembered, window)
 
     def _update_clearance(self, window: Window, resolution_m: float) -> None:

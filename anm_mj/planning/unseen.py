@@ -7,7 +7,8 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from anm_mj.planning.gain import MAX_SLOPE
-from anm_mj.planning.viewgrid import ViewGrid, next_to
+from anm_mj.planning.viewgrid import ViewGrid
+from anm_mj.planning.windows import next_to
 from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, Unseen
 
 LEAST_M2 = 0.2

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
+from anm_mj.planning.windows import next_to
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 
 POOL = 2
@@ -201,15 +202,3 @@ def _pooled(
     pooled = occupied.astype(np.int8)
     pooled[unknown] = UNKNOWN
     return pooled, unknown & (num_unknown < POOL**3)
-
-
-def next_to(mask: Bool[np.ndarray, "layers rows cols"]) -> Bool[np.ndarray, "layers rows cols"]:
-    """Cells with a face neighbour in the mask."""
-    grown = mask.copy()
-    grown[1:] |= mask[:-1]
-    grown[:-1] |= mask[1:]
-    grown[:, 1:] |= mask[:, :-1]
-    grown[:, :-1] |= mask[:, 1:]
-    grown[:, :, 1:] |= mask[:, :, :-1]
-    grown[:, :, :-1] |= mask[:, :, 1:]
-    return grown

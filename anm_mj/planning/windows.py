@@ -1,4 +1,4 @@
-"""Rectangular parts of a grid map: what an update has to look at."""
+"""Parts of a grid: rectangles that an update has to look at, and what lies next to something."""
 
 from __future__ import annotations
 
@@ -40,3 +40,13 @@ def within(inner: Window, outer: Window) -> Window:
     """A window in the cells of another one."""
     a, b = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
     return a, b
+
+
+def next_to(mask: Bool[np.ndarray, "*cells"]) -> Bool[np.ndarray, "*cells"]:
+    """Cells in a mask or with a face neighbour in it."""
+    near = mask.copy()
+    for axis in range(mask.ndim):
+        ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(1, None), slice(None, -1)))
+        near[ahead] |= mask[behind]
+        near[behind] |= mask[ahead]
+    return near
