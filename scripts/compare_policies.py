@@ -29,14 +29,14 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
 
     Args:
         comparison: Folder that ``anm-mj bench`` has written.
-        policy: The one.
+        policy: The one, as the tables name it: with settings, "anm-s (planning.target=random)".
         other: The other.
     """
     found = {}
     for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
         result = read_result(path.parent)
         job = result.job
-        found[job["policy"], (job["scene_name"], job["steps"], job["start"], job["seed"])] = result
+        found[result.variant, (job["scene_name"], job["steps"], job["start"], job["seed"])] = result
     both = [key for name, key in found if name == policy and (other, key) in found]
     if not both:
         raise AnmError(f"{comparison} holds no runs that both {policy} and {other} have made; see its folder runs.")

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from anm_mj.bench.rows import Result
+from anm_mj.bench.rows import Result, variant
 
 COLUMNS = (
     ("completion_ratio", "ratio [%]", 1),
@@ -38,13 +38,13 @@ CURVE_POINTS = 201
 
 
 def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
-    """The tables: one per scene, and the means over all scenes that every policy has run in.
+    """The tables: one per scene, and the means over all scenes that every policy has run in, with the same settings.
 
     Numbers are mean ± standard deviation over starts and seeds; where not every run has a number (as steps to a share
     that it never reached), how many have it stands behind it.
     """
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    policies = list(dict.fromkeys(row["policy"] for row in rows))
+    variants = list(dict.fromkeys(_variant(row) for row in rows))
     revisions = ", ".join(sorted({row["revision"] or "unknown" for row in rows}))
     parts = [
         f"Made by `{command}`, revision {revisions}, from {len(rows)} runs. Numbers are mean ± standard deviation over "
@@ -54,18 +54,18 @@ def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
         here = [row for row in rows if row["scene"] == scene]
         budget = ", ".join(str(steps) for steps in sorted({row["budget"] for row in here}))
         parts.append(f"## {scene}\n\nScene hash {here[0]['scene_hash'][:12]}, budget {budget} steps.")
-        parts.append(_table([(policy, [r for r in here if r["policy"] == policy]) for policy in policies]))
-    common = [s for s in scenes if {r["policy"] for r in rows if r["scene"] == s} == set(policies)]
+        parts.append(_table([(name, [r for r in here if _variant(r) == name]) for name in variants]))
+    common = [s for s in scenes if {_variant(r) for r in rows if r["scene"] == s} == set(variants)]
     if len(common) > 1:
         # The mean over scenes of each scene's mean, as the paper's tables have it, not of all runs alike.
-        groups = [(policy, [_mean_row(rows, scene, policy) for scene in common]) for policy in policies]
+        groups = [(name, [_mean_row(rows, scene, name) for scene in common]) for name in variants]
         parts.append(f"## Mean over {len(common)} scenes\n\nDeviation between scenes: {', '.join(common)}.")
         parts.append(_table(groups))
     return "\n\n".join(parts) + "\n"
 
 
 def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
-    """Coverage against steps for every policy: the mean over its runs, and a band of one deviation."""
+    """Coverage against steps for every policy and its settings: the mean over its runs, and a band of one deviation."""
     budget = max(result.job["steps"] for result in results)
     steps = np.linspace(0.0, budget, CURVE_POINTS)
     known = all(np.isfinite(result.curve[:, 3]).all() for result in results)
@@ -73,11 +73,11 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
     figure = Figure(figsize=(7.0, 4.5), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    for policy in dict.fromkeys(result.job["policy"] for result in results):
-        runs = [result.curve for result in results if result.job["policy"] == policy]
+    for name in dict.fromkeys(result.variant for result in results):
+        runs = [result.curve for result in results if result.variant == name]
         values = np.stack([np.interp(steps, curve[:, 0], curve[:, column]) for curve in runs])
         mean, deviation = values.mean(axis=0), values.std(axis=0)
-        (line,) = axes.plot(steps, mean, label=policy, linewidth=1.6)
+        (line,) = axes.plot(steps, mean, label=name, linewidth=1.6)
         axes.fill_between(steps, mean - deviation, mean + deviation, color=line.get_color(), alpha=0.15, linewidth=0)
     axes.set(xlabel="steps", ylabel=label, title=scene, xlim=(0.0, budget), ylim=(0.0, 100.0))
     axes.grid(alpha=0.3)
@@ -85,12 +85,17 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
     figure.savefig(path)
 
 
-def _mean_row(rows: Sequence[dict[str, Any]], scene: str, policy: str) -> dict[str, Any]:
-    here = [row for row in rows if row["scene"] == scene and row["policy"] == policy]
+def _variant(row: dict[str, Any]) -> str:
+    """What a row of the tidy table is compared as."""
+    return variant(row["policy"], row["preset"], row["settings"])
+
+
+def _mean_row(rows: Sequence[dict[str, Any]], scene: str, name: str) -> dict[str, Any]:
+    here = [row for row in rows if row["scene"] == scene and _variant(row) == name]
     means = {}
-    for name, _, _ in COLUMNS:
-        values = _numbers(here, name)
-        means[name] = float(values.mean()) if len(values) else None
+    for column, _, _ in COLUMNS:
+        values = _numbers(here, column)
+        means[column] = float(values.mean()) if len(values) else None
     return means
 
 
@@ -100,10 +105,10 @@ def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]]) -> str:
         "| policy | " + " | ".join(heading for _, heading, _ in used) + " |",
         "|---|" + "---:|" * len(used),
     ]
-    for policy, rows in groups:
+    for name, rows in groups:
         if rows:
-            cells = [_cell(_numbers(rows, name), len(rows), decimals) for name, _, decimals in used]
-            lines.append(f"| {policy} | " + " | ".join(cells) + " |")
+            cells = [_cell(_numbers(rows, column), len(rows), decimals) for column, _, decimals in used]
+            lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

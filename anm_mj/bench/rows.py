@@ -19,6 +19,7 @@ from anm_mj.io.jsonable import jsonable
 from anm_mj.io.read_run import read_json
 from anm_mj.run import ORACLE
 
+USUAL_PRESET = "default"
 LEVELS = (90, 95, 99)
 """Shares of the observable surface whose first steps are reported [%]."""
 TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
@@ -38,9 +39,9 @@ class Result:
     """Step, completion ratio [%], completion [cm], observable ratio [%] (NaN where unknown)."""
 
     @property
-    def group(self) -> tuple[str, str]:
-        """Scene and policy."""
-        return self.job["scene_name"], self.job["policy"]
+    def variant(self) -> str:
+        """What is compared: the policy, and with which preset and settings where these are not the usual ones."""
+        return variant(self.job["policy"], self.job["preset"], " ".join(self.job["settings"]))
 
     def steps_to(self, level: float) -> float:
         """First step of the curve at which so much of the observable surface [%] is covered; NaN if none."""
@@ -52,6 +53,18 @@ class Result:
         budget = self.job["steps"]
         steps, ratio = np.append(self.curve[:, 0], budget), np.append(self.curve[:, 1], self.curve[-1, 1])
         return float(np.trapezoid(ratio, steps) / budget)
+
+
+def variant(policy: str, preset: str, settings: str) -> str:
+    """Name of what is compared, such as ``anm-s (planning.target=random)``: runs of one name differ by start and seed.
+
+    Args:
+        policy: its name.
+        preset: of the map; the usual one is not mentioned.
+        settings: single ones, as the tidy table has them.
+    """
+    special = " ".join(text for text in ("" if preset == USUAL_PRESET else preset, settings) if text)
+    return f"{policy} ({special})" if special else policy
 
 
 def read_result(folder: Path) -> Result:

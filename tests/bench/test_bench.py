@@ -52,6 +52,18 @@ def test_every_run_is_a_row_with_hash_revision_and_seed(file, tmp_path):
     assert (tmp_path / "out" / "curves_home.png").stat().st_size > 5_000
 
 
+def test_a_policy_with_other_settings_is_another_row(tmp_path):
+    sweep = '[[sweep]]\nscenes = ["home"]\npolicies = ["anm-s"]\nsteps = 300\n'
+    file = tmp_path / "ablation.toml"
+    file.write_text(f'{sweep}{sweep}settings = ["planning.target=random"]\n{sweep}preset = "paper"\n')
+
+    run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
+
+    text = (tmp_path / "out" / "table.md").read_text()
+    names = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| anm-s")]
+    assert names == ["anm-s", "anm-s (planning.target=random)", "anm-s (paper)"]
+
+
 def test_what_is_there_is_not_run_again(file, tmp_path):
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
     again = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:refusing")
