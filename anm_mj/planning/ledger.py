@@ -82,6 +82,15 @@ class Ledger:
         self.target_xy_m, self.heading = xy_m, heading
         self.promised_m2, self._seen_before_m2 = promised_m2, seen_m2
 
+    def follow(self, xy_m: Float[np.ndarray, 2], heading: int) -> None:
+        """Take the place that now stands for the present target, and where to look there; what it promised stays.
+
+        Args:
+            xy_m: where it lies [m].
+            heading: azimuth sector to look along there.
+        """
+        self.target_xy_m, self.heading = xy_m, heading
+
     def is_exhausted(self, promised_m2: float) -> bool:
         """Whether the last targets brought so little that one which promises this much is not worth its way."""
         patience = self.config.patience_targets * (2 if promised_m2 > self.config.large_gain_m2 else 1)

@@ -46,3 +46,15 @@ def test_a_target_is_done_when_the_robot_stands_there_and_looks_along_its_headin
     assert not ledger.is_done(Pose2(1.5, 2.0, 0.0))
     assert ledger.is_target(np.array([1.3, 2.0]))
     assert not ledger.is_target(np.array([1.7, 2.0]))
+
+
+def test_a_target_whose_vertex_moves_is_followed_with_its_promise():
+    ledger = ledger_for(8.0)
+    moved = Pose2(1.3, 2.0, np.deg2rad(90.0))
+    assert not ledger.is_done(moved)
+
+    ledger.follow(moved.xy_m, 9)
+
+    assert ledger.is_done(moved)
+    assert ledger.is_target(np.array([1.7, 2.0]))
+    assert ledger.settle(101.0, 0.0, moved), "8 m2 were promised and 1 m2 was seen"

@@ -294,7 +294,9 @@ class Gvg:
         turns = first.heading - self._sector(now.pose)
         xy, yaw = places.xy_m[first.place], wrap_angle(now.pose.yaw_rad + turns * TURN_STEP_RAD)
         kept = self._ledger.is_target(xy)
-        if not kept:
+        if kept:
+            self._ledger.follow(xy, first.heading)
+        else:
             self._settle(now, caster)
             self._ledger.open(xy, first.heading, first.gain_m2, caster.view.seen_m2)
         self._kept_on, self._decided_at_m2 = 0, caster.view.seen_m2
@@ -350,7 +352,7 @@ class Gvg:
 
 
 def _is_followed(plan: Plan, pose: Pose2) -> bool:
-    """Whether a plan asks for nothing more: its vertex may have moved from where the ledger has the target."""
+    """Whether a plan asks for nothing more: its heading may lie half a turn beside the sector that the ledger has."""
     there = not len(plan.path_xy_m) or math.dist(plan.path_xy_m[-1], pose.xy_m) < ARRIVED_M
     # Headings lie whole turns away, but for what wheels are off.
     return there and all(abs(wrap_angle(yaw - pose.yaw_rad)) < 0.75 * TURN_STEP_RAD for yaw in plan.headings_rad)
