@@ -95,17 +95,18 @@ def _one_per_square(points: Float[np.ndarray, "n 2"], spacing_m: float) -> Float
     # The member nearest to its square's mean: staircases of grid borders would otherwise bend the graph.
     col, row = np.floor(points / spacing_m).astype(np.int64).T
     row = row - row.min()
-    square = (col - col.min()) * (row.max() + 1) + row
-    size = np.maximum(np.bincount(square), 1)
+    # Numbered without gaps, so that a large scene costs no more than its border.
+    _, square = np.unique((col - col.min()) * (row.max() + 1) + row, return_inverse=True)
+    size = np.bincount(square)
     mean = np.stack([np.bincount(square, along) / size for along in points.T], axis=1)
     off = _squared(points - mean[square])
     least = np.full(len(size), np.inf)
     np.minimum.at(least, square, off)
     # Of equally near ones the first, which is written last.
     nearest = np.flatnonzero(off == least[square])[::-1]
-    chosen = np.full(len(size), -1)
+    chosen = np.empty(len(size), np.int64)
     chosen[square[nearest]] = nearest
-    return points[chosen[chosen >= 0]]
+    return points[chosen]
 
 
 def _circumcentres(corners: Float[np.ndarray, "n 3 2"]) -> Float[np.ndarray, "n 2"]:
