@@ -3,8 +3,8 @@
     python scripts/compare_policies.py bench/benchmark --policy gvg --other anm-s
 
 Prints a Markdown table: what of the observable surface each has seen at its end and on average over the budget, after
-how many steps the one has seen 90 % of what the other sees at its end, and how the one's run ended; below it in how many
-runs the one is ahead, and how long its decisions took. Only runs that both have made are compared.
+how many steps the one has seen 90 % of what the other sees at its end, and how the one's run ended; below it in how
+many runs the one is ahead, and how long its decisions took. Only runs that both have made are compared.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ SHARE = 0.9
 """Of what the other has seen at its end."""
 USEFUL = 0.25
 """What is seen after the last useful step, of the observable surface [%]."""
-HEADINGS = ("scene, budget", "start, seed", "seen at the end", "on average", "steps to 90 % of the other's end", "the end")
+HEADINGS = ("scene, budget", "start, seed", "at the end", "on average", "steps to 90 % of the other's end", "the end")
 
 
 def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg", other: str = "anm-s") -> None:
@@ -51,7 +51,8 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
         ratios.append(steps / their_steps)
         ends.append((ours.curve[-1, 3], theirs.curve[-1, 3]))
         means.append((_mean(ours), _mean(theirs)))
-        took_ms += [sum(line["ms"].values()) for line in read_json_lines(folder[policy, key] / "plans.jsonl") if line["ms"]]
+        decisions = read_json_lines(folder[policy, key] / "plans.jsonl")
+        took_ms += [sum(line["ms"].values()) for line in decisions if line["ms"]]
         cells = (
             f"{key[0]}, {key[1]}",
             f"{key[2]}, {key[3]}",
@@ -66,7 +67,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
     print(f"\nAhead at the end in {ahead[0]} of {len(both)} runs, on average over the budget in {ahead[1]}.")
     print(f"Steps to 90 % of the other's end: {100 * known.mean():.0f} % on average over {len(known)} runs.")
     half, most = np.percentile(took_ms or [np.nan], [50, 99])
-    print(f"Decisions of {policy}: {len(took_ms)}, half of them within {half:.1f} ms and 99 of 100 within {most:.1f} ms.")
+    print(f"Decisions of {policy}: {len(took_ms)}, half within {half:.1f} ms and 99 of 100 within {most:.1f} ms.")
 
 
 def _mean(result: Result) -> float:

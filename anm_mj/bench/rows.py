@@ -20,6 +20,7 @@ from anm_mj.io.read_run import read_json
 from anm_mj.run import ORACLE
 
 USUAL_PRESET = "default"
+"""Goes without saying in the name of what is compared."""
 LEVELS = (90, 95, 99)
 """Shares of the observable surface whose first steps are reported [%]."""
 TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")

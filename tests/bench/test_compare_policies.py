@@ -22,7 +22,7 @@ def test_two_policies_are_held_against_each_other_start_by_start(comparison, cap
     assert [line.split("|")[1:3] for line in lines[4:6]] == [[" home, 300 ", " 0, 0 "], [" home, 300 ", " 1, 0 "]]
     assert lines[-3].startswith("Ahead at the end in ")
     assert lines[-2].endswith("on average over 2 runs.")
-    assert lines[-1] == "Decisions of gvg: 2, half of them within 12.0 ms and 99 of 100 within 12.0 ms."
+    assert lines[-1] == "Decisions of gvg: 2, half within 12.0 ms and 99 of 100 within 12.0 ms."
 
 
 def test_policies_without_common_runs_cannot_be_compared(comparison):
