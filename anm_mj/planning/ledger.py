@@ -12,6 +12,8 @@ from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.tour import SIDE
+from anm_mj.planning.ways import NUM_AZIMUTHS
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Pose2
 
 KEPT_SHARE = 0.25
@@ -34,6 +36,7 @@ class Ledger:
         """Azimuth sector to look along there, of 10 degrees each."""
         self.promised_m2 = 0.0
         """New surface expected there when the robot set out [m2]."""
+        self._promised_at_m, self._promised_along = np.zeros(2), 0
         self._seen_before_m2 = 0.0
 
     def is_target(self, xy_m: Float[np.ndarray, 2]) -> bool:
@@ -41,6 +44,12 @@ class Ledger:
         if self.target_xy_m is None:
             return False
         return float(np.linalg.norm(xy_m - self.target_xy_m)) < self.config.candidate_spacing_m
+
+    def is_promised(self, xy_m: Float[np.ndarray, 2], heading: int) -> bool:
+        """Whether a view is the one that made the promise, or shows most of the same: a target may creep from it."""
+        turns = abs((heading - self._promised_along + NUM_AZIMUTHS // 2) % NUM_AZIMUTHS - NUM_AZIMUTHS // 2)
+        near = float(np.linalg.norm(xy_m - self._promised_at_m)) < self.config.candidate_spacing_m
+        return self.is_target(xy_m) and near and turns <= SIDE
 
     def is_done(self, pose: Pose2) -> bool:
         """Whether the robot has come to the target and looks as it was to look there."""
@@ -79,11 +88,12 @@ class Ledger:
             promised_m2: new surface expected [m2].
             seen_m2: surface seen so far [m2].
         """
-        self.target_xy_m, self.heading = xy_m, heading
+        self.follow(xy_m, heading)
+        self._promised_at_m, self._promised_along = xy_m, heading
         self.promised_m2, self._seen_before_m2 = promised_m2, seen_m2
 
     def follow(self, xy_m: Float[np.ndarray, 2], heading: int) -> None:
-        """Take the place that now stands for the present target, and where to look there; what it promised stays.
+        """Take the view that now stands for the promised one as the target; the promise stays what and where it was.
 
         Args:
             xy_m: where it lies [m].

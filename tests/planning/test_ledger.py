@@ -56,5 +56,14 @@ def test_a_target_whose_vertex_moves_is_followed_with_its_promise():
     ledger.follow(moved.xy_m, 9)
 
     assert ledger.is_done(moved)
-    assert ledger.is_target(np.array([1.7, 2.0]))
     assert ledger.settle(101.0, 0.0, moved), "8 m2 were promised and 1 m2 was seen"
+
+
+def test_a_promise_does_not_creep_away_with_its_target_nor_pass_to_a_view_to_the_other_side():
+    ledger = ledger_for(8.0)
+    assert ledger.is_promised(np.array([1.4, 2.0]), 35)
+    ledger.follow(np.array([1.4, 2.0]), 35)
+
+    assert ledger.is_promised(np.array([1.0, 2.0]), 4)
+    assert not ledger.is_promised(np.array([1.8, 2.0]), 0)
+    assert not ledger.is_promised(np.array([1.4, 2.0]), 18)

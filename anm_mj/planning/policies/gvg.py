@@ -293,7 +293,7 @@ class Gvg:
         # Headings that the robot can have: those of the sectors may lie half a turn beside them.
         turns = first.heading - self._sector(now.pose)
         xy, yaw = places.xy_m[first.place], wrap_angle(now.pose.yaw_rad + turns * TURN_STEP_RAD)
-        kept = self._ledger.is_target(xy)
+        kept = self._ledger.is_promised(xy, first.heading)
         if kept:
             self._ledger.follow(xy, first.heading)
         else:
