@@ -2,10 +2,11 @@
 
 A door is where the clearance along the graph has a minimum that is clearly narrower than what lies to both sides of it
 (critical points: Thrun, Artificial Intelligence 99(1), 1998). Every vertex begins as a part of its own; each part joins
-the neighbour that its widest exit leads to, until all parts that are left are clearly wider than their widest exit and
-large enough for a room. This comes to the watershed of the clearance over the graph with basins of too little
-prominence filled in, widest necks first (Bormann et al., ICRA 2016): a part's widest exit is reached before any other
-of its exits, so that nothing is lost by letting all parts join at once. A few rounds do, each a pass over the edges.
+the neighbour that its widest exit leads to, until all parts that are left are clearly wider than their widest exit.
+This comes to the watershed of the clearance over the graph with basins of too little prominence filled in, widest necks
+first (Bormann et al., ICRA 2016): a part's widest exit is reached before any other of its exits, so that nothing is
+lost by letting all parts join at once. Then parts too small for a room join the neighbour behind their widest exit, the
+widest necks first, too. A few rounds do, each a pass over the edges.
 
 Only a neck between two walls can be a door. One beside a table or a chair is a way through a room: what stands free is
 furniture unless it is long, or thin as a wall. One beside the unknown may be wider than it looks: it ends where the
@@ -99,13 +100,18 @@ def _parts(graph: VoronoiGraph, places: Narrows, topdown: TopDownMap) -> Int[np.
         widest_m, first = np.zeros(num), np.full(num, len(width))
         np.maximum.at(widest_m, part, graph.clearance_m)
         np.minimum.at(first, sides[between].ravel(), np.repeat(rank[between], 2))
-        floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num)
         with_exit = np.flatnonzero(first < len(width))
         exits = by_width[first[with_exit]]
-        no_room = (width[exits] > NARROWING * widest_m[with_exit]) | (floor_m2[with_exit] < LEAST_ROOM_M2)
-        if not no_room.any():
+        joins = width[exits] > NARROWING * widest_m[with_exit]
+        if not joins.any():
+            # From here on none is too flat again: parts only get wider, and their exits narrower.
+            small = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num) < LEAST_ROOM_M2
+            behind = sides[exits].sum(axis=1) - with_exit
+            # A small neighbour goes through its own wider exit first: with this part it might be large enough to stay.
+            joins = small[with_exit] & (~small[behind] | (first[behind] == first[with_exit]))
+        if not joins.any():
             return part
-        part = connected(sides[exits[no_room]], num)[part]
+        part = connected(sides[exits[joins]], num)[part]
 
 
 def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:
