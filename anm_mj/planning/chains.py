@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from anm_mj.planning.narrows import narrows
 from anm_mj.types import VoronoiGraph
 
 
@@ -32,14 +31,6 @@ class Chains:
     start: Int[np.ndarray, " c1"]
     """Where each chain begins in ``vertex``; one more than there are chains, so that the last one ends somewhere."""
     length_m: Float[np.ndarray, " c"]
-    neck_half_width_m: Float[np.ndarray, " c"]
-    """Least clearance anywhere along each chain [m]."""
-    neck_xy_m: Float[np.ndarray, "c 2"]
-    """Where that is [m]."""
-
-    def along(self, chain: int) -> Int[np.ndarray, " j"]:
-        """The vertices of one chain from end to end."""
-        return self.vertex[self.start[chain] : self.start[chain + 1]]
 
 
 def contract(graph: VoronoiGraph, kept: Bool[np.ndarray, " n"]) -> Chains:
@@ -60,13 +51,9 @@ def contract(graph: VoronoiGraph, kept: Bool[np.ndarray, " n"]) -> Chains:
         order = np.lexsort((vertex, -graph.clearance_m[vertex], of))
         node[vertex[order[_first(of[order])]]] = True
         chain, ends = edge_chains(edges, node)
-    places = narrows(graph)
-    width = places.clearance_m[edge]
-    order = np.lexsort((width, chain))
-    neck = order[_first(chain[order])]
     vertex, start = _in_order(edges, node, chain, ends)
     length = np.bincount(chain, graph.edge_length_m[edge], len(ends)).astype(float)
-    return Chains(np.flatnonzero(node), ends, vertex, start, length, width[neck], places.xy_m[edge[neck]])
+    return Chains(np.flatnonzero(node), ends, vertex, start, length)
 
 
 def components(graph: VoronoiGraph) -> Int[np.ndarray, " n"]:

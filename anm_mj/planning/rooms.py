@@ -48,8 +48,6 @@ class Rooms:
 
     room: Int[np.ndarray, " n"]
     """The room of each vertex; -1 in what is cut off and too small for a room."""
-    centre_xy_m: Float[np.ndarray, "r 2"]
-    """The widest place of each room [m]."""
     floor_m2: Float[np.ndarray, " r"]
     """About the floor of each room, as far as it is known: rather too much among furniture."""
     door_xy_m: Float[np.ndarray, "d 2"]
@@ -76,11 +74,8 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
     order = order[floor_m2[order] >= LEAST_ROOM_M2]
     number = np.full(num, -1)
     number[order] = np.arange(len(order))
-    by_width = np.lexsort((-graph.clearance_m, part))
-    _, widest = np.unique(part[by_width], return_index=True)
-    centre = graph.vertex_xy_m[by_width[widest[order]]]
     door = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
-    return Rooms(number[part], centre, floor_m2[order], places.xy_m[door], places.clearance_m[door])
+    return Rooms(number[part], floor_m2[order], places.xy_m[door], places.clearance_m[door])
 
 
 def _parts(graph: VoronoiGraph, places: Narrows, topdown: TopDownMap) -> Int[np.ndarray, " n"]:

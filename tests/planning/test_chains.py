@@ -10,8 +10,6 @@ from anm_mj.planning.junctions import leads_on, prune
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 from tests.planning.worlds import room, see
 
-DOOR = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
-
 
 def graph_of(places, edges, clearance=None):
     xy = np.array(places, float).reshape(-1, 2)
@@ -22,6 +20,11 @@ def graph_of(places, edges, clearance=None):
 
 def all_of(graph):
     return contract(graph, np.ones(len(graph.vertex_xy_m), bool))
+
+
+def along(chains, chain):
+    """The vertices of one chain from end to end."""
+    return chains.vertex[chains.start[chain] : chains.start[chain + 1]]
 
 
 def contracted(world, x, y):
@@ -35,8 +38,8 @@ def test_a_way_without_a_junction_is_one_chain_with_its_vertices_in_order():
     graph = graph_of([(1, 0), (3, 0), (3, 2), (0, 0), (2, 0)], [(0, 3), (1, 4), (1, 2), (4, 0)])
     chains = all_of(graph)
     assert chains.node.tolist() == [2, 3]
-    assert chains.along(0).tolist() in ([3, 0, 4, 1, 2], [2, 1, 4, 0, 3])
-    assert chains.ends.tolist() == [[chains.along(0)[0], chains.along(0)[-1]]]
+    assert along(chains, 0).tolist() in ([3, 0, 4, 1, 2], [2, 1, 4, 0, 3])
+    assert chains.ends.tolist() == [[along(chains, 0)[0], along(chains, 0)[-1]]]
     assert chains.length_m.tolist() == [5.0]
 
 
@@ -47,10 +50,10 @@ def test_ways_meet_at_a_junction_and_a_loop_comes_back_to_its_node():
     )
     chains = all_of(graph)
     assert chains.node.tolist() == [0, 1, 5]
-    found = sorted(tuple(sorted(chains.along(i).tolist())) for i in range(len(chains.ends)))
+    found = sorted(tuple(sorted(along(chains, i).tolist())) for i in range(len(chains.ends)))
     assert found == [(0, 1), (1, 1, 2, 3, 4), (1, 5)]
     loop = int(np.argmax(np.diff(chains.start)))
-    assert chains.along(loop).tolist() in ([1, 2, 3, 4, 1], [1, 4, 3, 2, 1])
+    assert along(chains, loop).tolist() in ([1, 2, 3, 4, 1], [1, 4, 3, 2, 1])
     assert chains.ends[loop].tolist() == [1, 1]
 
 
@@ -63,7 +66,7 @@ def test_a_circle_by_itself_begins_and_ends_at_its_widest_vertex():
     chains = all_of(graph)
     assert chains.node.tolist() == [7]
     assert chains.ends.tolist() == [[7, 7]]
-    assert sorted(chains.along(0).tolist()) == sorted([*range(12), 7])
+    assert sorted(along(chains, 0).tolist()) == sorted([*range(12), 7])
     assert chains.length_m[0] == pytest.approx(graph.edge_length_m.sum())
 
 
@@ -84,14 +87,13 @@ def test_every_edge_between_vertices_that_count_lies_on_one_chain_and_nothing_el
     kept = rng.random(len(graph.vertex_xy_m)) < share
     chains = contract(graph, kept)
     edges = np.sort(graph.edges[kept[graph.edges].all(axis=1)], axis=1)
-    along = [chains.along(i) for i in range(len(chains.ends))]
-    walked = np.sort(np.concatenate([np.stack([a[:-1], a[1:]], axis=1) for a in along]), axis=1)
+    ways = [along(chains, i) for i in range(len(chains.ends))]
+    walked = np.sort(np.concatenate([np.stack([a[:-1], a[1:]], axis=1) for a in ways]), axis=1)
     assert sorted(map(tuple, walked)) == sorted(map(tuple, edges))
-    inner = np.concatenate([a[1:-1] for a in along])
+    inner = np.concatenate([a[1:-1] for a in ways])
     assert sorted([*inner, *chains.node]) == np.flatnonzero(kept).tolist()
-    lengths = [np.linalg.norm(np.diff(graph.vertex_xy_m[a], axis=0), axis=1).sum() for a in along]
+    lengths = [np.linalg.norm(np.diff(graph.vertex_xy_m[a], axis=0), axis=1).sum() for a in ways]
     assert np.allclose(chains.length_m, lengths)
-    assert (chains.neck_half_width_m <= [graph.clearance_m[a].min() + 1e-9 for a in along]).all()
 
 
 def test_a_t_junction_is_one_node_of_three_chains():
@@ -103,15 +105,6 @@ def test_a_t_junction_is_one_node_of_three_chains():
     junction = np.bincount(chains.ends.ravel()).argmax()
     assert graph.vertex_xy_m[junction] == pytest.approx([4.2, 0.9], abs=0.15)
     assert (chains.ends == junction).any(axis=1).all()
-
-
-def test_the_neck_of_the_way_from_room_to_room_is_the_door():
-    chains, graph = contracted(room(8, 3, boxes=DOOR), 2, 1.6)
-    x = graph.vertex_xy_m[chains.ends, 0]
-    through = np.flatnonzero((x.min(axis=1) < 4.2) & (x.max(axis=1) > 4.3))
-    assert len(through) == 1
-    assert chains.neck_xy_m[through[0]] == pytest.approx([4.25, 1.65], abs=0.08)
-    assert chains.neck_half_width_m[through[0]] == pytest.approx(0.45, abs=0.03)
 
 
 def test_components_are_numbered_from_the_largest():
