@@ -194,7 +194,7 @@ def _pooled(
     total = total[0::2] + total[1::2]
     total = total[:, 0::2] + total[:, 1::2]
     # Neighbours in a row as the two halves of one number: no sum exceeds a byte.
-    pairs = total.view(np.uint16)
+    pairs = np.ascontiguousarray(total).view(np.uint16)
     total = (pairs + (pairs >> 8)).astype(np.uint8)
     num_unknown = total >> 4
     occupied = (total & np.uint8(15)) > num_unknown

@@ -155,6 +155,13 @@ def test_what_is_expected_does_not_depend_on_the_part_that_was_looked_at_last():
     assert whole.view.seen_m2 == pytest.approx(parts.view.seen_m2)
 
 
+def test_the_order_of_the_voxels_in_memory_changes_nothing():
+    grid = with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))
+    turned = VoxelGrid(np.asfortranarray(grid.state), grid.seen_range_m, grid.origin_m, grid.resolution_m)
+    assert not turned.state.flags.c_contiguous
+    assert np.array_equal(caster_of(turned).view.state, caster_of(grid).view.state)
+
+
 def test_an_update_says_where_the_map_has_changed():
     grid = with_lid(room(4, 3))
     caster = caster_of(grid)
