@@ -29,21 +29,23 @@ BORDER_WIDTH_M = 0.15
 
 
 def decision_vertices(graph: VoronoiGraph, chains: Chains) -> Int[np.ndarray, " k"]:
-    """Junctions and ends of the pruned graph, and single vertices on its long ways, in ascending order.
+    """Junctions and ends of the pruned graph, and single vertices on its long ways or alone, in ascending order.
 
     Args:
         graph: the road map.
         chains: what :func:`prune` has left of it, contracted.
     """
+    nodes = np.unique(chains.ends)
     # Shorter chains have an end near every vertex.
     long = np.repeat(chains.length_m >= 2.0 * SPACING_M, np.diff(chains.start))
-    left = np.unique(chains.vertex[long])
-    if len(left):
-        nodes = KDTree(graph.vertex_xy_m[chains.node])
-        left = left[np.isinf(nodes.query(graph.vertex_xy_m[left], distance_upper_bound=SPACING_M)[0])]
+    # What is left of branches in all directions is no junction any more.
+    alone = np.setdiff1d(chains.node, nodes)
+    left = np.union1d(chains.vertex[long], alone)
+    away = KDTree(graph.vertex_xy_m[nodes]).query(graph.vertex_xy_m[left], distance_upper_bound=SPACING_M)[0]
+    left = left[np.isinf(away)]
     left = left[np.argsort(-graph.clearance_m[left], kind="stable")]
-    chosen = [chains.node]
-    tree, free = KDTree(graph.vertex_xy_m[left].reshape(-1, 2)), np.ones(len(left), bool)
+    chosen = [nodes]
+    tree, free = KDTree(graph.vertex_xy_m[left]), np.ones(len(left), bool)
     for i, vertex in enumerate(left):
         if free[i]:
             chosen.append(left[i : i + 1])

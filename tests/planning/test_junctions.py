@@ -47,6 +47,15 @@ def test_junctions_and_ends_are_decision_vertices():
     assert decide(corridor_with_a_spur(0.5), NOWHERE).tolist() == [0, 1, 3, 4]
 
 
+@pytest.mark.parametrize(("away_m", "chosen"), [(1.2, [4, 6]), (3.0, [0, 4, 6])])
+def test_a_junction_of_nothing_but_spurs_counts_only_where_nothing_else_is_near(away_m, chosen):
+    # Three spurs about vertex 0, and a way of 2 m past it from vertex 4 to 6.
+    star = [(1, away_m), (1, away_m + 0.5), (0.6, away_m - 0.3), (1.4, away_m - 0.3)]
+    edges = [(0, 1), (0, 2), (0, 3), (4, 5), (5, 6)]
+    graph = graph_of([*star, (0, 0), (1, 0), (2, 0)], edges, [0.6, 0.2, 0.2, 0.2, 0.6, 0.6, 0.6])
+    assert decide(graph, NOWHERE).tolist() == chosen
+
+
 @pytest.mark.parametrize("closed", [False, True])
 def test_long_ways_and_circles_have_a_decision_vertex_near_every_place(closed):
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
