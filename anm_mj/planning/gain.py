@@ -37,6 +37,8 @@ CAST_TOGETHER = 16_384
 """Rays followed at once: what they meet stays in the cache."""
 MIN_ROWS = 256
 """Places that there is room for at first."""
+MAX_ROWS = 32_768
+"""Before more places than these are remembered, all are forgotten: they take 100 to 200 MB."""
 NEVER_MET = -3
 """Stands for what a ray met before it was first cast: the state of no cell."""
 PATCH_CELLS = 3
@@ -163,13 +165,16 @@ class GainCaster:
         """Rows of places in the memory, made where there are none."""
         cell = base % len(self._row_of)
         new = np.unique(cell[self._row_of[cell] < 0])
+        if self._num_rows + len(new) > MAX_ROWS:
+            self._forget()
+            new = np.unique(cell)
         self._row_of[new] = np.arange(self._num_rows, self._num_rows + len(new))
         self._num_rows += len(new)
         if self._num_rows > len(self._base):
-            room = max(2 * self._num_rows, MIN_ROWS)
+            capacity = max(2 * self._num_rows, MIN_ROWS)
             for name in ("_base", "_hit", "_reach", "_depth", "_met"):
                 old = getattr(self, name)
-                larger = np.full((room, *old.shape[1:]), NEVER_MET if name == "_met" else 0, old.dtype)
+                larger = np.full((capacity, *old.shape[1:]), NEVER_MET if name == "_met" else 0, old.dtype)
                 larger[: len(old)] = old
                 setattr(self, name, larger)
         rows = self._row_of[cell]
@@ -206,7 +211,7 @@ class GainCaster:
         return worth
 
     def _follow_growth(self) -> None:
-        """Lay the rays out in the array as it is now; what was remembered of another array is cast anew."""
+        """Lay the rays out in the array as it is now; what was remembered of another array is forgotten."""
         if self._epoch == self.view.epoch:
             return
         self._epoch = self.view.epoch
@@ -225,6 +230,11 @@ class GainCaster:
         self._offset = ((dz * rows + dy) * cols + dx).astype(np.int64).reshape(self._num_rays, len(rho_m))
         self._distance_m = rho_m.astype(np.float32)
         self._row_of = np.full(rows * cols, -1, np.int32)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin the memory anew: what it held is written over, row by row."""
+        self._row_of[:] = -1
         self._num_rows = 0
         self._met[:] = NEVER_MET
 

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from anm_mj.planning import gain
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.gain import GainCaster, view_sums
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, VoxelGrid
@@ -130,6 +131,20 @@ def test_what_is_remembered_follows_a_map_that_changes_and_grows():
     for now in (grid, larger):
         caster.view.update(now, np.array([2.8, 0.0]), np.array([4.4, 3.4]))
         assert np.allclose(caster.panoramas(places), caster_of(now).panoramas(places))
+
+
+def test_what_is_forgotten_for_want_of_room_is_cast_anew(monkeypatch):
+    grid = with_lid(room(6, 3, unknown=[(3.2, 0.2, 6.2, 3.2)]))
+    places = np.random.default_rng(0).uniform(0.5, 3.0, (40, 2))
+    at_once = caster_of(grid).panoramas(places)
+    monkeypatch.setattr(gain, "MAX_ROWS", 10)
+    caster = caster_of(grid)
+    for _ in range(2):
+        few = np.concatenate([caster.panoramas(some) for some in np.split(places, 5)])
+        assert np.array_equal(few, at_once)
+        assert caster._num_rows <= 10
+    # More at once than are remembered are remembered together.
+    assert np.array_equal(caster.panoramas(places), at_once)
 
 
 def test_the_best_view_wraps_around_north():
