@@ -1,4 +1,4 @@
-"""The stages that every planning policy reads in the same order: top-down map, graph, paths, regions."""
+"""The stages that every planning policy reads in the same order: top-down map, graph, paths, rooms, regions."""
 
 from __future__ import annotations
 
@@ -54,21 +54,25 @@ class Situation:
     frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Border of the unknown that the robot fits into [m]; read together with the regions."""
     room: Int[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0, np.int64))
-    """The room of each vertex, -1 for none; read together with the regions."""
+    """The room of each vertex, -1 for none and where rooms are not looked for; read together with the regions."""
 
 
 class Stages:
     """Runs the stages and keeps what they remember between decisions."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint, *, thin_far: bool = False):
+    def __init__(
+        self, config: PlanningConfig, footprint: Footprint, *, thin_far: bool = False, with_rooms: bool = False
+    ):
         """Start with nothing remembered.
 
         Args:
             config: the planner's settings.
             footprint: the body.
             thin_far: whether the graph may be rough far away from the robot.
+            with_rooms: whether rooms are looked for.
         """
         self._thin_far = thin_far
+        self._with_rooms = with_rooms
         self.config = config
         self.safe_m = footprint.radius_m + config.margin_m
         self.topdown = TopDownMapper(config, footprint)
@@ -104,13 +108,16 @@ class Stages:
         regions: tuple[Region, ...] = ()
         decisions, frontier, room = np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, np.int64)
         if with_regions:
-            with watch.stage("regions"):
-                radius = self.config.region_radius_m
-                self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
+            with watch.stage("rooms"):
                 frontier = roomy_frontier(topdown, self.safe_m)
                 kept = prune(graph, leads_on(graph, frontier))
                 decisions = decision_vertices(graph, contract(graph, kept))
-                room = find_rooms(graph, topdown, self.topdown.trail_xy_m[0]).room
+                room = np.full(len(graph.vertex_xy_m), -1)
+                if self._with_rooms:
+                    room = find_rooms(graph, topdown, self.topdown.trail_xy_m[0]).room
+            with watch.stage("regions"):
+                radius = self.config.region_radius_m
+                self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
                 regions = self.finder.regions(graph, mapper.occupancy, height, decisions)
         return Situation(pose, topdown, graph, paths, regions, height, watch, decisions, frontier, room)
 

@@ -6,7 +6,7 @@ import pytest
 
 from anm_mj.errors import PlanError
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.config import TARGETS, PlanningConfig
 from anm_mj.planning.policies.anm_s import AnmS, view_headings
 from anm_mj.types import Action, Footprint, Intrinsics, Observation, Pose2, Region, StopReason, SurfacePoints
 from tests.planning.worlds import room
@@ -81,6 +81,15 @@ def test_the_rest_of_the_room_comes_before_the_next_room_and_that_before_farther
     last = plan_after_visiting(places[:, 0] < 5.0)
     assert "in room 2" in last.reason
     assert last.target_xy_m[0] > 5.0
+
+
+def test_rooms_are_looked_for_where_vertices_are_ordered_by_them_alone():
+    world = two_rooms()
+    for target in TARGETS:
+        policy = AnmS(replace(PlanningConfig(), target=target), BODY, 0)
+        now = policy._stages.read(world, observation(1.0, 1.7))
+        assert set(now.room) == ({0, 1} if target == "hierarchical" else {-1})
+        assert list(now.watch.ms) == ["topdown", "gvg", "paths", "rooms", "regions"]
 
 
 def test_without_visibility_guidance_the_robot_turns_to_nothing():

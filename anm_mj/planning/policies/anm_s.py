@@ -78,7 +78,8 @@ class AnmS:
         self.config = config
         self._footprint = footprint
         self._rng = np.random.default_rng(seed)
-        self._stages = Stages(config, footprint)
+        # The paper's ablation has no order of rooms.
+        self._stages = Stages(config, footprint, with_rooms=config.target == "hierarchical")
         self._bootstrapped = False
         self._looked_around = False
         self._target_xy_m: Float[np.ndarray, 2] | None = None
