@@ -7,8 +7,21 @@ import pytest
 from anm_mj.errors import PlanError
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import TARGETS, PlanningConfig
-from anm_mj.planning.policies.anm_s import AnmS, view_headings
-from anm_mj.types import Action, Footprint, Intrinsics, Observation, Pose2, Region, StopReason, SurfacePoints
+from anm_mj.planning.paths import Reach
+from anm_mj.planning.policies.anm_s import AnmS, _own_room, _room_name, _rooms_off, view_headings
+from anm_mj.planning.stages import Situation
+from anm_mj.types import (
+    Action,
+    Footprint,
+    Intrinsics,
+    Observation,
+    Pose2,
+    Region,
+    StopReason,
+    SurfacePoints,
+    TopDownMap,
+    VoronoiGraph,
+)
 from tests.planning.worlds import room
 
 BODY = Footprint(0.18, 0.05, 1.35)
@@ -81,6 +94,35 @@ def test_the_rest_of_the_room_comes_before_the_next_room_and_that_before_farther
     last = plan_after_visiting(places[:, 0] < 5.0)
     assert "in room 2" in last.reason
     assert last.target_xy_m[0] > 5.0
+
+
+def situation(room, distance_m):
+    """What anm-s reads of rooms: that of each vertex, and how far each is."""
+    num = len(room)
+    graph = VoronoiGraph(np.zeros((num, 2)), np.ones(num), np.zeros((0, 2), np.int64), np.zeros(0))
+    topdown = TopDownMap(np.ones((1, 1), np.float32), np.zeros((1, 1), np.int8), 0.05, np.zeros(2))
+    pose = Pose2(0.0, 0.0, 0.0)
+    reach = Reach(np.array(distance_m, float), [], {}, graph, topdown, 0.22, pose)
+    return Situation(pose, topdown, graph, reach, (), 1.25, room=np.array(room, np.int64))
+
+
+def test_the_robots_own_room_is_the_one_it_reaches_first_and_no_other_is_nearer():
+    now = situation([0, 1, 1, -1], [5.0, 1.0, 9.0, 2.0])
+    assert _own_room(now) == 1
+    assert _rooms_off(now, np.arange(4)).tolist() == [5.0, 0.0, 0.0, 2.0]
+    assert [_room_name(now, vertex) for vertex in (0, 2, 3)] == ["room 0", "the rest of the room", "a nook"]
+
+
+def test_from_a_nook_other_nooks_are_as_far_as_they_are():
+    now = situation([0, -1, -1], [3.0, 4.0, 0.5])
+    assert _own_room(now) == -1
+    assert _rooms_off(now, np.arange(3)).tolist() == [3.0, 4.0, 0.5]
+    assert _room_name(now, 1) == "a nook"
+
+
+@pytest.mark.parametrize("room", [[], [0, 1]])
+def test_a_robot_that_reaches_no_vertex_is_in_no_room(room):
+    assert _own_room(situation(room, [np.inf] * len(room))) == -1
 
 
 def test_rooms_are_looked_for_where_vertices_are_ordered_by_them_alone():

@@ -322,23 +322,26 @@ class AnmS:
 
 def _own_room(now: Situation) -> int:
     """The room that the robot is in: that of the vertex that it reaches first; -1 for none."""
-    return int(now.room[np.argmin(now.reach.distance_m)]) if len(now.room) else -1
+    distance_m = now.reach.distance_m
+    return int(now.room[np.argmin(distance_m)]) if np.isfinite(distance_m).any() else -1
 
 
 def _room_name(now: Situation, vertex: int) -> str:
     """What to call the room of a vertex."""
     room = int(now.room[vertex])
-    if room == _own_room(now):
-        return "the rest of the room"
-    return f"room {room}" if room >= 0 else "a nook"
+    if room < 0:
+        return "a nook"
+    return "the rest of the room" if room == _own_room(now) else f"room {room}"
 
 
 def _rooms_off(now: Situation, nodes: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """How far the room of each vertex is: 0 for the robot's own, else to the nearest of these vertices in it [m]."""
-    _, room = np.unique(now.room[nodes], return_inverse=True)
-    nearest = np.full(len(nodes), np.inf)
-    np.minimum.at(nearest, room, now.reach.distance_m[nodes])
-    return np.where(now.room[nodes] == _own_room(now), 0.0, nearest[room])
+    room, distance_m = now.room[nodes], now.reach.distance_m[nodes]
+    nearest = np.full(len(now.room) + 1, np.inf)
+    np.minimum.at(nearest, room, distance_m)
+    nearest[_own_room(now)] = 0.0
+    # Nooks have a number in common, and nothing else.
+    return np.where(room < 0, distance_m, nearest[room])
 
 
 def view_headings(regions: tuple[Region, ...], xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> tuple[float, ...]:
