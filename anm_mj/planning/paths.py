@@ -20,7 +20,7 @@ from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2, TopDownMap, VoronoiGraph
 
 SKIPPED_SAMPLES = 8
-"""Segments are tested first at every so manieth of their samples."""
+"""Segments are tested first at every eighth of their samples."""
 MAX_JOINTS = 16
 """Vertices near the robot that a direct segment is tried to."""
 SHORT_LEG_M = 0.6
@@ -52,17 +52,17 @@ class Reach:
         """Polyline from the robot to a vertex, pulled straight; empty when there is no path [m]."""
         if not np.isfinite(self.distance_m[vertex]):
             return np.zeros((0, 2))
-        chain = self.chain_to(vertex)
-        along = self.graph.vertex_xy_m[chain[::-1]]
-        points = np.concatenate([self.joint_xy_m[chain[-1]], along[1:]])
+        vertices = self.vertices_to(vertex)
+        along = self.graph.vertex_xy_m[vertices[::-1]]
+        points = np.concatenate([self.joint_xy_m[vertices[-1]], along[1:]])
         return pull_straight(points, self.topdown, self.safe_m, self.pose)
 
-    def chain_to(self, vertex: int) -> list[int]:
+    def vertices_to(self, vertex: int) -> list[int]:
         """The vertices of the shortest path to a vertex that can be reached, from the vertex back to the robot."""
-        chain = [vertex]
-        while self.predecessor[chain[-1]] != len(self.distance_m):
-            chain.append(self.predecessor[chain[-1]])
-        return chain
+        vertices = [vertex]
+        while self.predecessor[vertices[-1]] != len(self.distance_m):
+            vertices.append(self.predecessor[vertices[-1]])
+        return vertices
 
 
 def reach(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> Reach:

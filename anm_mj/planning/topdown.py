@@ -22,7 +22,7 @@ from scipy import ndimage
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
-from anm_mj.planning.windows import Window, bounds, clipped, grown, hull, next_to, within
+from anm_mj.planning.windows import Window, bounds, clipped, grown, hull, next_to, relative_to
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
 
 TRUNCATION_M = 0.1
@@ -176,7 +176,7 @@ class TopDownMapper:
         around = grown(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < enough
         holes = _enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
-        inner = within(window, around)
+        inner = relative_to(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
         state[layers.near_trail[window]] = FREE
         state[layers.hit[window]] = OCCUPIED
@@ -243,7 +243,7 @@ class TopDownMapper:
         reached = grown(window, cap, layers.state.shape)
         needed = grown(reached, cap, layers.state.shape)
         free = layers.state[needed] == FREE
-        inner = within(reached, needed)
+        inner = relative_to(reached, needed)
         # A pad makes the rim of the map a border; at the rim of a part of it, it is farther away than the cap.
         inside = capped_distance_cells(np.pad(free, 1), cap)[1:-1, 1:-1][inner]
         outside = capped_distance_cells(~free, depth)[inner]

@@ -157,13 +157,13 @@ class ViewGrid:
         shape = np.array(self.state.shape)[::-1]
         if shape.all() and (low >= 0).all() and (high <= shape).all():
             return
-        room = np.array([BLOCK, BLOCK, 1])
-        new_low = np.minimum(np.floor_divide(low, room) * room, 0)
-        new_high = -np.floor_divide(-high, room) * room
+        block = np.array([BLOCK, BLOCK, 1])
+        new_low = np.minimum(np.floor_divide(low, block) * block, 0)
+        new_high = -np.floor_divide(-high, block) * block
         if shape.all():
             new_high = np.maximum(new_high, shape)
         else:
-            new_low = np.floor_divide(low, room) * room
+            new_low = np.floor_divide(low, block) * block
         new_shape = tuple((new_high - new_low)[::-1].tolist())
         where = tuple(slice(-a, -a + n) for a, n in zip(new_low[::-1], shape[::-1], strict=True))
         for name, fill in (("state", UNKNOWN), ("tried_from_m", np.inf), ("_num_free", 0), ("_num_surface", 0)):

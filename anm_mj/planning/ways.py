@@ -24,8 +24,8 @@ BEARING_OVER_M = 0.8
 class _Path:
     """The shortest path to a vertex."""
 
-    chain: Int[np.ndarray, " n"]
-    """Its vertices, from the end back to the robot."""
+    vertices: Int[np.ndarray, " n"]
+    """From the end back to the robot."""
     arrival_rad: float
     """Direction in which it comes to its end."""
     departure_rad: float
@@ -65,7 +65,7 @@ class Ways:
         direct[near[clear, 0], near[clear, 1]] = True
         direct |= direct.T
         length = np.where(
-            direct, straight, np.maximum(self._along_tree(vertex, [path.chain for path in paths]), straight)
+            direct, straight, np.maximum(self._along_tree(vertex, [path.vertices for path in paths]), straight)
         )
 
         bearing = np.arctan2(difference[..., 1], difference[..., 0])
@@ -82,20 +82,25 @@ class Ways:
         """The shortest path to a vertex, worked out once."""
         if vertex not in self._paths:
             graph_xy_m, robot_xy_m = self._reach.graph.vertex_xy_m, self._reach.pose.xy_m
-            chain = np.array(self._reach.chain_to(vertex))
-            xy_m = graph_xy_m[chain]
+            vertices = np.array(self._reach.vertices_to(vertex))
+            xy_m = graph_xy_m[vertices]
             arrival = _bearing(xy_m[0] - np.concatenate([xy_m, robot_xy_m[None]]))
-            self._paths[vertex] = _Path(chain, arrival, _bearing(xy_m[::-1] - robot_xy_m))
+            self._paths[vertex] = _Path(vertices, arrival, _bearing(xy_m[::-1] - robot_xy_m))
         return self._paths[vertex]
 
     def _along_tree(
-        self, vertex: Int[np.ndarray, " k"], chains: list[Int[np.ndarray, " _"]]
+        self, vertex: Int[np.ndarray, " k"], vertices: list[Int[np.ndarray, " _"]]
     ) -> Float[np.ndarray, "k k"]:
-        """Length of the ways along the tree of shortest paths [m]."""
+        """Length of the ways along the tree of shortest paths [m].
+
+        Args:
+            vertex: where the paths end; -1 for the robot's own place.
+            vertices: those of each path.
+        """
         distance_m = self._reach.distance_m
-        used, column = np.unique(np.concatenate(chains), return_inverse=True)
-        depth = np.zeros((len(chains), len(used)), np.float32)
-        depth[np.repeat(np.arange(len(chains)), [len(chain) for chain in chains]), column] = distance_m[used][column]
+        used, column = np.unique(np.concatenate(vertices), return_inverse=True)
+        depth = np.zeros((len(vertices), len(used)), np.float32)
+        depth[np.repeat(np.arange(len(vertices)), [len(v) for v in vertices]), column] = distance_m[used][column]
         parting = np.minimum(depth[:, None], depth[None]).max(axis=2, initial=0.0)
         from_root = np.array([0.0 if v < 0 else distance_m[v] for v in vertex])
         return np.maximum(from_root[:, None] + from_root[None, :] - 2.0 * parting, 0.0)

@@ -16,7 +16,7 @@ def clipped(first: Int[np.ndarray, 2], last: Int[np.ndarray, 2], shape: tuple[in
 
 
 def bounds(mask: Bool[np.ndarray, "rows cols"], window: Window) -> list[Window]:
-    """The smallest part of a window that holds all of a mask over it; none when the mask is empty."""
+    """The smallest part of a window that holds all of a mask over it: at most one, none when the mask is empty."""
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return []
@@ -36,7 +36,7 @@ def grown(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
     return a, b
 
 
-def within(inner: Window, outer: Window) -> Window:
+def relative_to(inner: Window, outer: Window) -> Window:
     """A window in the cells of another one."""
     a, b = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
     return a, b
