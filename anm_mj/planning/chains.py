@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import breadth_first_order
 
+from anm_mj.planning.linked import connected
 from anm_mj.types import VoronoiGraph
 
 
@@ -60,12 +61,6 @@ def components(graph: VoronoiGraph) -> Int[np.ndarray, " n"]:
     """For each vertex the number of the connected part that it lies in, from the one with most vertices on."""
     label = connected(graph.edges, len(graph.vertex_xy_m))
     return np.argsort(np.argsort(-np.bincount(label), kind="stable"))[label]
-
-
-def connected(links: Int[np.ndarray, "l 2"], num: int) -> Int[np.ndarray, " n"]:
-    """For each of ``num`` things the number of the group that links join it to; those with no links stand alone."""
-    matrix = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(num, num))
-    return connected_components(matrix, directed=False)[1].astype(np.int64)
 
 
 def edge_chains(

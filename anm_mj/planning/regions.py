@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.linked import connected
 from anm_mj.types import OCCUPIED, Region, SurfacePoints, VoronoiGraph, VoxelGrid
 
 IN_FRONT_M = 0.25
@@ -178,10 +177,8 @@ def _clusters(patches: _Patches, anchor: Int[np.ndarray, " p"], link_m: float) -
     in_front = patches.xyz_m[anchored] + IN_FRONT_M * patches.normal[anchored]
     pairs = KDTree(in_front).query_pairs(link_m, output_type="ndarray")
     pairs = pairs[anchor[anchored[pairs[:, 0]]] == anchor[anchored[pairs[:, 1]]]]
-    n = len(anchored)
-    links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    count, label = connected_components(links, directed=False)
-    return [anchored[label == k] for k in range(count)]
+    label = connected(pairs, len(anchored))
+    return [anchored[label == k] for k in range(int(label.max()) + 1)]
 
 
 def _frontal(

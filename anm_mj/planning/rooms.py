@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.chains import connected
+from anm_mj.planning.linked import connected
 from anm_mj.planning.narrows import Narrows, narrows
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 

@@ -113,7 +113,7 @@ class TopDownMapper:
         layers.state[window], layers.field_m[window] = state, field
         for part in freed:
             self._update_clearance(part, resolution)
-        self._borders.update(layers.state, layers.field_m, hull(moved)[0] if moved else slice(0, 0))
+        self._borders.update(layers.state, layers.field_m, moved[0][0] if moved else slice(0, 0))
         origin = grid.origin_m[:2].astype(float)
         surface, frontier = (
             origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)

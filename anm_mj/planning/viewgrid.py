@@ -13,7 +13,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
-from anm_mj.planning.windows import next_to
+from anm_mj.planning.windows import bounds, clipped, next_to
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 
 POOL = 2
@@ -73,21 +73,13 @@ class ViewGrid:
         shape = np.array(grid.state.shape)
         # No ray goes below the floor.
         floor = max(math.floor((-LOWEST_M - grid.origin_m[2]) / resolution), 0)
-        rows, cols = (
-            slice(max(math.floor(a), 0), min(max(math.ceil(b), 0), n))
-            for a, b, n in zip(
-                ((low_xy_m - grid.origin_m[:2]) / resolution)[::-1],
-                ((high_xy_m - grid.origin_m[:2]) / resolution)[::-1],
-                shape[1:],
-                strict=True,
-            )
-        )
-        changed = (grid.state[floor:, rows, cols] != self._voxels[floor:, rows, cols]).any(axis=0)
-        in_rows, in_cols = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
-        if not len(in_rows):
+        first = np.floor((low_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
+        last = np.ceil((high_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
+        window = clipped(first, last, grid.state.shape[1:])
+        changed = bounds((grid.state[floor:, *window] != self._voxels[floor:, *window]).any(axis=0), window)
+        if not changed:
             return None
-        rows = slice(rows.start + int(in_rows[0]), rows.start + int(in_rows[-1]) + 1)
-        cols = slice(cols.start + int(in_cols[0]), cols.start + int(in_cols[-1]) + 1)
+        rows, cols = changed[0]
         self._voxels[:, rows, cols] = grid.state[:, rows, cols]
         # Whole cells only: their first voxel has an even index from this grid's own origin. What borders on surface
         # counts as known: to know that, one cell more is written on all sides and another one looked at.

@@ -16,13 +16,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.grid_route import GridRoutes
+from anm_mj.planning.linked import connected
 from anm_mj.planning.policies.frontier import FULL_RANGE_M
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.protocols import Mapper
@@ -146,11 +145,9 @@ class Anm:
         )
 
 
-def _clusters(points_m: Float[np.ndarray, "n 3"]) -> np.ndarray:
+def _clusters(points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     """Label of the cluster of each point: connected by hops of at most ``LINK_M``."""
-    pairs = KDTree(points_m).query_pairs(LINK_M, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points_m), len(points_m)))
-    return connected_components(links, directed=False)[1]
+    return connected(KDTree(points_m).query_pairs(LINK_M, output_type="ndarray"), len(points_m))
 
 
 def _cut_end(path_xy_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:
