@@ -30,4 +30,5 @@ def test_a_row_is_printed_for_both_kinds_of_graph(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert sum(" anm-s " in line for line in lines) == sum(" gvg " in line for line in lines) == 2
     found = [line.split("|")[4] for line in lines if "%" in line]
+    assert len(found) == 2
     assert all(int(cell) >= 2 for cell in found)
