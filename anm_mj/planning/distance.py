@@ -12,12 +12,13 @@ def capped_distance_cells(free: Bool[np.ndarray, "rows cols"], cap_cells: int) -
     What lies outside of the grid counts as free. Source: Saito and Toriwaki, Pattern Recognition 27(11), 1994: squared
     distances along rows, then the lower envelope along columns, which the cap makes a fixed number of minima.
     """
-    along = _along_rows(free, cap_cells)
-    squared = along * along
+    # Two squares are added up; up to 181 cells the smaller type holds them, in half of the time.
+    whole = np.uint16 if 2 * cap_cells**2 <= np.iinfo(np.uint16).max else np.uint32
+    squared = np.square(_along_rows(free, cap_cells), dtype=whole)
     nearest = squared.copy()
     shifted = np.empty_like(squared)
     for d in range(1, min(cap_cells, len(free))):
-        np.add(squared, np.uint16(d * d), out=shifted)
+        np.add(squared, whole(d * d), out=shifted)
         np.minimum(nearest[:-d], shifted[d:], out=nearest[:-d])
         np.minimum(nearest[d:], shifted[:-d], out=nearest[d:])
     return np.sqrt(nearest, dtype=np.float32)

@@ -47,7 +47,7 @@ class Rooms:
     """Rooms of a graph, numbered in the order of how near they come to where the exploration began."""
 
     room: Int[np.ndarray, " n"]
-    """The room of each vertex; -1 in what is cut off and too small for a room."""
+    """The room of each vertex; -1 in what is cut off and too small for a room, as a vertex without edges is."""
     floor_m2: Float[np.ndarray, " r"]
     """About the floor of each room, as far as it is known: rather too much among furniture."""
     door_xy_m: Float[np.ndarray, "d 2"]
