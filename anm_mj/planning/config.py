@@ -89,6 +89,10 @@ class PlanningConfig:
     """After so many poor targets in a row nothing more is expected of small ones."""
     large_gain_m2: float = 1.5
     """A promise larger than this is looked into for as long again [m2]."""
+    lull_share: float = 0.1
+    """In the last so large a share of all steps nothing useful was seen: a lull."""
+    lull_gain_m2: float = 2.5
+    """In a lull a whole tour must promise this much new surface to be worth its way [m2]."""
     hysteresis: float = 1.25
     """A new target must score this many times the present one to replace it."""
     replan_steps: int = 8

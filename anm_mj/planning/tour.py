@@ -53,9 +53,14 @@ class Tour:
     value: float
 
     @property
+    def gain_m2(self) -> float:
+        """What it brings in all [m2]."""
+        return sum(stop.gain_m2 for stop in self.stops)
+
+    @property
     def rate(self) -> float:
         """What it brings per step [m2]."""
-        return sum(stop.gain_m2 for stop in self.stops) / max(self.stops[-1].at_step, 1.0)
+        return self.gain_m2 / max(self.stops[-1].at_step, 1.0)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from anm_mj.planning.gain import GainCaster, view_sums
 from anm_mj.planning.ledger import Ledger
 from anm_mj.planning.panoramas import Panoramas
 from anm_mj.planning.paths import along_headings, path_steps, rest_of_path, segments_clear
+from anm_mj.planning.progress import Progress
 from anm_mj.planning.stages import Situation, Stages
 from anm_mj.planning.tour import SIDE, Places, Tour, TourSearch
 from anm_mj.planning.unseen import unseen_patches
@@ -85,6 +86,7 @@ class Gvg:
         self._caster: GainCaster | None = None
         self._bootstrapped = False
         self._ledger = Ledger(config)
+        self._progress = Progress(config)
         self._plan: Plan | None = None
         self._kept_on = 0
         self._decided_at_m2 = 0.0
@@ -107,6 +109,7 @@ class Gvg:
             if changed is not None:
                 self._caster.note_change(*changed)
             self._caster.note_view(observation.pose)
+            self._progress.note(observation.step, self._caster.view.seen_m2)
             kept = self._keep_on(topdown, observation.pose, self._caster, watch)
         if kept is not None:
             self._stages.set_out(kept.path_xy_m)
@@ -243,7 +246,8 @@ class Gvg:
             path = np.zeros((0, 2)) if first.place == 0 else now.reach.path_to(int(places.vertex[first.place]))
             if first.place and not len(path):
                 continue
-            if tour.rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
+            crumbs = self._progress.is_lull() and tour.gain_m2 < self.config.lull_gain_m2
+            if crumbs or tour.rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
                 return self._stop(now, options, caster)
             if len(path):
                 path = along_headings(path, now.topdown, now.reach.safe_m, now.pose)
@@ -303,10 +307,9 @@ class Gvg:
         self._aim = xy, (first.heading + IN_VIEW) % self.config.num_azimuths
         _, _, self._expected_m2 = caster.expectation(*self._aim)
         cost = path_steps(path, now.pose.yaw_rad, yaw)
-        total = sum(stop.gain_m2 for stop in tour.stops)
         reason = (
             f"{'keeps' if kept else 'takes'} {first.gain_m2:.1f} m2 for {cost:.0f} steps, first of a tour of "
-            f"{len(tour.stops)} stops with {total:.1f} m2 in {tour.stops[-1].at_step:.0f}"
+            f"{len(tour.stops)} stops with {tour.gain_m2:.1f} m2 in {tour.stops[-1].at_step:.0f}"
         )
         return Plan(
             reason,
@@ -330,6 +333,12 @@ class Gvg:
         elif len(options.vertex) == 1 and options.unreachable:
             stop = StopReason.NO_REACHABLE_TARGET
             reason = f"no way leads to any of {options.unreachable} vertices"
+        elif best >= self.config.min_gain_m2 and self._progress.is_lull():
+            stop = StopReason.COMPLETE
+            reason = (
+                f"next to nothing was seen in the last {self.config.lull_share:.0%} of the steps, and no tour among "
+                f"{len(options.vertex)} reachable places promises {self.config.lull_gain_m2:g} m2 (one place {best:.2f})"
+            )
         else:
             stop = StopReason.COMPLETE
             reason = f"the best of {len(options.vertex)} reachable places would add {best:.2f} m2"
