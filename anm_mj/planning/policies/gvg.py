@@ -336,8 +336,8 @@ class Gvg:
         elif best >= self.config.min_gain_m2 and self._progress.is_lull():
             stop = StopReason.COMPLETE
             reason = (
-                f"next to nothing was seen in the last {self.config.lull_share:.0%} of the steps, and the best tour among "
-                f"{len(options.vertex)} reachable places promises less than {self.config.lull_gain_m2:g} m2"
+                f"next to nothing was seen in the last {self.config.lull_share:.0%} of the steps, and the best tour "
+                f"among {len(options.vertex)} reachable places promises less than {self.config.lull_gain_m2:g} m2"
             )
         else:
             stop = StopReason.COMPLETE
