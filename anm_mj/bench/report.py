@@ -70,7 +70,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
     steps = np.linspace(0.0, budget, CURVE_POINTS)
     known = all(np.isfinite(result.curve[:, 3]).all() for result in results)
     column, label = (3, "observable surface covered [%]") if known else (1, "surface covered [%]")
-    figure = Figure(figsize=(7.0, 4.5), dpi=120, layout="constrained")
+    figure = Figure(figsize=(9.5, 4.5), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for name in dict.fromkeys(result.variant for result in results):
@@ -81,7 +81,8 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
         axes.fill_between(steps, mean - deviation, mean + deviation, color=line.get_color(), alpha=0.15, linewidth=0)
     axes.set(xlabel="steps", ylabel=label, title=scene, xlim=(0.0, budget), ylim=(0.0, 100.0))
     axes.grid(alpha=0.3)
-    axes.legend(loc="lower right")
+    # Beside the curves: with settings in their names, ten of them would hide half of the picture.
+    figure.legend(loc="outside right upper", frameon=False)
     figure.savefig(path)
 
 
