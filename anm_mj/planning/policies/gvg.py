@@ -248,7 +248,7 @@ class Gvg:
                 continue
             crumbs = self._progress.is_lull() and tour.gain_m2 < self.config.lull_gain_m2
             if crumbs or tour.rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
-                return self._stop(now, options, caster)
+                return self._stop(now, options, caster, crumbs=crumbs)
             if len(path):
                 path = along_headings(path, now.topdown, now.reach.safe_m, now.pose)
             return self._go(now, tour, places, path, candidates, caster)
@@ -322,7 +322,7 @@ class Gvg:
             stage_ms=now.watch.ms,
         )
 
-    def _stop(self, now: Situation, options: _Options, caster: GainCaster) -> Plan:
+    def _stop(self, now: Situation, options: _Options, caster: GainCaster, *, crumbs: bool = False) -> Plan:
         best = float(options.gain_m2.max())
         if self._ledger.is_exhausted(best):
             stop = StopReason.COMPLETE
@@ -333,7 +333,7 @@ class Gvg:
         elif len(options.vertex) == 1 and options.unreachable:
             stop = StopReason.NO_REACHABLE_TARGET
             reason = f"no way leads to any of {options.unreachable} vertices"
-        elif best >= self.config.min_gain_m2 and self._progress.is_lull():
+        elif crumbs:
             stop = StopReason.COMPLETE
             reason = (
                 f"next to nothing was seen in the last {self.config.lull_share:.0%} of the steps, and the best tour "
