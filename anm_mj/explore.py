@@ -14,8 +14,8 @@ from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
 from anm_mj.planning.lookahead import way_is_blocked
 from anm_mj.protocols import Mapper, ObservingPolicy, Policy, Recorder, Robot, Viewer
-from anm_mj.stopwatch import Stopwatch
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
+from anm_mj.utils.stopwatch import Stopwatch
 
 STUCK_COLLISIONS = 12
 """A robot on its way to a target that collides this often without one free step in between is stuck."""

@@ -11,20 +11,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from anm_mj.config import RunConfig, default_steps
+from anm_mj.evaluation.ground_truth_cache import mount_of, reachable_floor, scene_truth
 from anm_mj.evaluation.metrics import Metrics
-from anm_mj.evaluation.oracle import Oracle
-from anm_mj.evaluation.scene_truth import mount_of, reachable_floor, scene_truth
+from anm_mj.evaluation.oracle.policy import Oracle
 from anm_mj.explore import Progress, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.memory import return_freed
-from anm_mj.planning.policies.make import make_policy, policy_class
+from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Viewer
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Pose2
+from anm_mj.utils.memory import return_freed
 from anm_mj.viz.viewer import NullViewer
 
 ORACLE = "oracle"
@@ -65,7 +65,7 @@ def run(
     # mujoco and torch are imported from here on: the first because its GL back-end is chosen only now, both because
     # they take seconds that a mistyped option should not cost.
     from anm_mj.mapping.neural_map import NeuralMap
-    from anm_mj.robots import make_robot
+    from anm_mj.sim.make_robot import make_robot
 
     mapper = NeuralMap(config.mapping, seed=config.seed, device=config.device)
     with make_robot(

@@ -29,7 +29,7 @@ from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene, load_scene, read_scene_folder
 from anm_mj.scene.mjcf import read_msh
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
-from anm_mj.scene.part import Part
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2
@@ -97,8 +97,8 @@ def measure(scene: Scene, steps: int) -> list[Row]:
     import mujoco
 
     from anm_mj.scene.build import build_spec
-    from anm_mj.sim.any_camera import embree_installed
     from anm_mj.sim.camera import RgbdCamera
+    from anm_mj.sim.camera_factory import embree_installed
     from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
 
     spec = build_spec(scene)

@@ -25,11 +25,11 @@ from anm_mj.evaluation.curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.frames import move_pose, wrap_angle
-from anm_mj.io.jsonable import write_json
 from anm_mj.io.read_run import read_run
-from anm_mj.robots import DRIVES, make_robot
+from anm_mj.io.to_json import write_json
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.navigable import is_clear, scene_area
+from anm_mj.sim.make_robot import DRIVES, make_robot
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Footprint, Pose2
 
 if TYPE_CHECKING:

@@ -22,15 +22,15 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.chains import contract
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.gvg import border_sites, voronoi_graph
-from anm_mj.planning.junctions import decision_vertices, leads_on, prune
+from anm_mj.planning.contracted_edges import contract
+from anm_mj.planning.graph_nodes import decision_vertices, leads_on, prune
 from anm_mj.planning.paths import reach
 from anm_mj.planning.rooms import find_rooms
 from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.scene.generate.layout import Style
-from anm_mj.scene.generate.topdown import topdown as generated
+from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
+from anm_mj.scene.generation.layout import Style
+from anm_mj.scene.generation.topdown import topdown as generated
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.types import FREE, OCCUPIED, Pose2, TopDownMap, VoxelGrid
 

@@ -30,11 +30,11 @@ from jaxtyping import Float
 
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.evaluation.mesh import surface_distance
+from anm_mj.evaluation.rerender import explored_scene, observations_of
 from anm_mj.frames import pixel_directions
 from anm_mj.io.read_run import read_run
 from anm_mj.mapping.config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.revisit import explored_scene, observations_of
 from anm_mj.types import FREE, Intrinsics, Observation, Pose2
 
 ROOM_M2, FLAT_M2 = 30.0, 80.0

@@ -22,15 +22,15 @@ from jaxtyping import Float, Float32
 
 from anm_mj.evaluation.curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.scene_truth import mount_of, scene_truth
+from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
 from anm_mj.explore import Outcome, explore
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.make import make_policy, policy_class
+from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.protocols import Mapper, ObservingPolicy, Policy
-from anm_mj.robots import make_robot
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import (
     OCCUPIED,
     Action,

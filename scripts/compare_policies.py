@@ -14,9 +14,9 @@ import numpy as np
 import tyro
 
 from anm_mj.bench.engine import RESULT
-from anm_mj.bench.rows import Result, read_result
+from anm_mj.bench.results_table import Result, read_result
 from anm_mj.errors import AnmError
-from anm_mj.io.lines import read_json_lines
+from anm_mj.io.jsonl import read_json_lines
 
 SHARE = 0.9
 """Of what the other has seen at its end."""

@@ -19,9 +19,9 @@ from anm_mj.evaluation.curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.planning.policies.make import make_policy, policy_class
-from anm_mj.robots import make_robot
+from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.scene.folder import load_scene
+from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import TURN_STEP_RAD, Action, MotionResult, Observation, Plan, Twist
 
 if TYPE_CHECKING:

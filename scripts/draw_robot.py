@@ -12,8 +12,8 @@ import tyro
 from jaxtyping import UInt8
 from PIL import Image
 
-from anm_mj.robots import make_robot
 from anm_mj.scene.folder import load_scene
+from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Pose2
 
 if TYPE_CHECKING:

@@ -2,8 +2,9 @@
 
     python scripts/heldout_views.py runs/latest --views 20
 
-Prints the means and writes ``heldout.json`` and ``heldout.png`` into the run's folder; see :mod:`anm_mj.heldout`.
-``anm-mj eval RUN --heldout`` does the same and puts the means into ``metrics.json``.
+Prints the means and writes ``heldout.json`` and ``heldout.png`` into the run's folder; see
+:mod:`anm_mj.evaluation.novel_views`. ``anm-mj eval RUN --heldout`` does the same and puts the means into
+``metrics.json``.
 """
 
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Annotated
 import tyro
 
 from anm_mj.errors import RunFolderError
-from anm_mj.heldout import FAR_M, measure_held_out
+from anm_mj.evaluation.novel_views import FAR_M, measure_held_out
 
 
 def main(run: Annotated[Path, tyro.conf.Positional], views: int = 20, seed: int = 0, scene: str | None = None) -> None:

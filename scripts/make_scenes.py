@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from anm_mj.scene.own import OWN_SCENES, make_own_scene
+from anm_mj.scene.builtin import OWN_SCENES, make_own_scene
 
 
 def main(

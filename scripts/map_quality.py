@@ -32,12 +32,12 @@ from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import MAX_DEPTH_M, back_project_reduced
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.evaluation.mesh import surface_distance
+from anm_mj.evaluation.rerender import explored_scene, observations_of
 from anm_mj.frames import back_project
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.revisit import explored_scene, observations_of
 from anm_mj.types import Observation
 
 SEEN_SPACING_M = 0.03

@@ -13,9 +13,9 @@ from anm_mj.config import make_config
 from anm_mj.explore import explore
 from anm_mj.io.sequence import SequenceWriter
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.planning.policies.make import make_policy, policy_class
-from anm_mj.robots import make_robot
+from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.scene.folder import load_scene
+from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2
 from anm_mj.viz.viewer import NullViewer
 

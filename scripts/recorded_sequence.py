@@ -18,7 +18,7 @@ from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.sequence import read_sequence
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.planning.policies.make import make_policy, policy_class
+from anm_mj.planning.policies.registry import make_policy, policy_class
 from anm_mj.types import Footprint, Plan
 from anm_mj.viz.plots import draw_topdown
 

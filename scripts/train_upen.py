@@ -19,9 +19,9 @@ from scipy import ndimage
 from torch import Tensor
 
 from anm_mj.frames import cell_to_world, world_to_cell
-from anm_mj.planning.occupancy_net import CLASSES, VOID, WIDTHS, layer_shapes, predict
-from anm_mj.planning.policies.upen import WEIGHTS, egocentric_crop
-from anm_mj.scene.generate.topdown import topdown
+from anm_mj.planning.policies.upen.occupancy_net import CLASSES, VOID, WIDTHS, layer_shapes, predict
+from anm_mj.planning.policies.upen.policy import WEIGHTS, egocentric_crop
+from anm_mj.scene.generation.topdown import topdown
 from anm_mj.types import FREE, OCCUPIED, TURN_STEP_RAD, UNKNOWN, Pose2, TopDownMap
 
 NUM_NETWORKS = 4

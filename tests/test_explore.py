@@ -4,7 +4,7 @@ import pytest
 from anm_mj.errors import PlanError
 from anm_mj.explore import STUCK_COLLISIONS, explore
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.make import policy_class
+from anm_mj.planning.policies.registry import policy_class
 from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason
 from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import FakeRobot, ListRecorder

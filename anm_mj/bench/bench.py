@@ -14,7 +14,7 @@ from pathlib import Path
 from anm_mj.bench.engine import run_jobs
 from anm_mj.bench.job import Job
 from anm_mj.bench.report import draw_curves, markdown
-from anm_mj.bench.rows import finished, read_result, tidy_rows, write_csv
+from anm_mj.bench.results_table import finished, read_result, tidy_rows, write_csv
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.worker import EXPLORE
 

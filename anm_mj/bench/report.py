@@ -11,7 +11,7 @@ from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from anm_mj.bench.rows import Result, variant
+from anm_mj.bench.results_table import Result, variant
 
 COLUMNS = (
     ("completion_ratio", "ratio [%]", 1),

@@ -27,7 +27,7 @@ from typing import Any
 from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
-from anm_mj.planning.policies.make import policy_class
+from anm_mj.planning.policies.registry import policy_class
 from anm_mj.run import ORACLE
 from anm_mj.scene.folder import Scene, load_scene
 

@@ -41,7 +41,7 @@ def explore(job: Job, folder: Path) -> None:
         AnmError: The run cannot be made.
     """
     from anm_mj.evaluation.evaluate import add_held_out
-    from anm_mj.heldout import measure_held_out
+    from anm_mj.evaluation.novel_views import measure_held_out
     from anm_mj.run import run
 
     config = job.config()

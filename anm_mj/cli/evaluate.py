@@ -23,13 +23,13 @@ def add_evaluate(commands: Any) -> None:
 
 
 def _evaluate(parsed: argparse.Namespace) -> int:
+    from anm_mj.cli.progress import ProgressLine, print_metrics
     from anm_mj.evaluation.evaluate import evaluate_run
-    from anm_mj.progress import ProgressLine, print_metrics
 
     console = Console()
     heldout = None
     if parsed.heldout:
-        from anm_mj.heldout import measure_held_out
+        from anm_mj.evaluation.novel_views import measure_held_out
 
         heldout = measure_held_out(parsed.run, scene=parsed.scene)
     with ProgressLine(console) as line:

@@ -78,8 +78,8 @@ def add_explore(commands: Any) -> None:
 
 
 def _explore(parsed: argparse.Namespace) -> int:
+    from anm_mj.cli.progress import Interrupt, ProgressLine, print_metrics
     from anm_mj.config import make_config
-    from anm_mj.progress import Interrupt, ProgressLine, print_metrics
     from anm_mj.run import run
 
     # As with python -m, a policy of the user's own is found beside where the command is given.

@@ -71,6 +71,6 @@ def _parser() -> _Parser:
 
 def _doctor(parsed: argparse.Namespace) -> int:
     del parsed
-    from anm_mj.doctor import main as doctor
+    from anm_mj.cli.doctor import main as doctor
 
     return doctor()

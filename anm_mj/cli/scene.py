@@ -57,7 +57,7 @@ def add_scene(commands: Any) -> None:
 
 def _scene_import(parsed: argparse.Namespace) -> int:
     from anm_mj.scene.folder import remember_folder
-    from anm_mj.scene.importer import import_scene
+    from anm_mj.scene.importing.import_scene import import_scene
 
     scene = import_scene(
         parsed.src,
@@ -86,7 +86,7 @@ def _scene_import(parsed: argparse.Namespace) -> int:
 
 def _scene_generate(parsed: argparse.Namespace) -> int:
     from anm_mj.scene.folder import remember_folder
-    from anm_mj.scene.generate.scene import generate_scene
+    from anm_mj.scene.generation.scene import generate_scene
 
     scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name)
     remember_folder(scene.folder)

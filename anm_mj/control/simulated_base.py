@@ -31,7 +31,7 @@ class SimulatedBase:
             model: the robot, alone or in a scene.
             data: of that model.
             prefix: what the robot's names got before them when it was attached to the scene.
-            robot: what its joints are called; None = as in a skeleton (:mod:`anm_mj.control.skeleton`), whose root
+            robot: what its joints are called; None = as in a skeleton (:mod:`anm_mj.control.reduced_model`), whose root
                 body is the base.
 
         Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from anm_mj.environments.reward import SampleGrid
-from anm_mj.evaluation.scene_truth import mount_of, scene_truth
+from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Observation, Pose2
 

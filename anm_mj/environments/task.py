@@ -21,9 +21,9 @@ from anm_mj.environments.world import RobotWorld
 from anm_mj.errors import TaskError
 from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.frames import wrap_angle
-from anm_mj.robots import FOOTPRINT
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
+from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.types import OCCUPIED, UNKNOWN, Action, Observation, Pose2
 
 

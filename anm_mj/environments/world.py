@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from dm_control.rl import control
 
 from anm_mj.control.motion import MotionLimits, action_profile
-from anm_mj.robots import make_robot
 from anm_mj.scene.folder import Scene
+from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Action, ActionResult, Observation, Pose2
 
 if TYPE_CHECKING:

@@ -15,15 +15,15 @@ from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.heldout import HeldOut, ViewQuality
+from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
 from anm_mj.evaluation.mesh import mesh_quality
 from anm_mj.evaluation.metrics import Ending, Metrics, Travel, held_out_numbers, summarise
-from anm_mj.evaluation.scene_truth import mount_of, scene_truth
+from anm_mj.evaluation.novel_view_poses import HeldOut, ViewQuality
 from anm_mj.evaluation.uncapped import uncapped_mean_cm
-from anm_mj.io.jsonable import write_json
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.to_json import write_json
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.viz.plots import draw_curve
@@ -47,7 +47,7 @@ def evaluate_run(
     Args:
         path: The run folder.
         on_progress: Told how much of the search for what can be seen is done, where that is still to be found.
-        heldout: What was measured on held-out views (:func:`anm_mj.heldout.measure_held_out`).
+        heldout: What was measured on held-out views (:func:`anm_mj.evaluation.novel_views.measure_held_out`).
 
     Raises:
         RunFolderError: The folder is not one of a run, or a file in it is damaged.

@@ -9,8 +9,8 @@ from typing import Any
 
 from anm_mj.evaluation.curve import CurveRow
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.heldout import HeldOut, ViewQuality
 from anm_mj.evaluation.mesh import MeshQuality
+from anm_mj.evaluation.novel_view_poses import HeldOut, ViewQuality
 from anm_mj.types import TURN_STEP_RAD, Action
 
 FULL_TURN = round(math.tau / TURN_STEP_RAD)

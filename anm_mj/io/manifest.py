@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from anm_mj.io.jsonable import jsonable
+from anm_mj.io.to_json import jsonable
 
 PACKAGES = ("anm-mj", "mujoco", "dm-control", "torch", "pin", "mink", "numpy", "scipy", "scikit-image", "trimesh")
 """Packages whose version can change a run."""

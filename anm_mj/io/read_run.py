@@ -12,7 +12,7 @@ from jaxtyping import Float, UInt16
 from PIL import Image, UnidentifiedImageError
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.lines import read_json_lines
+from anm_mj.io.jsonl import read_json_lines
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
 

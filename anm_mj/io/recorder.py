@@ -23,10 +23,10 @@ from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import write_results
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.metrics import Ending, Metrics, Travel
-from anm_mj.io.jsonable import write_json
-from anm_mj.io.lines import LineWriter
+from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.to_json import write_json
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, Region, StopReason, TopDownMap, VoronoiGraph
 from anm_mj.viz.plots import draw_topdown
 

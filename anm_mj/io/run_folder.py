@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.jsonable import write_json
+from anm_mj.io.to_json import write_json
 
 RUNS = Path("runs")
 """Where runs go unless told otherwise, relative to the working directory."""

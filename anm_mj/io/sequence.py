@@ -23,7 +23,7 @@ from PIL import Image, UnidentifiedImageError
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.jsonable import write_json
+from anm_mj.io.to_json import write_json
 from anm_mj.types import Intrinsics, Observation, Pose2
 
 DEPTH_UNIT_M = 0.001

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import KDTree
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.linked import connected
+from anm_mj.planning.connected_components import connected
 from anm_mj.types import OCCUPIED, Region, SurfacePoints, VoronoiGraph, VoxelGrid
 
 IN_FRONT_M = 0.25

@@ -22,8 +22,8 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.linked import connected
-from anm_mj.planning.narrows import Narrows, narrows
+from anm_mj.planning.bottlenecks import Narrows, narrows
+from anm_mj.planning.connected_components import connected
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 
 DOOR_HALF_WIDTH_M = 0.8

@@ -10,16 +10,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.chains import contract
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.gvg import voronoi_graph
-from anm_mj.planning.junctions import decision_vertices, leads_on, prune, roomy_frontier
+from anm_mj.planning.contracted_edges import contract
+from anm_mj.planning.graph_nodes import decision_vertices, leads_on, prune, roomy_frontier
 from anm_mj.planning.paths import Reach, reach
 from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.rooms import find_rooms
 from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.protocols import Mapper
-from anm_mj.stopwatch import Stopwatch
 from anm_mj.types import (
     FORWARD_STEP_M,
     TURN_STEP_RAD,
@@ -31,6 +30,7 @@ from anm_mj.types import (
     TopDownMap,
     VoronoiGraph,
 )
+from anm_mj.utils.stopwatch import Stopwatch
 
 SHORT_WAY_M = 1.0
 """On longer ways than this the robot may have looked anywhere [m]."""

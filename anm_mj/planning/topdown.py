@@ -22,7 +22,7 @@ from scipy import ndimage
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
-from anm_mj.planning.windows import Window, bounds, clipped, grown, hull, next_to, relative_to
+from anm_mj.planning.grid_windows import Window, bounds, clipped, grown, hull, next_to, relative_to
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
 
 TRUNCATION_M = 0.1

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from anm_mj.errors import RobotError, SceneError
-from anm_mj.memory import return_freed
 from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.model_cache import cached_model
+from anm_mj.utils.memory import return_freed
 
 if TYPE_CHECKING:
     import mujoco

@@ -13,10 +13,10 @@ from scipy import ndimage
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import ASSETS, TOML, Scene
+from anm_mj.scene.importing.canonical_axes import find_floor
 from anm_mj.scene.navigable import FLOOR_TOLERANCE_M, NavigableArea, is_clear, scene_area
 from anm_mj.scene.raster import clip_to_slab, distance_cells, label_components, level_mask, rasterise
 from anm_mj.scene.rooms import RoomPlan, find_rooms
-from anm_mj.scene.upright import find_floor
 from anm_mj.types import Footprint, Pose2
 
 MIN_HOLE_M2 = 0.02

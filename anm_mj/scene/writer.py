@@ -21,11 +21,11 @@ from PIL import Image
 from anm_mj.errors import SceneError
 from anm_mj.scene.collision import collision_boxes
 from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_folder
+from anm_mj.scene.importing.canonical_axes import covered_share
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, choose_starts, navigable_area
-from anm_mj.scene.part import Part, merge_geometry, without_degenerate_faces
 from anm_mj.scene.rooms import find_rooms
-from anm_mj.scene.upright import covered_share
+from anm_mj.scene.submesh import Part, merge_geometry, without_degenerate_faces
 from anm_mj.types import Pose2
 
 _PNG_COMPRESSION = 3

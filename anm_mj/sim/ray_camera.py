@@ -14,8 +14,8 @@ from jaxtyping import Float, Float32, Int32, UInt8
 from anm_mj.errors import RenderError
 from anm_mj.frames import T_GL_CV, pixel_directions
 from anm_mj.sim.camera import VISIBLE_GROUPS, perspective_camera_id
-from anm_mj.sim.drawn_mesh import drawn_mesh, mean_colours, still_meshes, visible_geoms
-from anm_mj.sim.texels import Texels
+from anm_mj.sim.mipmap import Texels
+from anm_mj.sim.render_mesh import drawn_mesh, mean_colours, still_meshes, visible_geoms
 from anm_mj.types import Intrinsics
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
-from anm_mj.sim.any_camera import Camera
+from anm_mj.sim.camera_factory import Camera
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, Twist
 
 

@@ -12,8 +12,8 @@ from jaxtyping import Float32, UInt8
 
 from anm_mj.scene.build import build_spec, compile_scene
 from anm_mj.scene.folder import Scene
-from anm_mj.sim.any_camera import Camera, embree_installed, make_camera
 from anm_mj.sim.camera import RgbdCamera
+from anm_mj.sim.camera_factory import Camera, embree_installed, make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
 from anm_mj.types import Pose2

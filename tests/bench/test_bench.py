@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from anm_mj.bench.bench import run_bench
-from anm_mj.bench.rows import TIMINGS
+from anm_mj.bench.results_table import TIMINGS
 from anm_mj.bench.sweep import BenchError
 from anm_mj.scene.home.house import make_small_scene
 

@@ -15,9 +15,9 @@ from anm_mj.environments.task import sensed_depth
 from anm_mj.errors import SceneError, TaskError
 from anm_mj.evaluation.coverage import Coverage
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.scene_truth import mount_of, scene_truth
-from anm_mj.robots import FOOTPRINT
+from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
 from anm_mj.scene.folder import load_scene
+from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.types import Action, Intrinsics
 
 _ACTIONS = [Action.TURN_LEFT] * 3 + [Action.MOVE_FORWARD] * 4 + [Action.TURN_RIGHT]

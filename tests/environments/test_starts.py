@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from anm_mj.environments.starts import draw_start
-from anm_mj.robots import FOOTPRINT
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import is_clear
+from anm_mj.sim.make_robot import FOOTPRINT
 
 
 def test_starts_are_clear_and_spread_over_the_scene():

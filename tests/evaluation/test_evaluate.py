@@ -8,7 +8,7 @@ import pytest
 
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.evaluate import add_held_out, evaluate_run
-from anm_mj.evaluation.heldout import HeldOut, ViewQuality
+from anm_mj.evaluation.novel_view_poses import HeldOut, ViewQuality
 from anm_mj.frames import pose_matrix
 from anm_mj.types import Pose2, StopReason
 from tests.box_room import FakeMap, new_recorder, observe, record_steps, room_plan

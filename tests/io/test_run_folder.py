@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.lines import LineWriter, read_json_lines
+from anm_mj.io.jsonl import LineWriter, read_json_lines
 from anm_mj.io.manifest import RunFacts, cpu_model, git_revision, manifest, memory_mib
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.types import StopReason

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.gvg import voronoi_graph
 from anm_mj.planning.paths import along_headings, clearance_at, path_steps, reach, rest_of_path, segments_clear
 from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import TURN_STEP_RAD, Footprint, Pose2
 from tests.planning.worlds import room
 

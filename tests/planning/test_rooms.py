@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from anm_mj.planning import rooms
-from anm_mj.planning.narrows import Narrows
+from anm_mj.planning.bottlenecks import Narrows
 from anm_mj.planning.rooms import NARROWING, find_rooms
 from anm_mj.types import OCCUPIED, VoronoiGraph, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room, see

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.gvg import voronoi_graph
 from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, MapUpdate, Observation, Pose2, SurfacePoints, VoxelGrid
 
 RESOLUTION_M = 0.05

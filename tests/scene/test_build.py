@@ -6,7 +6,7 @@ from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.build import build_model
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.mjcf import COLLISION_GROUP, VISUAL_GROUP
-from anm_mj.scene.part import Part
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from tests.scene.shapes import room
 

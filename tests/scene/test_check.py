@@ -7,8 +7,8 @@ import trimesh
 from anm_mj.scene.check import check_scene, draw_both_sides
 from anm_mj.scene.folder import read_scene_folder
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
-from anm_mj.scene.part import Part
 from anm_mj.scene.rooms import find_rooms
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
 from tests.scene.shapes import box, room, table, two_rooms

@@ -4,7 +4,7 @@ import pytest
 from anm_mj.scene import build, chunks
 from anm_mj.scene.build import build_model
 from anm_mj.scene.mjcf import VISUAL_GROUP, read_msh, write_msh
-from anm_mj.scene.part import Part
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from tests.scene.shapes import room
 

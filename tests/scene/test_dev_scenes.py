@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.scene.importer import import_scene
+from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.types import Footprint, Pose2
 

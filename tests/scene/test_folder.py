@@ -8,7 +8,7 @@ import pytest
 from anm_mj.errors import SceneError
 from anm_mj.scene.catalogue import list_scenes
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.part import Part
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
 from tests.scene.shapes import room

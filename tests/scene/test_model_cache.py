@@ -4,7 +4,7 @@ import pytest
 
 from anm_mj.scene import model_cache
 from anm_mj.scene.build import build_model
-from anm_mj.scene.part import Part
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from tests.scene.shapes import room
 

@@ -4,7 +4,7 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.navigable import choose_starts, is_clear, navigable_area, require_clear
-from anm_mj.scene.part import Part
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Footprint, Pose2
 from tests.scene.shapes import box, room, table, two_rooms

@@ -12,11 +12,11 @@ import pytest
 from anm_mj.errors import RenderError
 from anm_mj.scene.build import build_spec
 from anm_mj.scene.folder import load_scene
-from anm_mj.sim.any_camera import Camera, camera_kind, embree_installed, make_camera
 from anm_mj.sim.camera import RgbdCamera
+from anm_mj.sim.camera_factory import Camera, camera_kind, embree_installed, make_camera
 from anm_mj.sim.gl import GlBackend
+from anm_mj.sim.mipmap import Texels
 from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
-from anm_mj.sim.texels import Texels
 
 _OFF = GlBackend("off", "", (("egl", "no display"),))
 _SOFTWARE = GlBackend("egl", "llvmpipe (LLVM 15)", ())
@@ -87,7 +87,7 @@ def test_without_gl_rays_are_cast(home, caplog):
 
 
 def test_without_embree_mujoco_casts_them_and_says_so(home, caplog, monkeypatch):
-    monkeypatch.setattr("anm_mj.sim.any_camera.embree_installed", lambda: False)
+    monkeypatch.setattr("anm_mj.sim.camera_factory.embree_installed", lambda: False)
     with caplog.at_level(logging.WARNING):
         camera = make_camera(home[0], "camera", 16, 16, cull_face=True, backend=_OFF)
     assert camera.kind == "mujoco rays"
@@ -98,7 +98,7 @@ def test_without_embree_mujoco_casts_them_and_says_so(home, caplog, monkeypatch)
 def test_the_choice_follows_from_the_scene_and_the_renderer(home, monkeypatch):
     model, _ = home
     assert camera_kind(model, _SOFTWARE) == "gl"
-    monkeypatch.setattr("anm_mj.sim.any_camera.EMBREE_FROM_TRIANGLES", 10_000)
+    monkeypatch.setattr("anm_mj.sim.camera_factory.EMBREE_FROM_TRIANGLES", 10_000)
     assert camera_kind(model, _SOFTWARE) == "embree"
     assert camera_kind(model, GlBackend("egl", "NVIDIA H100", ())) == "gl"
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from anm_mj.scene.folder import Scene
-from anm_mj.scene.furniture.atlas import paint
-from anm_mj.scene.furniture.decor import ceiling_lamp
-from anm_mj.scene.furniture.light import Light, Lighting, ceiling_light, window_light
-from anm_mj.scene.furniture.quads import Quads, join
-from anm_mj.scene.furniture.textures import rgb
+from anm_mj.scene.generation.furniture.atlas import paint
+from anm_mj.scene.generation.furniture.decor import ceiling_lamp
+from anm_mj.scene.generation.furniture.light import Light, Lighting, ceiling_light, window_light
+from anm_mj.scene.generation.furniture.quads import Quads, join
+from anm_mj.scene.generation.furniture.textures import rgb
 from anm_mj.scene.home.layout import CEILING_M, Doorway, Room, doorway_passage, room_shell
 from anm_mj.scene.home.plan import home_doorways, home_rooms, small_doorways, small_rooms
 from anm_mj.scene.home.rooms import furnish
-from anm_mj.scene.part import Part
+from anm_mj.scene.submesh import Part
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
 

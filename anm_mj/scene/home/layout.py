@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from anm_mj.scene.furniture.quads import Material, Quads, join, rectangle
-from anm_mj.scene.furniture.wall import Hole, Wall, around_holes, casing, niche, skirting
+from anm_mj.scene.generation.furniture.quads import Material, Quads, join, rectangle
+from anm_mj.scene.generation.furniture.wall import Hole, Wall, around_holes, casing, niche, skirting
 
 WALL_M = 0.12
 """Thickness of the walls between rooms."""

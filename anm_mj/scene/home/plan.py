@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anm_mj.scene.furniture.textures import (
+from anm_mj.scene.generation.furniture.textures import (
     dots,
     leaves,
     plain,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from anm_mj.scene.furniture import clutter, decor, kitchen, seating, storage, tables
-from anm_mj.scene.furniture.quads import Material, Quads, join
-from anm_mj.scene.furniture.textures import (
+from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
+from anm_mj.scene.generation.furniture.quads import Material, Quads, join
+from anm_mj.scene.generation.furniture.textures import (
     abstract,
     dots,
     fabric,

@@ -1,0 +1,140 @@
+"""The tidy table of a comparison: a row for each run, a column for each fact."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.bench.engine import RESULT
+from anm_mj.bench.job import Job
+from anm_mj.bench.sweep import BenchError
+from anm_mj.io.read_run import read_json
+from anm_mj.io.to_json import jsonable
+from anm_mj.run import ORACLE
+
+USUAL_PRESET = "default"
+"""Goes without saying in the name of what is compared."""
+LEVELS = (90, 95, 99)
+"""Shares of the observable surface whose first steps are reported [%]."""
+TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
+"""Columns that differ from one machine, or one hour, to the next, beside those that begin with ``hz_``."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished run."""
+
+    job: dict[str, Any]
+    """Fields of :class:`~anm_mj.bench.job.Job`."""
+    metrics: dict[str, Any]
+    revision: str
+    """Of the program; with a ``+`` where it had changes."""
+    curve: Float[np.ndarray, "n 4"]
+    """Step, completion ratio [%], completion [cm], observable ratio [%] (NaN where unknown)."""
+
+    @property
+    def variant(self) -> str:
+        """What is compared: the policy, and with which preset and settings where these are not the usual ones."""
+        return variant(self.job["policy"], self.job["preset"], " ".join(self.job["settings"]))
+
+    def steps_to(self, level: float) -> float:
+        """First step of the curve at which so much of the observable surface [%] is covered; NaN if none."""
+        reached = np.flatnonzero(self.curve[:, 3] >= level)
+        return float(self.curve[reached[0], 0]) if len(reached) else float("nan")
+
+    def mean_ratio(self) -> float:
+        """Completion ratio averaged over the budget [%]: a run that ends early keeps what it has."""
+        budget = self.job["steps"]
+        steps, ratio = np.append(self.curve[:, 0], budget), np.append(self.curve[:, 1], self.curve[-1, 1])
+        return float(np.trapezoid(ratio, steps) / budget)
+
+
+def variant(policy: str, preset: str, settings: str) -> str:
+    """Name of what is compared, such as ``anm-s (planning.target=random)``: runs of one name differ by start and seed.
+
+    Args:
+        policy: its name.
+        preset: of the map; the usual one is not mentioned.
+        settings: single ones, as the tidy table has them.
+    """
+    special = " ".join(text for text in ("" if preset == USUAL_PRESET else preset, settings) if text)
+    return f"{policy} ({special})" if special else policy
+
+
+def read_result(folder: Path) -> Result:
+    """A finished run of a comparison.
+
+    Raises:
+        RunFolderError: A file is damaged.
+        BenchError: The curve holds no rows.
+    """
+    manifest = read_json(folder / "manifest.json") if (folder / "manifest.json").is_file() else {}
+    git = manifest.get("git") or {}
+    lines = (folder / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+    if not lines:
+        raise BenchError(f"{folder / 'curve.csv'} holds no rows; delete {folder} and start again.")
+    cells = [[float(cell) if cell else float("nan") for cell in line.split(",")[:4]] for line in lines]
+    return Result(
+        job=read_json(folder / RESULT),
+        metrics=read_json(folder / "metrics.json"),
+        revision=git.get("revision", "")[:12] + ("+" if git.get("changed") else ""),
+        curve=np.array(cells),
+    )
+
+
+def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
+    """Those of the jobs whose runs are there."""
+    return [job for job in jobs if (runs / job.name / RESULT).is_file()]
+
+
+def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
+    """A row for each run, in the order of the results; every row has every column."""
+    oracle_steps = {
+        (r.job["scene_name"], r.job["start"], level): r.steps_to(level)
+        for r in results
+        if r.job["policy"] == ORACLE
+        for level in LEVELS
+    }
+    rows = []
+    for result in results:
+        job, metrics = result.job, dict(result.metrics)
+        stage_hz = metrics.pop("stage_hz", None) or {}
+        row = {
+            "scene": job["scene_name"],
+            "scene_hash": job["scene_hash"],
+            "policy": job["policy"],
+            "start": job["start"],
+            "seed": job["seed"],
+            "revision": result.revision,
+            "preset": job["preset"],
+            "settings": " ".join(job["settings"]),
+            "budget": job["steps"],
+            **metrics,
+            "mean_ratio": result.mean_ratio(),
+        }
+        for level in LEVELS:
+            steps = result.steps_to(level)
+            row[f"steps_to_{level}"] = steps
+            row[f"oracle_ratio_{level}"] = steps / oracle_steps.get((job["scene_name"], job["start"], level), np.nan)
+        row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
+        rows.append(row)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    return [{column: row.get(column) for column in columns} for row in rows]
+
+
+def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows; what is missing or not finite becomes an empty cell."""
+    unfinished = path.with_name(path.name + ".part")
+    with unfinished.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(rows[0])
+        for row in rows:
+            writer.writerow("" if cell is None else cell for cell in json.loads(json.dumps(jsonable(row))).values())
+    unfinished.replace(path)

@@ -1,0 +1,284 @@
+"""Search for a short tour that sees most of a known scene.
+
+Set cover, the order of views, and the ways between them are one problem, because most of what a tour sees it sees on
+its way: a camera that is carried through a door shows the room behind it. So a tour is judged by nothing but the curve
+that it makes: the frames after every one of its actions in their order, each with the samples that it covers. Its cost
+is the step at which 90 % of the observable samples have been covered, and so for 95 % and 99 %.
+
+A tour is a list of stops, each a place and, if need be, a yaw to turn to there and the side to turn by. It is improved
+by simulated annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983): stops
+come, go, move and turn, and stretches of the tour are moved and turned round (the Or-opt and 2-opt moves of the
+travelling salesman).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int, UInt64
+
+from anm_mj.evaluation.oracle.discretize import shorter
+from anm_mj.evaluation.oracle.roadmap import Ways
+from anm_mj.evaluation.oracle.segments import NO_YAW, Pieces
+from anm_mj.evaluation.oracle.visibility import WORD, count, unpack
+from anm_mj.evaluation.pixel_rays import NUM_YAWS
+from anm_mj.types import FORWARD_STEP_M
+
+Stop = tuple[int, int, int]
+"""Place, yaw (``NO_YAW`` for none), and the side to turn to it by."""
+
+MISSING_STEPS = 4.0
+"""What a sample short of a level costs [steps]."""
+LENGTH_WEIGHT = 0.02
+"""What a step counts wherever it stands, so that no tour goes on when nothing is left to gain."""
+HOT_STEPS = 10.0
+"""A change that costs so much more is taken one time in e when a search begins [steps]."""
+WARM_STEPS = 4.0
+"""The same where one goes on from the best of several."""
+COLD_STEPS = 0.4
+"""The same at the end of each."""
+NEAR_M = 1.0
+"""A stop is moved at most this far at a time [m]."""
+LONGEST_PART = 12
+"""Most stops moved or turned round together."""
+NUM_DRAWN = 12
+"""Places drawn for a new stop, of which the one nearest to the tour is taken."""
+MAX_PIECES = 120_000
+"""Pieces of tours that are kept."""
+MAX_STOPS = 300
+
+
+@dataclass(frozen=True)
+class Level:
+    """A number of samples, and how much the step counts at which so many are covered."""
+
+    samples: int
+    weight: float
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a tour is wanted for."""
+
+    place: int
+    """Where the robot stands."""
+    yaw: int
+    """How it stands there."""
+    seen: UInt64[np.ndarray, " words"]
+    """What has been covered already."""
+    levels: tuple[Level, ...]
+    """What is to be covered: samples, those already covered among them."""
+
+
+class TourSearch:
+    """Makes tours shorter.
+
+    Args:
+        pieces: What tours are made of.
+        ways: Between places.
+        task: What they are wanted for.
+        seed: Of the random choices.
+        missing_steps: What a sample short of a level costs [steps].
+    """
+
+    def __init__(self, pieces: Pieces, ways: Ways, task: Task, seed: int, missing_steps: float = MISSING_STEPS) -> None:
+        self._pieces = pieces
+        self._ways = ways
+        self._task = task
+        self._missing_steps = missing_steps
+        self._needs = np.array([level.samples for level in task.levels])
+        self._rng = np.random.default_rng(seed)
+        self._num_places = len(ways.places_m)
+        self._near = ways.near(NEAR_M)
+        self._frames_of: dict[int, list[int]] = {}
+        self._last_cover = task.seen
+
+    def cost(self, stops: list[Stop]) -> float:
+        """Weighted steps to the levels; what is missing of one costs extra."""
+        steps, covered = self.curve(stops)
+        total = LENGTH_WEIGHT * float(steps[-1])
+        at = np.searchsorted(covered, self._needs).tolist()
+        for k, level in zip(at, self._task.levels, strict=True):
+            if k == len(steps):
+                total += level.weight * (float(steps[-1]) + self._missing_steps * (level.samples - float(covered[-1])))
+            elif k > 0:
+                before, after = float(covered[k - 1]), float(covered[k])
+                share = (level.samples - before) / (after - before)
+                total += level.weight * (float(steps[k - 1]) + share * float(steps[k] - steps[k - 1]))
+        return total
+
+    def curve(self, stops: list[Stop]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+        """Steps after each piece of a tour, and the samples covered by then."""
+        pieces = self._pieces
+        place, yaw = self._task.place, self._task.yaw
+        numbers = [pieces.turn(place, yaw, yaw, 1)]
+        for to, towards, side in stops:
+            if to != place:
+                piece, first, last = pieces.walk(place, to)
+                if first != NO_YAW:
+                    if first != yaw:
+                        numbers.append(pieces.turn(place, yaw, first, shorter(yaw, first)))
+                    numbers.append(piece)
+                    yaw = last
+                place = to
+            if towards not in (NO_YAW, yaw):
+                numbers.append(pieces.turn(place, yaw, towards, side))
+                yaw = towards
+        covers = pieces.covers[numbers]
+        covers[0] |= self._task.seen
+        covers = np.bitwise_or.accumulate(covers, axis=0)
+        self._last_cover = covers[-1]
+        return np.cumsum(pieces.steps[numbers]), count(covers)
+
+    def improve(
+        self,
+        stops: list[Stop],
+        rounds: int,
+        hot_steps: float = HOT_STEPS,
+        on_round: Callable[[int], None] = lambda done: None,
+    ) -> list[Stop]:
+        """Anneal a tour; the best one met.
+
+        Args:
+            stops: The tour.
+            rounds: Changes tried.
+            hot_steps: How much worse a change may be at first.
+            on_round: Told now and then how many have been tried.
+        """
+        present, now = list(stops), self.cost(stops)
+        cover = self._last_cover
+        best, least = present, now
+        for k in range(rounds):
+            if len(self._pieces) > MAX_PIECES:
+                self._pieces.clear()
+            tried = self._changed(present, cover)
+            cost = self.cost(tried)
+            temperature = hot_steps * (COLD_STEPS / hot_steps) ** (k / rounds)
+            if cost <= now or self._rng.random() < math.exp((now - cost) / temperature):
+                present, now, cover = tried, cost, self._last_cover
+                if now < least - 1e-9:
+                    best, least = present, now
+            if k % 1000 == 0:
+                on_round(k)
+        return best
+
+    def _changed(self, stops: list[Stop], cover: UInt64[np.ndarray, " words"]) -> list[Stop]:
+        """A tour with one change, at random."""
+        draw, n = self._rng.random(), len(stops)
+        if n < 2 or (draw < 0.28 and n < MAX_STOPS):
+            return self._with_one_more(stops, cover)
+        i = self._below(n)
+        place, yaw, side = stops[i]
+        if draw < 0.45:
+            return stops[:i] + stops[i + 1 :]
+        if draw < 0.62:
+            near = self._near[place]
+            return [*stops[:i], (near[self._below(len(near))], yaw, side), *stops[i + 1 :]]
+        if draw < 0.82:
+            return [*stops[:i], self._turned(stops[i]), *stops[i + 1 :]]
+        length = 1 + self._below(min(n - 1, LONGEST_PART))
+        i = self._below(n - length + 1)
+        part, rest = stops[i : i + length], stops[:i] + stops[i + length :]
+        if draw < 0.90:
+            return stops[:i] + part[::-1] + stops[i + length :]
+        j = self._below(n - length + 1) if draw < 0.95 else self._cheapest(rest, [part[0][0]], [part[-1][0]])[1]
+        return rest[:j] + part + rest[j:]
+
+    def _below(self, n: int) -> int:
+        return int(self._rng.random() * n)
+
+    def _side(self) -> int:
+        return 1 if self._rng.random() < 0.5 else -1
+
+    def _turned(self, stop: Stop) -> Stop:
+        """A stop with another yaw."""
+        place, yaw, side = stop
+        draw = self._rng.random()
+        if yaw == NO_YAW or draw < 0.15:
+            return place, self._below(NUM_YAWS), self._side()
+        if draw < 0.3:
+            return place, NO_YAW, side
+        if draw < 0.4:
+            return place, yaw, -side
+        return place, (yaw + self._side() * (1 + self._below(4))) % NUM_YAWS, side
+
+    def _with_one_more(self, stops: list[Stop], cover: UInt64[np.ndarray, " words"]) -> list[Stop]:
+        """A tour with one more stop: near another, anywhere, or where something is seen that is still missing."""
+        draw = self._rng.random()
+        yaw = NO_YAW if self._rng.random() < 0.25 else self._below(NUM_YAWS)
+        if stops and draw < 0.4:
+            i = self._below(len(stops))
+            near = self._near[stops[i][0]]
+            place, j = near[self._below(len(near))], i + self._below(2)
+        else:
+            frames = self._frames_that_see(self._missing(cover)) if draw > 0.6 else []
+            if frames:
+                chosen = [divmod(frames[self._below(len(frames))], NUM_YAWS) for _ in range(NUM_DRAWN)]
+            else:
+                chosen = [(self._below(self._num_places), yaw) for _ in range(NUM_DRAWN)]
+            k, j = self._cheapest(stops, [place for place, _ in chosen])
+            place, yaw = chosen[k]
+        return [*stops[:j], (place, yaw, self._side()), *stops[j:]]
+
+    def _missing(self, cover: UInt64[np.ndarray, " words"]) -> int:
+        """A sample that is not covered."""
+        word = self._below(len(cover))
+        missing = np.flatnonzero(~unpack(np.roll(cover, -word)))
+        return (int(missing[0]) + word * WORD) % (len(cover) * WORD) if len(missing) else 0
+
+    def _frames_that_see(self, sample: int) -> list[int]:
+        """Places and yaws that cover a sample, as place times ``NUM_YAWS`` plus yaw."""
+        if sample not in self._frames_of:
+            shown = self._pieces.bits[:, :, sample // WORD] >> np.uint64(sample % WORD) & np.uint64(1)
+            self._frames_of[sample] = np.flatnonzero(shown).tolist()
+        return self._frames_of[sample]
+
+    def _cheapest(self, stops: list[Stop], first: list[int], last: list[int] | None = None) -> tuple[int, int]:
+        """Which of several parts lengthens the way of a tour least, and where.
+
+        Args:
+            stops: The tour.
+            first: Where each part begins.
+            last: Where each ends; None = where it begins.
+        """
+        places = np.array([self._task.place, *(stop[0] for stop in stops)])
+        far_m = self._ways.distance_m
+        extra_m = far_m[places[:, None], np.array(first)]
+        onward_m = far_m[places[1:, None], np.array(first if last is None else last)]
+        extra_m[:-1] += onward_m - far_m[places[:-1], places[1:]][:, None]
+        j, k = divmod(int(np.argmin(extra_m)), len(first))
+        return k, j
+
+
+def greedy_tour(pieces: Pieces, ways: Ways, task: Task, yaw_rad: float) -> list[Stop]:
+    """A tour to the first level that always goes on to the view with the most new samples per step.
+
+    That is where a search begins; it finds the rest better by itself.
+    """
+    place, yaw, seen, stops = task.place, task.yaw, task.seen.copy(), list[Stop]()
+    goal = min((level.samples for level in task.levels), default=0)
+    half = NUM_YAWS // 2
+    while int(count(seen)) < goal and len(stops) < MAX_STOPS:
+        gains = count(pieces.bits & ~seen)
+        delta = ways.places_m - ways.places_m[place]
+        towards = np.rint((np.arctan2(delta[:, 1], delta[:, 0]) - yaw_rad) * (NUM_YAWS / math.tau))
+        towards[place] = yaw
+        before = np.abs((towards - yaw + half) % NUM_YAWS - half)
+        after = np.abs((np.arange(NUM_YAWS)[None] - towards[:, None] + half) % NUM_YAWS - half)
+        steps = ways.distance_m[place][:, None] / FORWARD_STEP_M + before[:, None] + after + 1.0
+        to, towards_yaw = (int(k) for k in np.unravel_index(int(np.argmax(gains / steps)), gains.shape))
+        if gains[to, towards_yaw] == 0:
+            break
+        if to != place:
+            piece, first, last = pieces.walk(place, to)
+            seen |= pieces.covers[piece]
+            yaw = last if first != NO_YAW else yaw
+        side = shorter(yaw, towards_yaw)
+        seen |= pieces.covers[pieces.turn(to, yaw, towards_yaw, side)]
+        seen |= pieces.bits[to, towards_yaw]
+        stops.append((to, towards_yaw, side))
+        place, yaw = to, towards_yaw
+    return stops

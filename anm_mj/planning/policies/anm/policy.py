@@ -1,0 +1,163 @@
+"""Active Neural Mapping (Yan et al., ICCV 2023): greedily to the most uncertain piece of surface.
+
+The map is one network (preset ``anm``), all of whose weights are perturbed. Its most uncertain tenth of surface near
+the robot is clustered; every cluster gives one target half a metre before it, at the robot's height; the target of
+highest variance is taken, those more than a metre away before nearer ones. It is kept until the robot is within 0.8 m
+of it or has spent 100 steps on it; then all candidates are forgotten. There is no graph and no memory of regions.
+
+Deviations: ways are found on a grid of the policy's own by Dijkstra's algorithm instead of by a learned point
+navigator, which tends to get stuck, so that this baseline is stronger than the published one; targets must lie over
+free ground that a way leads to; uncertainty is asked for within 5 m of the robot and, where nothing there is left,
+everywhere. When no target can be reached the robot looks around once, then the run ends.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.connected_components import connected
+from anm_mj.planning.grid_route import GridRoutes
+from anm_mj.planning.policies.frontier.policy import FULL_RANGE_M
+from anm_mj.planning.scan_grid import ScanGrid
+from anm_mj.protocols import Mapper
+from anm_mj.types import ARRIVED_M as FOLLOWED_M
+from anm_mj.types import (
+    FORWARD_STEP_M,
+    Action,
+    Candidate,
+    Footprint,
+    Observation,
+    Plan,
+    Pose2,
+    StopReason,
+    SurfacePoints,
+)
+from anm_mj.utils.stopwatch import Stopwatch
+
+NEAR_M = 5.0
+"""Half width of the local horizon [m]."""
+EVERYWHERE_M = 1e4
+PERCENTILE = 90.0
+"""Surface above this percentile of uncertainty counts as uncertain [%] (paper; the released code keeps four fifths)."""
+LINK_M = 0.3
+"""Points nearer to each other than this belong to one cluster [m]."""
+MIN_SHARE = 0.005
+"""Clusters with a smaller share of the uncertain points are dropped."""
+STAND_OFF_M = 0.5
+"""Targets lie this far before the surface [m]."""
+MIN_DISTANCE_M = 1.0
+"""Targets nearer than this are taken only when there is no other [m]."""
+ARRIVED_M = 0.8
+"""A target has been come to when the robot is this near to it [m]."""
+MAX_STEPS = 100
+LOOK_AROUND = 36
+
+
+class Anm:
+    """Drives to the target of highest variance and then chooses anew."""
+
+    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
+        """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
+        del seed
+        self._grid = ScanGrid(footprint, FULL_RANGE_M)
+        self._footprint = footprint
+        self._safe_m = footprint.radius_m + config.margin_m
+        self._looked_around = False
+
+    def observe(self, observation: Observation) -> None:
+        """Take a scan into the policy's own grid."""
+        self._grid.integrate(observation)
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The way to the most uncertain piece of surface, up to ``ARRIVED_M`` before its target."""
+        watch = Stopwatch()
+        pose = observation.pose
+        with watch.stage("topdown"):
+            topdown = self._grid.topdown()
+        with watch.stage("paths"):
+            routes = GridRoutes(topdown, pose, self._safe_m)
+        with watch.stage("regions"):
+            found = self._candidates(mapper.surface(pose.xy_m, NEAR_M), routes)
+            where = f"within {NEAR_M:g} m"
+            if not found:
+                found = self._candidates(mapper.surface(pose.xy_m, EVERYWHERE_M), routes)
+                where = "anywhere"
+        if not found:
+            return self._at_a_loss(Plan("", np.zeros((0, 2)), topdown=topdown, stage_ms=watch.ms))
+        self._looked_around = False
+        away = [c for c in found if math.dist(c.xy_m, pose.xy_m) > MIN_DISTANCE_M]
+        best = max(away or found, key=lambda c: c.score)
+        path = _cut_end(routes.path_to(best.xy_m), ARRIVED_M)
+        towards = best.xy_m - path[-1]
+        return Plan(
+            f"highest variance of {len(found)} clusters {where}, {best.cost_steps * FORWARD_STEP_M:.1f} m away",
+            path,
+            (math.atan2(towards[1], towards[0]),),
+            valid_steps=MAX_STEPS,
+            candidates=tuple(found),
+            topdown=topdown,
+            stage_ms=watch.ms,
+        )
+
+    def blocked(self, pose: Pose2, action: Action) -> None:
+        """Put the obstacle that the scans did not show into the grid."""
+        if action is Action.MOVE_FORWARD:
+            self._grid.block_ahead(pose)
+
+    def _candidates(self, surface: SurfacePoints, routes: GridRoutes) -> list[Candidate]:
+        """One target per cluster of uncertain surface that a way leads to and that the robot is not at already."""
+        low = surface.xyz_m[:, 2] < self._footprint.z_max_m
+        points, normals = surface.xyz_m[low], surface.normal[low]
+        uncertainty = surface.uncertainty[low]
+        if not len(points):
+            return []
+        top = uncertainty >= np.percentile(uncertainty, PERCENTILE)
+        labels = _clusters(points[top].astype(float))
+        found = []
+        for label in np.flatnonzero(np.bincount(labels) >= max(MIN_SHARE * len(labels), 2)):
+            mine = labels == label
+            target = (points[top][mine] + STAND_OFF_M * normals[top][mine]).mean(axis=0)[:2].astype(float)
+            cost_m = routes.cost_at(target)
+            # Nearer ones the robot has come to already: of a way to there nothing would be left to follow.
+            if math.isfinite(cost_m) and math.dist(target, routes.pose.xy_m) > ARRIVED_M + FOLLOWED_M:
+                variance = float(uncertainty[top][mine].mean())
+                found.append(Candidate(target, variance, float(mine.sum()), cost_m / FORWARD_STEP_M))
+        return found
+
+    def _at_a_loss(self, seen: Plan) -> Plan:
+        """Look around once; when that has not helped, stop."""
+        if not self._looked_around:
+            self._looked_around = True
+            return Plan(
+                "no target can be reached: one full turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * LOOK_AROUND
+            )
+        return Plan(
+            "no target can be reached, even after a look around",
+            np.zeros((0, 2)),
+            stop=StopReason.NO_REACHABLE_TARGET,
+            topdown=seen.topdown,
+            stage_ms=seen.stage_ms,
+        )
+
+
+def _clusters(points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+    """Label of the cluster of each point: connected by hops of at most ``LINK_M``."""
+    return connected(KDTree(points_m).query_pairs(LINK_M, output_type="ndarray"), len(points_m))
+
+
+def _cut_end(path_xy_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:
+    """The same way without its last ``length_m``; at least its first point is left [m]."""
+    path = path_xy_m
+    while len(path) > 1:
+        leg = path[-1] - path[-2]
+        length = math.hypot(*leg)
+        if length > length_m:
+            return np.concatenate([path[:-1], (path[-1] - leg * (length_m / length))[None]])
+        length_m -= length
+        path = path[:-1]
+    return path

@@ -1,0 +1,102 @@
+"""Which vertices lie in visited areas: the robot was near, or has seen well from elsewhere all that surrounds them.
+
+The graph's vertices lie as far from obstacles as from one another, so what surrounds one is the border that it is
+equidistant to. Once all of that has been seen from as near as counts, and none of it is the unknown, a visit would show
+nothing that a region of interest does not stand for anyway.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from anm_mj.frames import world_to_cell
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, leads_on
+from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
+
+SEEN_SHARE = 0.9
+"""Share of a vertex's border that must have been seen well."""
+
+
+def visited(
+    graph: VoronoiGraph,
+    vertices: Int[np.ndarray, " k"],
+    trail_xy_m: list[Float[np.ndarray, "2"]],
+    config: PlanningConfig,
+) -> Bool[np.ndarray, " k"]:
+    """Whether the robot has been near vertices, as in the authors' released code.
+
+    Args:
+        graph: the road map.
+        vertices: those asked about.
+        trail_xy_m: where the robot has been [m].
+        config: what is near.
+    """
+    return within(graph.vertex_xy_m[vertices], trail_xy_m, config.visited_radius_m)
+
+
+def seen_around(
+    graph: VoronoiGraph,
+    vertices: Int[np.ndarray, " k"],
+    topdown: TopDownMap,
+    frontier_xy_m: Float[np.ndarray, "f 2"],
+    grid: VoxelGrid,
+    footprint: Footprint,
+    config: PlanningConfig,
+) -> Bool[np.ndarray, " k"]:
+    """Whether the border that vertices are equidistant to holds nothing unknown and was all seen from near enough.
+
+    Args:
+        graph: the road map.
+        vertices: those asked about.
+        topdown: the map that the graph was made from.
+        frontier_xy_m: border of the unknown that matters [m].
+        grid: how near its surface was seen.
+        footprint: heights between which the border must have been seen.
+        config: what is near enough.
+    """
+    seen = np.zeros(len(vertices), bool)
+    border = topdown.surface_xy_m
+    if not len(border):
+        return seen
+    near = _nearest_view_m(grid, footprint, border) <= config.gain_range_m
+    xy = graph.vertex_xy_m[vertices]
+    around = KDTree(border).query_ball_point(xy, graph.clearance_m[vertices] + BORDER_WIDTH_M)
+    closed = ~leads_on(graph, frontier_xy_m)[vertices]
+    for i in np.flatnonzero(closed):
+        seen[i] = len(around[i]) > 0 and near[around[i]].mean() >= SEEN_SHARE
+    return seen
+
+
+def within(
+    xy_m: Float[np.ndarray, "n 2"], places_xy_m: list[Float[np.ndarray, "2"]], radius_m: float
+) -> Bool[np.ndarray, " n"]:
+    """Which points are nearer than ``radius_m`` to any of some places [m]."""
+    return num_within(xy_m, places_xy_m, radius_m) > 0
+
+
+def num_within(
+    xy_m: Float[np.ndarray, "n 2"], places_xy_m: list[Float[np.ndarray, "2"]], radius_m: float
+) -> Int[np.ndarray, " n"]:
+    """How many of some places are nearer than ``radius_m`` to each point [m]."""
+    if not places_xy_m:
+        return np.zeros(len(xy_m), np.int64)
+    # A tree, because the trail grows with every step; to it, what lies on the rim is within too.
+    near = KDTree(np.array(places_xy_m)).query_ball_point(xy_m, np.nextafter(radius_m, 0.0), return_length=True)
+    return np.asarray(near, np.int64)
+
+
+def _nearest_view_m(grid: VoxelGrid, footprint: Footprint, xy_m: Float[np.ndarray, "n 2"]) -> Float32[np.ndarray, " n"]:
+    """Smallest depth at which anything was seen in the columns about points, at body heights; +inf where never [m]."""
+    low, high = (math.floor((z - grid.origin_m[2]) / grid.resolution_m) for z in (footprint.z_min_m, footprint.z_max_m))
+    depth = grid.seen_range_m[max(low + 1, 0) : max(high, 1)].min(axis=0, initial=np.inf)
+    # A border point lies on the edge between two cells, and the surface may have been put into either.
+    depth = ndimage.minimum_filter(depth, size=3)
+    cell = world_to_cell(xy_m, grid.origin_m[:2], grid.resolution_m)
+    cell = np.clip(cell, 0, np.array(depth.shape) - 1)
+    return depth[cell[:, 0], cell[:, 1]]

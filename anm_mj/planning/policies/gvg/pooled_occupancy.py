@@ -1,0 +1,196 @@
+"""The occupancy as rays for expected gain see it: pooled to twice the voxel size, padded, kept up where it changed.
+
+A cell is occupied where any of its voxels is, else unknown where half of them are, else free. Cautious carving leaves
+an unseen skin on surfaces; what is partly unknown next to occupied therefore counts as known. Where there is no floor,
+as beyond an open door to the outside, nothing is looked for: such columns count as known too. Around the grid lies a
+rim of unknown, as wide as rays are long, so that no ray ever leaves the array.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int8
+
+from anm_mj.planning.grid_windows import bounds, clipped, next_to
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+
+POOL = 2
+"""Voxels along the edge of a cell."""
+BLOCK = 32
+"""The grid grows by multiples of this many cells, so that it seldom does."""
+LOWEST_M = 0.2
+"""Nothing is looked for deeper below the floor than this [m]."""
+KNOWN = 2
+"""State of cells that are not free and where nothing new is looked for, beside those of voxels."""
+USUAL_SHARE = 0.02
+"""Layers of rooms hold at least this share of surface; those above rooms without a ceiling hold next to none."""
+
+
+class ViewGrid:
+    """Cells ``[layer, row, col]``: free, occupied, unknown, or ``KNOWN`` without surface of their own."""
+
+    def __init__(self, rim_m: float) -> None:
+        """Start empty.
+
+        Args:
+            rim_m: width of the rim of unknown around what was observed [m].
+        """
+        self.rim_m = rim_m
+        self.cell_m = 0.0
+        self.origin_m = np.zeros(3)
+        """World x, y, z of the outer corner of cell [0, 0, 0]."""
+        shape = (0, 0, 0)
+        self.state: Int8[np.ndarray, "layers rows cols"] = np.zeros(shape, np.int8)
+        self.tried_from_m: Float32[np.ndarray, "layers rows cols"] = np.zeros(shape, np.float32)
+        """Nearest distance from which a view had each cell in sight and left it unknown; +inf where none had."""
+        self.layer_share: Float32[np.ndarray, " layers"] = np.zeros(0, np.float32)
+        """How likely it is that what is unknown in a layer holds surface: from how much of the known part does."""
+        self._num_free = np.zeros(0, np.int64)
+        self._num_surface = np.zeros(0, np.int64)
+        self.epoch = 0
+        """Changes whenever the array does, so that flat indices into it are no longer valid."""
+        self._voxels = np.zeros(shape, np.int8)
+        self._voxels_origin_m = np.zeros(3)
+
+    @property
+    def seen_m2(self) -> float:
+        """How much surface was seen, each cell counting with one face [m2]: how far exploration is."""
+        return float(self._num_surface.sum()) * self.cell_m**2
+
+    def update(
+        self, grid: VoxelGrid, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]
+    ) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+        """Pool anew what has changed between two corners in the plane [m].
+
+        Returns:
+            Corners of the part that has changed [m]; None when nothing has.
+        """
+        self._cover(grid)
+        resolution = grid.resolution_m
+        offset = np.rint((grid.origin_m - self.origin_m) / resolution).astype(int)[::-1]
+        shape = np.array(grid.state.shape)
+        # No ray goes below the floor.
+        floor = max(math.floor((-LOWEST_M - grid.origin_m[2]) / resolution), 0)
+        first = np.floor((low_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
+        last = np.ceil((high_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
+        window = clipped(first, last, grid.state.shape[1:])
+        changed = bounds((grid.state[floor:, *window] != self._voxels[floor:, *window]).any(axis=0), window)
+        if not changed:
+            return None
+        rows, cols = changed[0]
+        self._voxels[:, rows, cols] = grid.state[:, rows, cols]
+        # Whole cells only: their first voxel has an even index from this grid's own origin. What borders on surface
+        # counts as known: to know that, one cell more is written on all sides and another one looked at.
+        low, high = np.array([floor, rows.start, cols.start]), np.array([shape[0], rows.stop, cols.stop])
+        low = low - (low + offset) % POOL - [0, 2 * POOL, 2 * POOL]
+        high = high + (high + offset) % POOL + [0, 2 * POOL, 2 * POOL]
+        inside = tuple(slice(max(a, 0), min(b, n)) for a, b, n in zip(low, high, shape, strict=True))
+        state = grid.state[inside]
+        pad = [(max(-int(a), 0), max(int(b - n), 0)) for a, b, n in zip(low, high, shape, strict=True)]
+        if any(max(p) for p in pad):
+            state = np.pad(state, pad, constant_values=UNKNOWN)
+        to = (low + offset) // POOL + [0, 1, 1]
+        pooled, partly = _pooled(state)
+        pooled[partly & next_to(pooled == OCCUPIED)] = KNOWN
+        pooled[:, _without_floor(pooled, math.floor(-self.origin_m[2] / self.cell_m) - int(to[0]))] = KNOWN
+        pooled = pooled[:, 1:-1, 1:-1]
+        where = tuple(slice(int(a), int(a + b)) for a, b in zip(to, pooled.shape, strict=True))
+        self._count(where, -1)
+        self.state[where] = pooled
+        self._count(where, 1)
+        share = self._num_surface / np.maximum(self._num_free + self._num_surface, 1)
+        self.layer_share[:] = np.where(self._num_free > 0, np.minimum(share / USUAL_SHARE, 1.0), 1.0)
+        corner = self.origin_m[:2] + to[:0:-1] * self.cell_m
+        return corner, corner + np.array(pooled.shape[:0:-1]) * self.cell_m
+
+    def _count(self, where: tuple[slice, ...], sign: int) -> None:
+        """Add or take away the cells of a part in what is known of every layer."""
+        state = self.state[where]
+        for counts, counted in ((self._num_free, state == FREE), (self._num_surface, state == OCCUPIED)):
+            counts[where[0]] += sign * np.array([np.count_nonzero(layer) for layer in counted])
+
+    def _follow(self, grid: VoxelGrid) -> None:
+        """Keep the voxels as they were last seen aligned with a grid that has grown."""
+        if self._voxels.shape == grid.state.shape and np.allclose(self._voxels_origin_m, grid.origin_m):
+            return
+        grown = np.full(grid.state.shape, UNKNOWN, np.int8)
+        if self._voxels.size:
+            at = np.rint((self._voxels_origin_m - grid.origin_m) / grid.resolution_m).astype(int)[::-1]
+            grown[tuple(slice(a, a + n) for a, n in zip(at, self._voxels.shape, strict=True))] = self._voxels
+        self._voxels, self._voxels_origin_m = grown, grid.origin_m.astype(float)
+
+    def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+        """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
+        x, y, z = np.floor((xyz_m - self.origin_m) / self.cell_m).astype(np.int64).T
+        _, rows, cols = self.state.shape
+        return (z * rows + y) * cols + x
+
+    def centres(self, flat: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """World x, y, z of cells given by their index into the raveled arrays [m]."""
+        layer, row, col = np.unravel_index(flat, self.state.shape)
+        return self.origin_m + (np.stack([col, row, layer], axis=1) + 0.5) * self.cell_m
+
+    def _cover(self, grid: VoxelGrid) -> None:
+        """Make room for all of ``grid`` and the rim."""
+        self._follow(grid)
+        cell = POOL * grid.resolution_m
+        if not self.cell_m:
+            self.cell_m = cell
+            self.origin_m = grid.origin_m.astype(float)
+        low = np.floor((grid.origin_m - self.origin_m) / cell + 1e-6).astype(int)
+        high = np.ceil(
+            (grid.origin_m + np.array(grid.state.shape[::-1]) * grid.resolution_m - self.origin_m) / cell - 1e-6
+        )
+        rim = math.ceil(self.rim_m / cell) + 1
+        low -= np.array([rim, rim, 0])
+        high = high.astype(int) + np.array([rim, rim, 0])
+        shape = np.array(self.state.shape)[::-1]
+        if shape.all() and (low >= 0).all() and (high <= shape).all():
+            return
+        block = np.array([BLOCK, BLOCK, 1])
+        new_low = np.minimum(np.floor_divide(low, block) * block, 0)
+        new_high = -np.floor_divide(-high, block) * block
+        if shape.all():
+            new_high = np.maximum(new_high, shape)
+        else:
+            new_low = np.floor_divide(low, block) * block
+        new_shape = tuple((new_high - new_low)[::-1].tolist())
+        where = tuple(slice(-a, -a + n) for a, n in zip(new_low[::-1], shape[::-1], strict=True))
+        for name, fill in (("state", UNKNOWN), ("tried_from_m", np.inf), ("_num_free", 0), ("_num_surface", 0)):
+            old = getattr(self, name)
+            new = np.full(new_shape[: old.ndim], fill, old.dtype)
+            if shape.all():
+                new[where[: old.ndim]] = old
+            setattr(self, name, new)
+        self.layer_share = np.ones(new_shape[0], np.float32)
+        self.origin_m = self.origin_m + new_low * cell
+        self.epoch += 1
+
+
+def _without_floor(state: Int8[np.ndarray, "layers rows cols"], floor: int) -> Bool[np.ndarray, "rows cols"]:
+    """Columns that are seen free through the floor's layer and the one below: there the building has ended."""
+    if not 1 <= floor < len(state):
+        return np.zeros(state.shape[1:], bool)
+    return (state[floor] == FREE) & (state[floor - 1] == FREE)
+
+
+def _pooled(
+    state: Int8[np.ndarray, "layers rows cols"],
+) -> tuple[Int8[np.ndarray, "l r c"], Bool[np.ndarray, "l r c"]]:
+    """State of cells of 2 x 2 x 2 voxels, and which of the unknown ones are not unknown throughout."""
+    # Of -1, 0 and 1 this leaves 17, 0 and 1, so that one sum holds the unknown in its upper four bits and all that is
+    # not free in its lower four.
+    total = state.view(np.uint8) & np.uint8(17)
+    total = total[0::2] + total[1::2]
+    total = total[:, 0::2] + total[:, 1::2]
+    # Neighbours in a row as the two halves of one number: no sum exceeds a byte.
+    pairs = np.ascontiguousarray(total).view(np.uint16)
+    total = (pairs + (pairs >> 8)).astype(np.uint8)
+    num_unknown = total >> 4
+    occupied = (total & np.uint8(15)) > num_unknown
+    unknown = (num_unknown >= POOL**3 // 2) & ~occupied
+    pooled = occupied.astype(np.int8)
+    pooled[unknown] = UNKNOWN
+    return pooled, unknown & (num_unknown < POOL**3)

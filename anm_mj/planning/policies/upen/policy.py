@@ -1,0 +1,173 @@
+"""Uncertainty-driven planning with an ensemble of occupancy predictors (UPEN; Georgakis et al., ICRA 2022).
+
+Four networks (:mod:`anm_mj.planning.policies.upen.occupancy_net`) guess the map within 8 m about the robot from what a
+planar grid of its own holds. A random tree is grown over what is thought free; among its paths of ten hops the one is
+taken along which the networks disagree most about what is occupied. A new choice is made after 10 steps of 25 cm or at
+its end.
+
+Deviations: the networks are smaller and have learnt from floor plans of our own generator
+(``scripts/train_upen.py``), not from Matterport3D; a guess is made anew at every decision instead of being fused into a
+map of its own; the tree is a plain one, where the original rewires it; ways are followed on the grid instead of by a
+learned point navigator.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Float32, Int8
+
+from anm_mj.frames import world_to_cell
+from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.paths import NEAR_ROBOT_M, pull_straight
+from anm_mj.planning.policies.frontier.policy import FULL_RANGE_M
+from anm_mj.planning.policies.upen.occupancy_net import (
+    CELL_M,
+    CROP_CELLS,
+    FREE_CLASS,
+    OCCUPIED_CLASS,
+    VOID,
+    load_ensemble,
+    predict,
+)
+from anm_mj.planning.rrt import Tree, grow_tree
+from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
+from anm_mj.protocols import Mapper
+from anm_mj.types import (
+    FORWARD_STEP_M,
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Action,
+    Candidate,
+    Footprint,
+    Observation,
+    Plan,
+    Pose2,
+    TopDownMap,
+)
+from anm_mj.utils.stopwatch import Stopwatch
+
+WEIGHTS = Path(__file__).with_name("weights.npz")
+NUM_SAMPLES = 2500
+HOP_M = 0.25
+NUM_HOPS = 10
+REPLAN_STEPS = round(10 * 0.25 / FORWARD_STEP_M)
+"""A choice holds for ten of the original's steps of 25 cm, which is about the length of a path: with ten steps of ours
+the robot turns to one path after the other and follows none."""
+THOUGHT_OCCUPIED = 0.5
+"""Unknown cells with a higher mean probability are not driven over."""
+MAX_LOGGED = 20
+"""Candidates kept for the plan log."""
+
+
+class Upen:
+    """Takes the path along which an ensemble of predictors disagrees most."""
+
+    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
+        """Load the networks and start with an empty grid.
+
+        Raises:
+            PlanError: the weights are missing or of another shape.
+        """
+        self._ensemble = load_ensemble(WEIGHTS)
+        self._rng = np.random.default_rng([seed, 3])
+        self._grid = ScanGrid(footprint, FULL_RANGE_M)
+        self._safe_m = footprint.radius_m + config.margin_m
+
+    def observe(self, observation: Observation) -> None:
+        """Take a scan into the policy's own grid."""
+        self._grid.integrate(observation)
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The path of most disagreement; a random turn where there is no path at all."""
+        del mapper
+        watch = Stopwatch()
+        pose = observation.pose
+        with watch.stage("topdown"):
+            topdown = self._grid.topdown()
+        with watch.stage("predict"):
+            crop = egocentric_crop(topdown, pose)
+            occupied = np.stack([predict(weights, crop)[OCCUPIED_CLASS] for weights in self._ensemble])
+        with watch.stage("paths"):
+            tree = self._tree(topdown, pose, occupied.mean(axis=0))
+            ends = np.flatnonzero(tree.num_hops == min(NUM_HOPS, int(tree.num_hops.max())))
+            paths = [tree.path_to(int(end)) for end in ends]
+            scores = [float(value_along(occupied.var(axis=0), path, pose).sum()) for path in paths]
+        if len(tree.xy_m) == 1:
+            turn = (Action.TURN_LEFT, Action.TURN_RIGHT)[self._rng.integers(2)]
+            return Plan(f"no way out of here: {turn.name}", np.zeros((0, 2)), actions=(turn,), topdown=topdown)
+        best = int(np.argmax(scores))
+        ranked = np.argsort(scores)[::-1][:MAX_LOGGED]
+        return Plan(
+            f"most disagreement ({scores[best]:.2f}) along one of {len(paths)} paths of {len(paths[best]) - 1} hops",
+            pull_straight(paths[best], topdown, self._safe_m, pose),
+            valid_steps=REPLAN_STEPS,
+            candidates=tuple(
+                Candidate(paths[k][-1], scores[k], scores[k], (len(paths[k]) - 1) * HOP_M / FORWARD_STEP_M)
+                for k in ranked
+            ),
+            topdown=topdown,
+            stage_ms=watch.ms,
+        )
+
+    def blocked(self, pose: Pose2, action: Action) -> None:
+        """Put the obstacle that the scans did not show into the grid."""
+        if action is Action.MOVE_FORWARD:
+            self._grid.block_ahead(pose)
+
+    def _tree(self, topdown: TopDownMap, pose: Pose2, occupied: Float32[np.ndarray, "rows cols"]) -> Tree:
+        """A tree over cells that are clear of obstacles and not thought occupied."""
+        rows, cols = np.indices(topdown.state.shape)
+        xy = topdown.origin_xy_m + (np.stack([cols, rows], axis=-1) + 0.5) * RESOLUTION_M
+        near = np.hypot(*np.moveaxis(xy - pose.xy_m, -1, 0)) < NEAR_ROBOT_M
+        window = (np.abs(xy - pose.xy_m) < CROP_CELLS * CELL_M / 2).all(axis=-1)
+        passable = window & (topdown.clearance_m >= np.where(near, 0.0, self._safe_m))
+        guessed = passable & (topdown.state == UNKNOWN)
+        passable[guessed] = value_along(occupied, xy[guessed], pose) < THOUGHT_OCCUPIED
+        return grow_tree(
+            passable,
+            topdown.origin_xy_m,
+            RESOLUTION_M,
+            pose.xy_m,
+            half_width_m=CROP_CELLS * CELL_M / 2,
+            num_samples=NUM_SAMPLES,
+            hop_m=HOP_M,
+            rng=self._rng,
+        )
+
+
+def egocentric_crop(topdown: TopDownMap, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
+    """What is known about the robot, its heading along the columns, by class of the predictor.
+
+    A cell of the crop is occupied where any of the finer cells about its centre is.
+    """
+    centres = (np.arange(CROP_CELLS) + 0.5 - CROP_CELLS / 2) * CELL_M
+    crop = np.full((CROP_CELLS, CROP_CELLS), VOID, np.int8)
+    c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
+    for shift in np.ndindex(3, 3):
+        dy, dx = (np.array(shift) - 1) * (CELL_M / 3)
+        ahead, aside = np.meshgrid(centres + dx, centres + dy)
+        xy = np.stack([pose.x_m + c * ahead - s * aside, pose.y_m + s * ahead + c * aside], axis=-1)
+        cells = world_to_cell(xy.reshape(-1, 2), topdown.origin_xy_m, topdown.resolution_m)
+        inside = ((cells >= 0) & (cells < topdown.state.shape)).all(axis=1)
+        state = np.full(len(cells), UNKNOWN, np.int8)
+        state[inside] = topdown.state[cells[inside, 0], cells[inside, 1]]
+        state = state.reshape(crop.shape)
+        crop[(state == FREE) & (crop == VOID)] = FREE_CLASS
+        crop[state == OCCUPIED] = OCCUPIED_CLASS
+    return crop
+
+
+def value_along(
+    values: Float32[np.ndarray, "rows cols"], xy_m: Float[np.ndarray, "n 2"], pose: Pose2
+) -> Float32[np.ndarray, " n"]:
+    """Values of a crop about a pose at world places, zero outside of it."""
+    c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
+    ahead, aside = ((xy_m - pose.xy_m) @ np.array([[c, -s], [s, c]])).T
+    cells = np.floor(np.stack([aside, ahead], axis=1) / CELL_M + CROP_CELLS / 2).astype(int)
+    inside = ((cells >= 0) & (cells < CROP_CELLS)).all(axis=1)
+    found = np.zeros(len(xy_m), np.float32)
+    found[inside] = values[cells[inside, 0], cells[inside, 1]]
+    return found

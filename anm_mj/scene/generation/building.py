@@ -1,0 +1,207 @@
+"""What a building is before it is furnished: rooms, the passages between them, and the openings in their walls.
+
+A generated layout and an imported floor plan both become this, so that all that follows is the same for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float64
+from shapely.geometry.polygon import orient
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.generation.furniture.wall import Wall
+
+_TOUCH_M = 2e-3
+"""Walls that run along one another within this distance are the two sides of an opening."""
+_OUTSIDE_M = (0.25, 0.5, 0.8)
+"""There is a room behind a wall when one lies at any of these distances behind it."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRoom:
+    """A room's clear floor."""
+
+    name: str
+    """Unlike any other in the building."""
+    kind: str
+    """What it is for, as the tables of kinds know it: "bedroom", "office", "corridor" ..."""
+    floor: shapely.Polygon
+    """World x, y [m]; may have holes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """The floor of an opening through a wall: each of its ends lies on the edge of a room."""
+
+    rooms: tuple[int, int]
+    """Indices of the rooms that it joins."""
+    floor: shapely.Polygon
+
+    @property
+    def centre_m(self) -> tuple[float, float]:
+        """World x, y of its middle."""
+        return float(self.floor.centroid.x), float(self.floor.centroid.y)
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """A window in the wall of a room, along the wall as seen from inside."""
+
+    start_m: float
+    end_m: float
+    z_low_m: float
+    z_high_m: float
+
+
+@dataclass(frozen=True)
+class GivenWindow:
+    """A window of a floor plan, by the ends of its opening in the world."""
+
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+    z_low_m: float
+    z_high_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class RoomWall:
+    """One straight wall of a room with what is open in it."""
+
+    wall: Wall
+    gaps: tuple[tuple[float, float, bool], ...]
+    """Stretches (start, end, door) of the wall that are open: a door up to its lintel, otherwise up to the ceiling."""
+    outer: bool
+    """True if no other room lies behind it."""
+    windows: tuple[WindowPlan, ...] = ()
+
+    def solid(self, margin_m: float = 0.0) -> list[tuple[float, float]]:
+        """Stretches of the wall between its gaps, each gap widened on both sides."""
+        ends = [0.0]
+        for start, end, _ in self.gaps:
+            ends += [start - margin_m, end + margin_m]
+        ends.append(self.wall.length_m)
+        return [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1e-6]
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """Rooms and passages on one floor.
+
+    Raises:
+        SceneError: if there is no room, or two rooms have the same name.
+    """
+
+    rooms: tuple[PlanRoom, ...]
+    passages: tuple[Passage, ...]
+    style: str = "apartment"
+    """"apartment" or "office": what the furniture is like."""
+    ceiling_m: float = 2.6
+    door_height_m: float = 2.05
+    windows: tuple[GivenWindow, ...] | None = None
+    """The windows, or None to put some into the outer walls."""
+
+    def __post_init__(self) -> None:
+        """Check the rooms."""
+        if not self.rooms:
+            raise SceneError("A building needs at least one room: the plan holds none.")
+        if len({room.name for room in self.rooms}) < len(self.rooms):
+            raise SceneError("Two rooms of the plan have the same name: give each its own.")
+
+    @cached_property
+    def walls(self) -> tuple[tuple[RoomWall, ...], ...]:
+        """The walls of every room, with the gaps that passages and adjoining rooms make."""
+        polygons = [room.floor for room in self.rooms] + [passage.floor for passage in self.passages]
+        left, right, owner = _edges(polygons)
+        floors = np.array([room.floor for room in self.rooms], dtype=object)
+        walls: list[list[RoomWall]] = [[] for _ in self.rooms]
+        outer = _outer(left, right, owner, floors)
+        for k in np.flatnonzero(owner < len(self.rooms)):
+            gaps = _gaps(left[k], right[k], int(owner[k]), left, right, owner, len(self.rooms))
+            wall = Wall((float(left[k, 0]), float(left[k, 1])), (float(right[k, 0]), float(right[k, 1])))
+            walls[owner[k]].append(RoomWall(wall, gaps, bool(outer[k])))
+        return tuple(tuple(of_room) for of_room in walls)
+
+    def jambs(self, passage: Passage) -> list[Wall]:
+        """The closed sides of a passage, as seen from inside it."""
+        left, right, owner = _edges([passage.floor, *(room.floor for room in self.rooms)])
+        sides = []
+        for k in np.flatnonzero(owner == 0):
+            length = float(np.linalg.norm(right[k] - left[k]))
+            start = 0.0
+            along = (right[k] - left[k]) / length
+            gaps = _gaps(left[k], right[k], 0, left, right, owner, len(owner))
+            for a, b in [*((a, b) for a, b, _ in gaps), (length, length)]:
+                if a - start > _TOUCH_M:
+                    p, q = left[k] + start * along, left[k] + a * along
+                    sides.append(Wall((float(p[0]), float(p[1])), (float(q[0]), float(q[1]))))
+                start = b
+        return sides
+
+
+def _edges(
+    polygons: list[shapely.Polygon],
+) -> tuple[Float64[np.ndarray, "e 2"], Float64[np.ndarray, "e 2"], np.ndarray]:
+    """Left and right end of every edge as seen from inside its polygon, and the polygon's index."""
+    left, right, owner = [], [], []
+    for index, polygon in enumerate(polygons):
+        # Clockwise about the outside, so that the inside lies to the right.
+        turned = orient(polygon, sign=-1.0)
+        for ring in (turned.exterior, *turned.interiors):
+            points = np.asarray(ring.coords, dtype=np.float64)[:, :2]
+            proper = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6
+            left.append(points[:-1][proper])
+            right.append(points[1:][proper])
+            owner.append(np.full(int(proper.sum()), index))
+    return np.concatenate(left), np.concatenate(right), np.concatenate(owner)
+
+
+def _gaps(
+    p: Float64[np.ndarray, "2"],
+    q: Float64[np.ndarray, "2"],
+    own: int,
+    left: Float64[np.ndarray, "e 2"],
+    right: Float64[np.ndarray, "e 2"],
+    owner: np.ndarray,
+    num_rooms: int,
+) -> tuple[tuple[float, float, bool], ...]:
+    """Stretches of the edge p-q that run along edges of other polygons, in order and apart."""
+    length = float(np.linalg.norm(q - p))
+    along = (q - p) / length
+    normal = np.array([along[1], -along[0]])
+    near = (np.abs((left - p) @ normal) < _TOUCH_M) & (np.abs((right - p) @ normal) < _TOUCH_M) & (owner != own)
+    # An edge of another polygon that adjoins this one runs the other way.
+    a, b = (right[near] - p) @ along, (left[near] - p) @ along
+    found = [
+        (max(float(start), 0.0), min(float(end), length), bool(other >= num_rooms))
+        for start, end, other in zip(a, b, owner[near], strict=True)
+        if min(end, length) - max(start, 0.0) > _TOUCH_M
+    ]
+    gaps: list[tuple[float, float, bool]] = []
+    for start, end, door in sorted(found):
+        if gaps and start - gaps[-1][1] < _TOUCH_M and gaps[-1][2] == door:
+            gaps[-1] = (gaps[-1][0], max(end, gaps[-1][1]), door)
+        else:
+            gaps.append((start, end, door))
+    return tuple(gaps)
+
+
+def _outer(
+    left: Float64[np.ndarray, "e 2"], right: Float64[np.ndarray, "e 2"], owner: np.ndarray, floors: np.ndarray
+) -> Bool[np.ndarray, " e"]:
+    """True for edges with no other room behind them."""
+    along = right - left
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    outward = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    tree = shapely.STRtree(floors)
+    inner = np.zeros(len(left), dtype=bool)
+    for distance_m in _OUTSIDE_M:
+        for share in (0.1, 0.5, 0.9):
+            points = shapely.points(left + share * (right - left) + distance_m * outward)
+            hit, room = tree.query(points, predicate="within")
+            inner[hit[room != owner[hit]]] = True
+    return ~inner

@@ -1,0 +1,195 @@
+"""Paints quads into one image per group: the material's pattern times the light that falls there.
+
+Every quad gets a rectangle of texels of its own, with its corners at the centres of the rectangle's corner texels, so
+that bilinear filtering shows exactly what was painted. One texel of margin keeps neighbours from bleeding in.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64, Int64, UInt8
+
+from anm_mj.scene.generation.furniture.light import to_linear, to_srgb
+from anm_mj.scene.generation.furniture.quads import Quads
+from anm_mj.scene.submesh import Part
+
+_MARGIN_PX = 1
+_INSET_M = 0.012
+"""Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
+
+
+@runtime_checkable
+class Lit(Protocol):
+    """Whatever knows how much light falls where."""
+
+    def falling_on(
+        self, points_m: Float64[np.ndarray, "n 3"], normals: Float64[np.ndarray, "n 3"]
+    ) -> Float64[np.ndarray, "n 3"]:
+        """Light per colour channel; 1 shows a surface in its own colour."""
+        ...
+
+
+Cuts = dict[int, Float64[np.ndarray, "k 3 2"]]
+"""Triangles that stand for a quad, by the quad's index: corners as shares (s, t) of the quad's sides."""
+
+
+def paint(
+    name: str,
+    surface: Quads,
+    lighting: Lit,
+    light_spacing_m: float,
+    cuts: Cuts | None = None,
+    shades: int = 256,
+) -> Part:
+    """One textured part.
+
+    Args:
+        name: The part's name.
+        surface: What to paint.
+        lighting: Light in the whole scene.
+        light_spacing_m: Distance between the points that light is worked out for; between them it is interpolated.
+        cuts: Quads of which only some triangles are there, as of a floor with slanting sides.
+        shades: Number of values per colour channel: fewer make a smaller file.
+    """
+    texel_m = np.array([material.texel_m for material in surface.materials])
+    size_px = _resolution(surface, texel_m)
+    corner_px, image_size = pack(size_px + 2 * _MARGIN_PX)
+
+    quad, col, row = _cells(size_px + 2 * _MARGIN_PX)
+    s = np.clip((col - _MARGIN_PX) / (size_px[quad, 0] - 1), 0.0, 1.0)
+    t = np.clip((row - _MARGIN_PX) / (size_px[quad, 1] - 1), 0.0, 1.0)
+    colour = _pattern(surface, quad, _bilinear(surface.uv_m[quad], s, t))
+    colour = to_srgb(to_linear(colour) * _light_at(surface, lighting, light_spacing_m, quad, s, t))
+
+    image = np.zeros((image_size[1], image_size[0], 3), np.uint8)
+    shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
+    image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
+    return _part(name, surface, corner_px, size_px, image, cuts or {})
+
+
+def points_on(surface: Quads, spacing_m: float) -> Float64[np.ndarray, "n 3"]:
+    """Points all over a surface, no farther apart than the spacing [m]."""
+    sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
+    owner, col, row = _cells(sizes)
+    return _bilinear(surface.corners_m[owner], col / (sizes[owner, 0] - 1), row / (sizes[owner, 1] - 1))
+
+
+def pack(sizes_px: Int64[np.ndarray, "n 2"]) -> tuple[Int64[np.ndarray, "n 2"], tuple[int, int]]:
+    """Where to put rectangles (width, height) so that none overlap, and the width and height of the whole.
+
+    Rows of falling height, each filled from the left.
+    """
+    area = int(sizes_px.prod(axis=1).sum())
+    width = max(int(sizes_px[:, 0].max()), 1 << math.ceil(math.log2(math.sqrt(area))))
+    corners = np.zeros_like(sizes_px)
+    x = y = row_height = 0
+    for index in np.lexsort((-sizes_px[:, 0], -sizes_px[:, 1])):
+        w, h = sizes_px[index]
+        if x + w > width:
+            x, y, row_height = 0, y + row_height, 0
+        corners[index] = x, y
+        x, row_height = x + int(w), max(row_height, int(h))
+    return corners, (width, y + row_height)
+
+
+def _resolution(surface: Quads, spacing_m: Float64[np.ndarray, " n"]) -> Int64[np.ndarray, "n 2"]:
+    """Number of samples along u and v, at least two, no farther apart than the spacing."""
+    p = surface.corners_m
+    u = np.maximum(np.linalg.norm(p[:, 1] - p[:, 0], axis=1), np.linalg.norm(p[:, 2] - p[:, 3], axis=1))
+    v = np.maximum(np.linalg.norm(p[:, 3] - p[:, 0], axis=1), np.linalg.norm(p[:, 2] - p[:, 1], axis=1))
+    # A thousandth off, so that rounding does not add a sample to a length that divides evenly.
+    return np.ceil(np.stack([u, v], axis=1) / spacing_m[:, None] - 1e-3).astype(np.int64).clip(1) + 1
+
+
+def _cells(
+    sizes: Int64[np.ndarray, "n 2"],
+) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
+    """Rectangle, column and row of every cell of all rectangles, one after the other."""
+    counts = sizes.prod(axis=1)
+    quad = np.repeat(np.arange(len(sizes)), counts)
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return quad, within % sizes[quad, 0], within // sizes[quad, 0]
+
+
+def _bilinear(
+    corners: Float64[np.ndarray, "k 4 d"], s: Float64[np.ndarray, " k"], t: Float64[np.ndarray, " k"]
+) -> Float64[np.ndarray, "k d"]:
+    """Values between those of four corners."""
+    weights = np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=1)
+    return (weights[:, :, None] * corners).sum(axis=1)
+
+
+def _pattern(
+    surface: Quads, quad: Int64[np.ndarray, " k"], uv_m: Float64[np.ndarray, "k 2"]
+) -> Float64[np.ndarray, "k 3"]:
+    """The materials' own colours, sRGB."""
+    distinct = list(dict.fromkeys(surface.materials))
+    which = np.array([distinct.index(material) for material in surface.materials])[quad]
+    colour = np.zeros((len(quad), 3))
+    for index, material in enumerate(distinct):
+        texels = which == index
+        colour[texels] = material.colour(uv_m[texels])
+    return colour
+
+
+def _light_at(
+    surface: Quads,
+    lighting: Lit,
+    spacing_m: float,
+    quad: Int64[np.ndarray, " k"],
+    s: Float64[np.ndarray, " k"],
+    t: Float64[np.ndarray, " k"],
+) -> Float64[np.ndarray, "k 3"]:
+    """Light at places on quads, interpolated between a coarser grid of points on each."""
+    sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
+    owner, col, row = _cells(sizes)
+    edge_u = np.linalg.norm(surface.corners_m[:, 1] - surface.corners_m[:, 0], axis=1)
+    edge_v = np.linalg.norm(surface.corners_m[:, 3] - surface.corners_m[:, 0], axis=1)
+    inset_u = np.clip(_INSET_M / np.maximum(edge_u, 1e-6), 0.0, 0.3)[owner]
+    inset_v = np.clip(_INSET_M / np.maximum(edge_v, 1e-6), 0.0, 0.3)[owner]
+    u = np.clip(col / (sizes[owner, 0] - 1), inset_u, 1 - inset_u)
+    v = np.clip(row / (sizes[owner, 1] - 1), inset_v, 1 - inset_v)
+    points = _bilinear(surface.corners_m[owner], u, v)
+    light = lighting.falling_on(points, surface.normals[owner])
+    light[np.array([material.glows for material in surface.materials])[owner]] = 1.0
+
+    first = (np.cumsum(sizes.prod(axis=1)) - sizes.prod(axis=1))[quad]
+    width = sizes[quad, 0]
+    x, y = s * (width - 1), t * (sizes[quad, 1] - 1)
+    i, j = np.minimum(x.astype(np.int64), width - 2), np.minimum(y.astype(np.int64), sizes[quad, 1] - 2)
+    base = first + j * width + i
+    around = np.stack([light[base], light[base + 1], light[base + width + 1], light[base + width]], axis=1)
+    return _bilinear(around, x - i, y - j)
+
+
+def _part(
+    name: str,
+    surface: Quads,
+    corner_px: Int64[np.ndarray, "n 2"],
+    size_px: Int64[np.ndarray, "n 2"],
+    image: UInt8[np.ndarray, "h w 3"],
+    cuts: Cuts,
+) -> Part:
+    """The quads as triangles, with texture coordinates at the centres of their corner texels."""
+    ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    whole = np.array([k for k in range(len(corner_px)) if k not in cuts], dtype=np.int64)
+    texels = [(corner_px[whole, None] + _MARGIN_PX + 0.5 + ends * (size_px[whole, None] - 1)).reshape(-1, 2)]
+    vertices = [surface.corners_m[whole].reshape(-1, 3)]
+    faces = [(4 * np.arange(len(whole))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)]
+    for k, triangles in cuts.items():
+        shares = triangles.reshape(-1, 2)
+        faces.append(sum(len(block) for block in vertices) + np.arange(len(shares)).reshape(-1, 3))
+        texels.append(corner_px[k] + _MARGIN_PX + 0.5 + shares * (size_px[k] - 1))
+        corners = np.broadcast_to(surface.corners_m[k], (len(shares), 4, 3))
+        vertices.append(_bilinear(corners, shares[:, 0], shares[:, 1]))
+    uv = np.concatenate(texels) / (image.shape[1], image.shape[0])
+    return Part(
+        name,
+        np.concatenate(vertices).astype(np.float32),
+        np.concatenate(faces).astype(np.int32),
+        uv=np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=-1).astype(np.float32),
+        texture=image,
+    )

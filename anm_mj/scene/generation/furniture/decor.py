@@ -1,0 +1,167 @@
+"""Lamps, plants, pictures, rugs, screens and doors; each stands about the origin or hangs on a wall along y = 0."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from anm_mj.scene.generation.furniture.quads import (
+    Material,
+    Quads,
+    box,
+    cushion,
+    cylinder,
+    grid_quads,
+    join,
+    lathe,
+    strut,
+)
+from anm_mj.scene.generation.furniture.textures import Colour, glow, plain, rgb, rug, spots
+
+_DARK = plain(rgb("2b2d31"))
+_LEAF_GREENS = [plain(rgb(code), 0.2) for code in ("3f7d4e", "55925a", "2f6b45")]
+RUG_THICKNESS_M = 0.008
+
+
+def rug_on_floor(size_m: tuple[float, float], ground: Colour, border: Colour, motif: Colour) -> Quads:
+    """A carpet, low enough to drive over."""
+    x, y = size_m[0] / 2, size_m[1] / 2
+    return box((-x, -y, 0.0), (x, y, RUG_THICKNESS_M), rug(ground, border, motif, size_m), "-z")
+
+
+def ceiling_lamp(ceiling_m: float, shade: Colour) -> Quads:
+    """A flat round lamp below the ceiling."""
+    drum = [(0.0, ceiling_m - 0.12), (0.19, ceiling_m - 0.12), (0.22, ceiling_m - 0.03), (0.22, ceiling_m)]
+    return lathe(drum, glow(shade), 16)
+
+
+def floor_lamp(shade: Colour) -> Quads:
+    """A lamp 1.6 m high on a thin pole."""
+    return join(
+        lathe([(0.15, 0.0), (0.15, 0.025), (0.02, 0.035)], _DARK, 14),
+        cylinder(0.013, 0.03, 1.4, _DARK, 8),
+        lathe([(0.0, 1.36), (0.2, 1.36), (0.14, 1.62), (0.0, 1.62)], glow(shade), 16),
+    )
+
+
+def table_lamp(shade: Colour, foot: Material) -> Quads:
+    """A bedside lamp."""
+    base = [(0.07, 0.0), (0.075, 0.03), (0.035, 0.09), (0.05, 0.14), (0.015, 0.2), (0.015, 0.24)]
+    return join(lathe(base, foot, 12), lathe([(0.0, 0.22), (0.12, 0.22), (0.075, 0.38), (0.0, 0.38)], glow(shade), 14))
+
+
+def plant(height_m: float, num_leaves: int, pot: Material, seed: int) -> Quads:
+    """A pot with long arching leaves."""
+    rng = np.random.default_rng(seed)
+    size = 0.25 * height_m + 0.04
+    rim = 0.36 * size
+    soil = spots(rgb("4a3728"), rgb("33261c"), scale=60.0)
+    pieces = [
+        lathe(
+            [(0.7 * rim, 0.0), (rim, 0.8 * size), (1.08 * rim, 0.8 * size), (1.08 * rim, size), (0.9 * rim, size)],
+            pot,
+            14,
+        ),
+        lathe([(0.9 * rim, size), (0.9 * rim, 0.92 * size), (0.0, 0.92 * size)], soil, 14),
+    ]
+    for k in range(num_leaves):
+        angle = 2.399963 * k + rng.uniform(-0.3, 0.3)
+        length, lean = (height_m - size) * rng.uniform(0.75, 1.15), rng.uniform(0.15, 0.7)
+        leaf = _leaf(length, 0.085 * height_m + 0.02, lean, _LEAF_GREENS[rng.integers(len(_LEAF_GREENS))])
+        pieces.append(
+            leaf.placed(0.3 * rim * math.cos(angle), 0.3 * rim * math.sin(angle), math.degrees(angle), 0.9 * size)
+        )
+    return join(*pieces)
+
+
+def _leaf(length_m: float, width_m: float, lean_rad: float, material: Material) -> Quads:
+    """A leaf that rises from the origin and bends over towards +x; its two faces meet along its edge."""
+    num = 5
+    t = np.linspace(0.0, 1.0, num)
+    angle = 0.12 + lean_rad * t * 1.3
+    step = length_m / (num - 1)
+    x = np.concatenate([[0.0], np.cumsum(step * np.sin(angle[:-1]))])
+    z = np.concatenate([[0.0], np.cumsum(step * np.cos(angle[:-1]))])
+    half = width_m / 2 * np.sin(math.pi * np.clip(0.08 + 0.92 * t, 0.0, 1.0)) ** 0.7 + 0.001
+    thick = 0.008 * np.sin(math.pi * np.clip(0.1 + 0.88 * t, 0.0, 1.0))
+    middle = np.stack([x, np.zeros(num), z], axis=-1)
+    normal = np.stack([-np.cos(angle), np.zeros(num), np.sin(angle)], axis=-1)
+    side = np.array([0.0, 1.0, 0.0]) * half[:, None]
+    rows = [
+        middle - side,
+        middle + normal * thick[:, None],
+        middle + side,
+        middle - normal * thick[:, None],
+        middle - side,
+    ]
+    points = np.stack(rows, axis=1)
+    across = np.linspace(0.0, width_m, len(rows))
+    uv = np.stack(np.broadcast_arrays(across[None, :], (t * length_m)[:, None]), axis=-1)
+    return grid_quads(points, uv, material)
+
+
+def picture(width_m: float, height_m: float, z_m: float, image: Material, frame: Material) -> Quads:
+    """A framed picture on a wall along y = 0, facing -y; z is its lower edge."""
+    x, bar = width_m / 2, 0.03
+    canvas = box((0.0, -0.012, 0.0), (width_m, 0.0, height_m), image, "-x +x +y -z +z").placed(-x, 0.0, 0.0, z_m)
+    return join(
+        canvas,
+        box((-x - bar, -0.025, z_m - bar), (x + bar, 0.0, z_m), frame, "+y"),
+        box((-x - bar, -0.025, z_m + height_m), (x + bar, 0.0, z_m + height_m + bar), frame, "+y"),
+        box((-x - bar, -0.025, z_m), (-x, 0.0, z_m + height_m), frame, "+y -z +z"),
+        box((x, -0.025, z_m), (x + bar, 0.0, z_m + height_m), frame, "+y -z +z"),
+    )
+
+
+def curtain(width_m: float, z_low_m: float, z_high_m: float, cloth: Material) -> Quads:
+    """A gathered curtain before a wall along y = 0."""
+    num = max(6, round(width_m / 0.035))
+    x = np.linspace(-width_m / 2, width_m / 2, num)
+    front = np.stack([x, -0.06 - 0.025 * np.cos(np.arange(num) * math.pi)], axis=-1)
+    outline = np.concatenate([front, front[::-1] + np.array([0.0, 0.012]), front[:1]])
+    points = np.stack([np.insert(outline, 2, z, axis=1) for z in (z_low_m, z_high_m)])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
+    uv = np.stack(np.broadcast_arrays(along[None, :], np.array([[z_low_m], [z_high_m]])), axis=-1)
+    return grid_quads(points, uv, cloth)
+
+
+def television(width_m: float, screen: Material) -> Quads:
+    """A flat screen on a foot; it faces -y."""
+    x, height = width_m / 2, 0.57 * width_m
+    face = box((0.0, -0.021, 0.0), (width_m - 0.03, -0.02, height - 0.03), screen, "+y -x +x -z +z")
+    return join(
+        box((-0.18, -0.1, 0.0), (0.18, 0.1, 0.015), _DARK, "-z"),
+        box((-0.03, 0.0, 0.015), (0.03, 0.02, 0.08), _DARK, "-z +z"),
+        box((-x, -0.02, 0.07), (x, 0.025, 0.07 + height), _DARK),
+        face.placed(-x + 0.015, 0.0, 0.0, 0.085),
+    )
+
+
+def monitor(screen: Material) -> Quads:
+    """A computer screen with keyboard and mouse before it; it faces -y."""
+    keys = plain(rgb("d7d9dc"))
+    return join(
+        television(0.6, screen).placed(0.0, -0.18),
+        box((-0.22, -0.52, 0.0), (0.22, -0.38, 0.018), keys, "-z"),
+        cushion((0.28, -0.5, -0.01), (0.34, -0.4, 0.03), 0.018, keys, "-z", segments=1),
+    )
+
+
+def front_door(leaf: Material, handle: Material) -> Quads:
+    """A closed house door on a wall along y = 0, facing -y."""
+    frame = plain(rgb("f4f1ea"), 0.01)
+    panels = [
+        box((x, -0.05, z), (x + 0.3, -0.04, z + height), leaf, "+y")
+        for x in (-0.37, 0.07)
+        for z, height in ((0.2, 0.65), (1.05, 0.8))
+    ]
+    return join(
+        box((-0.45, -0.04, 0.0), (0.45, 0.0, 2.05), leaf, "-z +y"),
+        *panels,
+        box((-0.52, -0.03, 0.0), (-0.45, 0.0, 2.12), frame, "-z +y"),
+        box((0.45, -0.03, 0.0), (0.52, 0.0, 2.12), frame, "-z +y"),
+        box((-0.45, -0.03, 2.05), (0.45, 0.0, 2.12), frame, "+y -x +x"),
+        strut((0.36, -0.04, 1.02), (0.36, -0.09, 1.02), 0.011, handle),
+        strut((0.37, -0.09, 1.02), (0.25, -0.09, 1.02), 0.011, handle),
+    )

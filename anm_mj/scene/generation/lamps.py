@@ -1,0 +1,54 @@
+"""Lamps below the ceiling, and the light that they and the windows give."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from anm_mj.scene.generation.building import Building
+from anm_mj.scene.generation.furnish import FurnishedRoom
+from anm_mj.scene.generation.furniture.decor import ceiling_lamp
+from anm_mj.scene.generation.furniture.light import Light, ceiling_light, window_light
+from anm_mj.scene.generation.furniture.quads import Quads, box
+from anm_mj.scene.generation.furniture.textures import glow, rgb
+
+_SPACING_M = 4.0
+
+
+def lamp_places(floor: shapely.Polygon) -> list[tuple[float, float]]:
+    """Where a room's lamps hang: evenly spread, at least one."""
+    x0, y0, x1, y1 = floor.bounds
+    xs, ys = (
+        low + (np.arange(num) + 0.5) * (high - low) / num
+        for low, high in ((x0, x1), (y0, y1))
+        for num in (max(1, round((high - low) / _SPACING_M)),)
+    )
+    inner = floor.buffer(-0.3)
+    places = [(float(x), float(y)) for y in ys for x in xs if inner.contains(shapely.Point(x, y))]
+    if places:
+        return places
+    point = floor.representative_point()
+    return [(float(point.x), float(point.y))]
+
+
+def lamps(building: Building, furnished: FurnishedRoom) -> list[Quads]:
+    """The lamps themselves: round in homes, long panels in offices."""
+    places = lamp_places(furnished.room.floor)
+    if building.style == "apartment":
+        return [ceiling_lamp(building.ceiling_m, rgb("fff4d6")).placed(x, y) for x, y in places]
+    low, high = (-0.6, -0.15, building.ceiling_m - 0.05), (0.6, 0.15, building.ceiling_m)
+    return [box(low, high, glow(rgb("fbfdff")), "+z").placed(x, y) for x, y in places]
+
+
+def lights(building: Building, furnished: FurnishedRoom) -> list[Light]:
+    """What lamps and windows give; the larger the floor of a lamp, the brighter it is."""
+    places = lamp_places(furnished.room.floor)
+    share_m2 = min(float(furnished.room.floor.area) / len(places), 20.0)
+    found = [ceiling_light(x, y, building.ceiling_m - 0.14, 0.35 + 0.07 * share_m2) for x, y in places]
+    for wall in furnished.walls:
+        for window in wall.windows:
+            width, height = window.end_m - window.start_m, window.z_high_m - window.z_low_m
+            centre = wall.wall.point((window.start_m + window.end_m) / 2, 0.02, (window.z_low_m + window.z_high_m) / 2)
+            along = np.subtract(wall.wall.right_m, wall.wall.left_m) / wall.wall.length_m
+            found.append(window_light(centre, (float(along[0]), float(along[1])), width, height, 0.9 * width * height))
+    return found

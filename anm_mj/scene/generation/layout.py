@@ -1,0 +1,184 @@
+"""Layouts out of nothing: so many rooms, a door between enough of them, and ways round in circles."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.generation.building import Building, Passage, PlanRoom
+from anm_mj.scene.generation.cells import Cell, cluster, wings
+from anm_mj.scene.generation.kinds import KINDS, choose_kinds
+
+Style = Literal["apartment", "office"]
+
+MIN_ROOMS, MAX_ROOMS = 1, 60
+WALL_M = 0.12
+"""Thickness of the walls between rooms."""
+_DOOR_WIDTHS_M = (0.8, 0.85, 0.9, 0.95, 1.0)
+_WIDE_M = (1.3, 1.9)
+"""Narrowest and widest opening that is not a door."""
+_CLOSED = {kind for kind in KINDS if KINDS[kind].private} | {"bedroom", "child"}
+"""Rooms that are never open to others."""
+_DOOR_MARGIN_M = 0.2
+"""Doors keep this far from corners: room for the frame."""
+_MAX_ATTEMPTS = 20
+
+
+def plan_building(rooms: int, seed: int, style: Style = "apartment") -> Building:
+    """The rooms and doors of a building; the same for the same arguments.
+
+    All rooms can be reached; from five rooms on there is at least one way round in a circle.
+
+    Args:
+        rooms: Number of rooms, corridors counted; 1 to 60.
+        seed: Which of the buildings of this size; 0 or more.
+        style: What it is for.
+
+    Raises:
+        SceneError: if an argument is out of its range.
+    """
+    if not MIN_ROOMS <= rooms <= MAX_ROOMS:
+        raise SceneError(f"A building of {rooms} rooms cannot be generated: give {MIN_ROOMS} to {MAX_ROOMS}.")
+    if seed < 0:
+        raise SceneError(f"A seed of {seed} cannot be used: give 0 or more.")
+    if style not in ("apartment", "office"):
+        raise SceneError(f"There is no kind of building {style!r}: give apartment or office.")
+    for attempt in range(_MAX_ATTEMPTS):
+        rng = np.random.default_rng([seed, rooms, ("apartment", "office").index(style), attempt])
+        building = _attempt(rooms, style, rng)
+        if building is not None:
+            return building
+    raise SceneError(f"No building of {rooms} rooms was found for seed {seed}: give another seed.")
+
+
+def _attempt(num: int, style: Style, rng: np.random.Generator) -> Building | None:
+    """One try; None if two rooms that should be joined share too short a wall."""
+    kinds = choose_kinds(num, style, rng)
+    clustered = num < 4 or (num <= 8 and rng.random() < (0.45 if style == "apartment" else 0.25))
+    cells = cluster(kinds, rng) if clustered else wings(num, style, kinds, rng)
+    if len(cells) != num or min(min(np.subtract(cell.high_m, cell.low_m)) for cell in cells) < 1.2:
+        return None
+    pairs = _adjacent(cells)
+    joined = _tree(cells, pairs, rng)
+    if joined is None:
+        return None
+    wanted = max(1, num // 6) if num >= 5 else int(num >= 3 and rng.random() < 0.5)
+    extra = [pair for pair in sorted(pairs, key=lambda pair: pairs[pair][3]) if pair not in joined]
+    loops = [pair for pair in extra if not any(KINDS[cells[k].kind].private for k in pair)][:wanted]
+    if num >= 5 and not loops:
+        return None
+    passages = tuple(_passage(cells, pair, pairs[pair], rng) for pair in sorted([*joined, *loops]))
+    return Building(_rooms(cells), passages, style)
+
+
+def _rooms(cells: list[Cell]) -> tuple[PlanRoom, ...]:
+    """The cells' clear floors, each with a name of its own."""
+    total, seen = Counter(cell.kind for cell in cells), Counter[str]()
+    rooms = []
+    for cell in cells:
+        seen[cell.kind] += 1
+        name = cell.kind if total[cell.kind] == 1 else f"{cell.kind} {seen[cell.kind]}"
+        half = WALL_M / 2
+        floor = shapely.box(cell.low_m[0] + half, cell.low_m[1] + half, cell.high_m[0] - half, cell.high_m[1] - half)
+        rooms.append(PlanRoom(name, cell.kind, floor))
+    return tuple(rooms)
+
+
+_Shared = tuple[int, float, tuple[float, float], float]
+"""Axis that a shared wall runs along, its place on the other axis, the stretch both rooms share, reluctance."""
+
+
+def _adjacent(cells: list[Cell]) -> dict[tuple[int, int], _Shared]:
+    """Pairs of cells that share enough wall for a door, with the shared stretch."""
+    pairs: dict[tuple[int, int], _Shared] = {}
+    for i, a in enumerate(cells):
+        for j, b in enumerate(cells[:i]):
+            for axis in (0, 1):
+                across = 1 - axis
+                low = max(a.low_m[axis], b.low_m[axis]) + WALL_M / 2
+                high = min(a.high_m[axis], b.high_m[axis]) - WALL_M / 2
+                if high - low < _DOOR_WIDTHS_M[0] + 2 * _DOOR_MARGIN_M:
+                    continue
+                for line, other in ((a.low_m[across], b.high_m[across]), (a.high_m[across], b.low_m[across])):
+                    if abs(line - other) < 1e-6:
+                        pairs[j, i] = (axis, line, (low, high), _reluctance(b, a))
+    return pairs
+
+
+def _reluctance(a: Cell, b: Cell) -> float:
+    """How little a door between two rooms suggests itself."""
+    kinds = {a.kind, b.kind}
+    if kinds == {"corridor"}:
+        return 0.0
+    if "corridor" in kinds:
+        return 1.0
+    if kinds in ({"living", "kitchen"}, {"living", "dining"}, {"kitchen", "dining"}, {"reception", "lounge"}):
+        return 2.0
+    # Of doors alike, those between large rooms come first; the numbers never tie in practice.
+    return 10.0 * (1 + sum(KINDS[kind].private for kind in (a.kind, b.kind))) - 0.01 * (a.area_m2 + b.area_m2)
+
+
+def _tree(
+    cells: list[Cell], pairs: dict[tuple[int, int], _Shared], rng: np.random.Generator
+) -> set[tuple[int, int]] | None:
+    """Doors that just join all rooms (Kruskal); no way leads through a private room unless there is no other."""
+    reluctance = {
+        pair: shared[3] + (float(rng.uniform(0.0, 4.0)) if shared[3] > 2.0 else 0.0) for pair, shared in pairs.items()
+    }
+    group = list(range(len(cells)))
+    joined: set[tuple[int, int]] = set()
+    entered: set[int] = set()
+    postponed = []
+    for pair in sorted(pairs, key=lambda pair: reluctance[pair]):
+        if any(KINDS[cells[k].kind].private and k in entered for k in pair):
+            postponed.append(pair)
+            continue
+        _join(pair, group, joined, entered)
+    for pair in postponed:
+        _join(pair, group, joined, entered)
+    return joined if len(set(group)) == 1 else None
+
+
+def _join(pair: tuple[int, int], group: list[int], joined: set[tuple[int, int]], entered: set[int]) -> None:
+    """Put a door between two rooms unless a way leads from one to the other already."""
+    i, j = pair
+    if group[i] == group[j]:
+        return
+    joined.add(pair)
+    entered.update(pair)
+    old, new = group[j], group[i]
+    for k, value in enumerate(group):
+        if value == old:
+            group[k] = new
+
+
+def _passage(cells: list[Cell], pair: tuple[int, int], shared: _Shared, rng: np.random.Generator) -> Passage:
+    """An opening in a shared wall: as wide as the corridor between corridors, wide between some rooms, else a door."""
+    axis, line, (low, high), _ = shared
+    a, b = cells[pair[0]], cells[pair[1]]
+    kinds = {a.kind, b.kind}
+    room = high - low - 2 * _DOOR_MARGIN_M
+    width = float(rng.choice(_DOOR_WIDTHS_M))
+    position = float(rng.uniform(0.0, 1.0))
+    if kinds == {"corridor"}:
+        width, position = high - low - 0.1, 0.5
+        room = width
+    elif room >= _WIDE_M[0] and (
+        _reluctance(a, b) == 2.0
+        or ("living" in kinds and not kinds & _CLOSED and rng.random() < 0.5)
+        or kinds == {"reception", "corridor"}
+    ):
+        width = min(room, round(float(rng.uniform(*_WIDE_M)), 2))
+    # Doors mostly lie near a corner, which leaves a long stretch of wall for furniture.
+    position = position**2 if rng.random() < 0.5 else 1.0 - position**2
+    if kinds == {"corridor"}:
+        position = 0.5
+    start = round((low + high - room) / 2 + position * (room - width), 3)
+    first, last = (start, line - WALL_M / 2), (start + width, line + WALL_M / 2)
+    if axis == 1:
+        first, last = first[::-1], last[::-1]
+    return Passage(pair, shapely.box(first[0], first[1], last[0], last[1]))

@@ -1,0 +1,72 @@
+"""Pieces of furniture as the placing sees them: an outline on the floor, and how to draw it when it is wanted.
+
+Drawing is put off, because a top-down map needs outlines only and thousands of them are made to train on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from anm_mj.scene.generation.furniture.quads import Quads
+
+Box = tuple[float, float, float, float]
+"""x_min, y_min, x_max, y_max in the piece's own frame [m]."""
+Manner = Literal["wall", "corner", "middle", "rug", "hang", "window"]
+"""How a piece is put: back to a wall, in a corner, free in the room, on the floor below others, on a wall above what
+stands there, about a window."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One piece, or a few that belong together.
+
+    Its own frame has the back along y = 0 and looks towards -y; pieces for the middle lie about the origin.
+    """
+
+    name: str
+    manner: Manner
+    solids_m: tuple[Box, ...]
+    """What the robot cannot pass, seen from above; the first box counts for all when there is only one."""
+    make: Callable[[], Quads]
+    front_m: float = 0.6
+    """Floor that stays clear before it."""
+    height_m: float = 1.0
+    """What is higher than a window's sill does not stand before one."""
+
+    @property
+    def outline_m(self) -> Box:
+        """The box about all its solids."""
+        boxes = np.array(self.solids_m)
+        low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A piece and where it stands."""
+
+    piece: Piece
+    x_m: float
+    y_m: float
+    yaw_deg: float
+
+    def quads(self) -> Quads:
+        """The piece in the world."""
+        return self.piece.make().placed(self.x_m, self.y_m, self.yaw_deg)
+
+    def corners_m(self) -> Float64[np.ndarray, "n 4 2"]:
+        """Corners of its solids in the world, counter-clockwise."""
+        return np.stack([box_corners(box, self.x_m, self.y_m, self.yaw_deg) for box in self.piece.solids_m])
+
+
+def box_corners(box: Box, x_m: float, y_m: float, yaw_deg: float) -> Float64[np.ndarray, "4 2"]:
+    """Corners of a box that is turned counter-clockwise and then moved."""
+    x0, y0, x1, y1 = box
+    c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    local = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    return local @ np.array([[c, s], [-s, c]]) + (x_m, y_m)

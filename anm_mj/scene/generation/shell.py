@@ -1,0 +1,142 @@
+"""Floors, ceilings, walls, windows and door frames of rooms of any outline."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mapbox_earcut
+import numpy as np
+import shapely
+from jaxtyping import Float64
+from shapely.geometry.polygon import orient
+
+from anm_mj.scene.generation.building import Building, Passage, RoomWall
+from anm_mj.scene.generation.furnish import FurnishedRoom
+from anm_mj.scene.generation.furniture.atlas import Cuts
+from anm_mj.scene.generation.furniture.quads import Material, Quads, join, rectangle
+from anm_mj.scene.generation.furniture.textures import view_outside
+from anm_mj.scene.generation.furniture.wall import (
+    CASING_WIDTH_M,
+    SKIRTING_DEPTH_M,
+    SKIRTING_HEIGHT_M,
+    Hole,
+    around_holes,
+    casing,
+    niche,
+)
+from anm_mj.scene.generation.style import CEILING
+
+_TILE_M = 3.0
+"""Floors that are no rectangle are painted in tiles, so that little is painted in vain [m]."""
+
+
+class Surface:
+    """Quads gathered one after the other, some of them cut."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self._pieces: list[Quads] = []
+        self._num = 0
+        self.cuts: Cuts = {}
+
+    def add(self, piece: Quads, cut: Float64[np.ndarray, "k 3 2"] | None = None) -> None:
+        """Append quads; a cut belongs to a piece of one quad."""
+        if cut is not None:
+            self.cuts[self._num] = cut
+        self._pieces.append(piece)
+        self._num += len(piece.corners_m)
+
+    def quads(self) -> Quads:
+        """Everything so far."""
+        return join(*self._pieces)
+
+
+def add_room_shell(surface: Surface, building: Building, furnished: FurnishedRoom, seed: int) -> None:
+    """Append all that a room has when it is empty."""
+    style, ceiling_m = furnished.style, building.ceiling_m
+    add_level(surface, furnished.room.floor, 0.0, style.floor, up=True)
+    add_level(surface, furnished.room.floor, ceiling_m, CEILING, up=False)
+    for index, wall in enumerate(furnished.walls):
+        _add_wall(surface, wall, building, style.wall, style.trim, seed + 10 * index)
+
+
+def add_passage(surface: Surface, building: Building, passage: Passage, floor: Material, trim: Material) -> None:
+    """Append threshold, lintel and sides of an opening."""
+    add_level(surface, passage.floor, 0.0, floor, up=True)
+    add_level(surface, passage.floor, building.door_height_m, trim, up=False)
+    for jamb in building.jambs(passage):
+        surface.add(jamb.upright(0.0, jamb.length_m, 0.0, building.door_height_m, trim))
+
+
+def add_level(surface: Surface, outline: shapely.Polygon, z_m: float, material: Material, up: bool) -> None:
+    """Append a level surface that is seen from above (a floor) or below (a ceiling)."""
+    for tile in _tiles(outline):
+        x0, y0, x1, y1 = tile.bounds
+        along_x, along_y = (x1 - x0, 0.0, 0.0), (0.0, y1 - y0, 0.0)
+        first, second = (along_x, along_y) if up else (along_y, along_x)
+        # Surface coordinates are world coordinates, so that the pattern runs on from tile to tile.
+        piece = rectangle((x0, y0, z_m), first, second, material, (x0, y0) if up else (y0, x0))
+        if tile.area > 0.9999 * (x1 - x0) * (y1 - y0):
+            surface.add(piece)
+            continue
+        triangles = (_triangulated(tile) - (x0, y0)) / (x1 - x0, y1 - y0)
+        # Seen from below, s runs along y, which turns the triangles round: they are turned back.
+        surface.add(piece, triangles if up else triangles[:, ::-1, ::-1])
+
+
+def _tiles(outline: shapely.Polygon) -> list[shapely.Polygon]:
+    """The outline if it is an upright rectangle, else its parts on a grid."""
+    if outline.area > 0.9999 * shapely.box(*outline.bounds).area:
+        return [outline]
+    x0, y0, x1, y1 = outline.bounds
+    xs = np.linspace(x0, x1, max(1, round((x1 - x0) / _TILE_M)) + 1)
+    ys = np.linspace(y0, y1, max(1, round((y1 - y0) / _TILE_M)) + 1)
+    parts = [
+        part
+        for left, right in pairwise(xs)
+        for low, high in pairwise(ys)
+        for part in shapely.get_parts(shapely.intersection(outline, shapely.box(left, low, right, high)))
+    ]
+    return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 1e-6]
+
+
+def _triangulated(polygon: shapely.Polygon) -> Float64[np.ndarray, "k 3 2"]:
+    """Triangles of a polygon, counter-clockwise."""
+    turned = orient(polygon)
+    rings = [np.asarray(ring.coords)[:-1, :2] for ring in (turned.exterior, *turned.interiors)]
+    points = np.concatenate(rings)
+    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+    triangles = points[mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)]
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    clockwise = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0.0
+    triangles[clockwise] = triangles[clockwise][:, ::-1]
+    return triangles
+
+
+def _add_wall(
+    surface: Surface, room_wall: RoomWall, building: Building, material: Material, trim: Material, seed: int
+) -> None:
+    """Append one wall with everything that belongs to it."""
+    wall, ceiling_m = room_wall.wall, building.ceiling_m
+    doors = [Hole(a, b, 0.0, building.door_height_m) for a, b, door in room_wall.gaps if door]
+    wide = [Hole(a, b, 0.0, ceiling_m) for a, b, door in room_wall.gaps if not door]
+    windows = [Hole(w.start_m, w.end_m, w.z_low_m, w.z_high_m) for w in room_wall.windows]
+    for start, end, low, high in around_holes(wall.length_m, [*doors, *wide, *windows], ceiling_m):
+        if end - start > 1e-6 and high - low > 1e-6:
+            surface.add(wall.upright(start, end, low, high, material))
+    framed = [door for door in doors if door.start_m >= CASING_WIDTH_M and door.end_m <= wall.length_m - CASING_WIDTH_M]
+    for door in framed:
+        for piece in casing(wall, door, trim):
+            surface.add(piece)
+    ends = [0.0]
+    for hole in sorted([*doors, *wide], key=lambda hole: hole.start_m):
+        margin = CASING_WIDTH_M if hole in framed else 0.0
+        ends += [hole.start_m - margin, hole.end_m + margin]
+    ends.append(wall.length_m)
+    for start, end in zip(ends[::2], ends[1::2], strict=True):
+        if end - start > 1e-6:
+            surface.add(wall.block(start, end, 0.0, SKIRTING_HEIGHT_M, SKIRTING_DEPTH_M, trim, "-z +y"))
+    for k, hole in enumerate(windows):
+        pane = view_outside(seed + k, hole.end_m - hole.start_m, hole.z_high_m - hole.z_low_m)
+        for piece in niche(wall, hole, pane, trim):
+            surface.add(piece)

@@ -1,0 +1,63 @@
+"""Windows in the outer walls of rooms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from anm_mj.scene.generation.building import GivenWindow, RoomWall, WindowPlan
+
+_SHARE_M = 2.7
+"""Length of wall that one window is given."""
+_BESIDE_M = 0.2
+"""A given window belongs to walls that run along it within this distance [m]."""
+_HIGH = ("bathroom", "washroom")
+"""Rooms that nobody should look into."""
+_DARK = ("storage", "archive")
+
+
+def with_windows(
+    walls: tuple[RoomWall, ...], kind: str, ceiling_m: float, rng: np.random.Generator
+) -> tuple[RoomWall, ...]:
+    """The same walls with windows where there is nothing behind them."""
+    return tuple(replace(wall, windows=_windows(wall, kind, ceiling_m, rng)) for wall in walls)
+
+
+def with_given_windows(walls: tuple[RoomWall, ...], windows: tuple[GivenWindow, ...]) -> tuple[RoomWall, ...]:
+    """The same walls with those of the plan's windows that lie in them and lead outside."""
+    return tuple(replace(wall, windows=_given(wall, windows)) for wall in walls)
+
+
+def _given(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[WindowPlan, ...]:
+    left, right = np.array(wall.wall.left_m), np.array(wall.wall.right_m)
+    along = (right - left) / wall.wall.length_m
+    across = np.array([-along[1], along[0]])
+    found: list[WindowPlan] = []
+    for window in windows if wall.outer else ():
+        ends = np.array([window.start_m, window.end_m]) - left
+        low, high = sorted(float(value) for value in ends @ along)
+        fits = any(a + 0.02 < low and high < b - 0.02 for a, b in wall.solid(0.1))
+        apart = all(high < other.start_m or low > other.end_m for other in found)
+        if np.abs(ends @ across).max() < _BESIDE_M and high - low > 0.3 and fits and apart:
+            found.append(WindowPlan(low, high, window.z_low_m, window.z_high_m))
+    return tuple(found)
+
+
+def _windows(wall: RoomWall, kind: str, ceiling_m: float, rng: np.random.Generator) -> tuple[WindowPlan, ...]:
+    if not wall.outer or (kind in _DARK and rng.random() < 0.6):
+        return ()
+    high = kind in _HIGH
+    z_low, z_high = (1.45, 2.0) if high else (0.9, min(2.1, ceiling_m - 0.35))
+    windows = []
+    for start, end in wall.solid(0.2):
+        num = 1 if high else int((end - start) // _SHARE_M) or int(end - start > 1.5)
+        share = (end - start) / max(num, 1)
+        if share < 1.45:
+            continue
+        width = round(float(rng.uniform(0.6, 0.8) if high else rng.uniform(0.9, min(1.8, share - 0.5))), 2)
+        shift = float(rng.uniform(-1.0, 1.0)) * min(0.4, (share - width) / 2 - 0.12)
+        for k in range(num):
+            middle = start + (k + 0.5) * share + shift
+            windows.append(WindowPlan(middle - width / 2, middle + width / 2, z_low, z_high))
+    return tuple(windows)

@@ -1,0 +1,110 @@
+"""Floor plans in JSON: which there are, and how one becomes a scene."""
+
+from __future__ import annotations
+
+import json
+import logging
+import zlib
+from pathlib import Path
+from typing import Any
+
+from shapely.errors import ShapelyError
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.folder import Scene
+from anm_mj.scene.generation.building import Building
+from anm_mj.scene.generation.scene import write_building
+from anm_mj.scene.importing.floorplans.houseexpo import is_houseexpo, read_houseexpo
+from anm_mj.scene.importing.floorplans.plan1 import is_plan1, read_plan1
+from anm_mj.scene.importing.floorplans.procthor import is_procthor, read_procthor
+from anm_mj.scene.writer import SceneInfo, check_destination
+
+_logger = logging.getLogger(__name__)
+
+_FORMATS = (
+    ("plan-1", is_plan1, read_plan1),
+    ("ProcTHOR", is_procthor, read_procthor),
+    ("HouseExpo", is_houseexpo, read_houseexpo),
+)
+
+
+def is_floorplan(src: Path) -> bool:
+    """Whether a file is a floor plan in one of the formats that can be read."""
+    if src.suffix.lower() != ".json" or not src.is_file():
+        return False
+    try:
+        plan = json.loads(src.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return any(matches(plan) for _, matches, _ in _FORMATS)
+
+
+def read_floorplan(src: Path) -> Building:
+    """The rooms, passages and windows of a floor plan.
+
+    Raises:
+        SceneError: if the file cannot be read, is no floor plan of a known format, or is damaged.
+    """
+    return _read(src)[1]
+
+
+def import_floorplan(
+    src: Path,
+    out: Path,
+    *,
+    name: str | None = None,
+    licence: str | None = None,
+    source: str | None = None,
+    furniture: bool = True,
+) -> Scene:
+    """Make a scene of a floor plan: walls, doors with lintels, windows and ceilings, furnished by the generator.
+
+    Args:
+        src: The plan.
+        out: The scene folder to make; one already there is replaced.
+        name: Name of the scene; that of the folder by default.
+        licence: Licence of the plan; by default what the plan says, or "unknown".
+        source: Where the plan comes from; by default what it says, and the file's name.
+        furniture: False for empty rooms.
+
+    Raises:
+        SceneError: if the plan cannot be used or the folder cannot be written.
+    """
+    check_destination(out)
+    form, building, plan = _read(src)
+    told = plan.get("source")
+    told = told if isinstance(told, dict) else {}
+    repo = f", {told['repo']}" if "repo" in told else ""
+    info = SceneInfo(
+        name or out.resolve().name,
+        source or f"floor plan {src.name} ({form}{repo})",
+        licence or str(told.get("licence", "unknown")),
+    )
+    _logger.info("%s: %d rooms, %d passages (%s)", src.name, len(building.rooms), len(building.passages), form)
+    # The furniture follows from the file's content, wherever the file lies.
+    return write_building(building, zlib.crc32(src.read_bytes()), info, out, furniture)
+
+
+def _read(src: Path) -> tuple[str, Building, dict[str, Any]]:
+    """Format, building and document."""
+    try:
+        plan = json.loads(src.read_bytes(), parse_constant=_refuse)
+    except OSError as err:
+        raise SceneError(f"{src} cannot be read ({err.strerror}): give the path of a floor plan in JSON.") from err
+    except ValueError as err:
+        raise SceneError(f"{src} is not a JSON document ({err}): give a floor plan in JSON.") from err
+    for form, matches, read in _FORMATS:
+        if matches(plan):
+            try:
+                return form, read(plan), plan
+            except (KeyError, IndexError, TypeError, ValueError, ShapelyError) as err:
+                raise SceneError(
+                    f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): mend or replace it."
+                ) from err
+    names = ", ".join(form for form, _, _ in _FORMATS)
+    raise SceneError(f"{src} is no floor plan of a known format: give one of {names}.")
+
+
+def _refuse(word: str) -> None:
+    """NaN and Infinity are no JSON, though Python reads them, and no coordinates."""
+    raise ValueError(f"it holds {word}")

@@ -1,0 +1,111 @@
+"""Plans of HouseExpo (Li et al., "HouseExpo", IROS 2020): one outline of all free floor, interior walls folded in.
+
+There is no list of rooms or doors: the floor is parted where it is narrow, as it is at doors, and the parts are named
+by the boxes of ``room_category``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float64, Int
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+from skimage.segmentation import watershed
+
+from anm_mj.scene.generation.building import Building
+from anm_mj.scene.importing.floorplans.cells import CellPlan, grid_axes, take_passages, whole_rooms
+from anm_mj.scene.importing.floorplans.kinds import kind_of_word, named_rooms
+from anm_mj.scene.raster import distance_cells, label_components
+
+_CELL_M = 0.05
+_NARROW_M = 1.1
+"""Rooms end where the floor is narrower than this [m]."""
+_MIN_CORE_M2 = 0.05
+_PASSAGE_M = 0.1
+"""Length of passages [m]: inner walls are thin here."""
+
+
+def is_houseexpo(plan: Any) -> bool:
+    """Whether a JSON document is a plan of HouseExpo."""
+    return isinstance(plan, dict) and {"verts", "room_category"} <= plan.keys()
+
+
+def read_houseexpo(plan: Any) -> Building:
+    """The building of a plan.
+
+    Raises:
+        KeyError, TypeError, ValueError: if the plan lacks or misstates something.
+    """
+    outline = shapely.Polygon(np.asarray(plan["verts"], dtype=np.float64))
+    floor = outline if outline.is_valid else shapely.make_valid(outline)
+    if floor.is_empty:
+        raise ValueError("verts enclose no floor")
+    origin, xs, ys = grid_axes(np.array(floor.bounds), _CELL_M)
+    shapely.prepare(floor)
+    free = np.asarray(shapely.contains_xy(floor, *np.meshgrid(xs, ys)), dtype=bool)
+    labels = whole_rooms(_parted(free))
+    plan_cells = CellPlan(labels, origin, _CELL_M)
+    cells, passages = take_passages(plan_cells, _borders(plan_cells), _PASSAGE_M)
+    outlines = [cells.outline(cells.labels == index) for index in range(int(cells.labels.max()) + 1)]
+    kinds = [_kind(outline, plan["room_category"]) for outline in outlines]
+    return Building(named_rooms(outlines, kinds), tuple(passages))
+
+
+def _parted(free: Bool[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
+    """Rooms of a floor: its wide parts, each grown until it meets the next (watershed on the distance to walls)."""
+    distance = distance_cells(np.pad(free, 1))[1:-1, 1:-1] * _CELL_M
+    cores, num = label_components(distance > _NARROW_M / 2)
+    sizes = np.bincount(cores.ravel(), minlength=num + 1)
+    cores[sizes[cores] * _CELL_M**2 < _MIN_CORE_M2] = 0
+    if not cores.any():
+        return np.where(free, 0, -1)
+    grown = watershed(-distance, cores, mask=free)
+    return np.where(grown > 0, grown - 1, -1)
+
+
+def _borders(plan: CellPlan) -> Float64[np.ndarray, "n 2 2"]:
+    """The lines that part two rooms, as segments."""
+    labels, found = plan.labels, []
+    for axis in (0, 1):
+        a, b = (labels[:-1], labels[1:]) if axis == 0 else (labels[:, :-1], labels[:, 1:])
+        rows, cols = np.nonzero((a != b) & (a >= 0) & (b >= 0))
+        if len(rows):
+            pairs = np.sort(np.stack([a[rows, cols], b[rows, cols]], axis=1), axis=1)
+            edge = np.stack([cols + (1.0 if axis else 0.5), rows + (0.5 if axis else 1.0)], axis=1)
+            found.append(np.concatenate([pairs, edge], axis=1))
+    if not found:
+        return np.zeros((0, 2, 2))
+    edges = np.concatenate(found)
+    segments = []
+    for pair in np.unique(edges[:, :2], axis=0):
+        points = edges[(edges[:, :2] == pair).all(axis=1), 2:]
+        near, num = _clusters(points)
+        for k in range(num):
+            middle, spread = points[near == k].mean(axis=0), points[near == k] - points[near == k].mean(axis=0)
+            # A door runs along x or along y, whichever its border extends along more.
+            direction = np.array([1.0, 0.0]) if np.ptp(spread[:, 0]) >= np.ptp(spread[:, 1]) else np.array([0.0, 1.0])
+            reach = np.abs(spread @ direction).max() + 0.5
+            segments.append([middle - reach * direction, middle + reach * direction])
+    return plan.origin_m + np.array(segments) * plan.cell_m
+
+
+def _clusters(points: Float64[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " n"], int]:
+    """Number of the cluster of every point; points within two cells of one another belong together."""
+    tree = KDTree(points)
+    num, labels = connected_components(tree.sparse_distance_matrix(tree, 2.5))
+    return labels.astype(np.int64), int(num)
+
+
+def _kind(outline: shapely.Polygon, categories: dict[str, list[list[float]]]) -> str:
+    """The kind whose box covers most of a room; what no box covers is a corridor."""
+    best, most = "corridor", 0.15 * float(outline.area)
+    for word, boxes in categories.items():
+        for x0, y0, x1, y1 in boxes:
+            covered = float(outline.intersection(shapely.box(x0, y0, x1, y1)).area)
+            kind = kind_of_word(word)
+            if kind is not None and covered > most:
+                best, most = kind, covered
+    return best

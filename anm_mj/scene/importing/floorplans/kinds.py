@@ -1,0 +1,58 @@
+"""What rooms are for, where a plan says it, and where only their shape does."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import shapely
+
+from anm_mj.scene.generation.building import Passage, PlanRoom
+
+_WORDS = {
+    "living": "living", "lounge": "lounge", "kitchen": "kitchen", "dining": "dining", "bed": "bedroom",
+    "child": "child", "kid": "child", "guest": "bedroom", "bath": "bathroom", "toilet": "bathroom",
+    "shower": "bathroom", "hall": "corridor", "corridor": "corridor", "entr": "corridor", "lobby": "reception",
+    "office": "study", "study": "study", "storage": "storage", "closet": "storage", "wardrobe": "storage",
+    "garage": "storage", "boiler": "storage", "laundry": "storage", "gym": "hobby", "hobby": "hobby",
+}  # fmt: skip
+_SMALL_M2, _MEDIUM_M2, _LARGE_M2 = 7.0, 21.0, 38.0
+_CORRIDOR_DOORS = 4
+
+
+def kind_of_word(word: str) -> str | None:
+    """The kind that a plan's own word for a room means, if any."""
+    lower = word.lower()
+    return next((kind for part, kind in _WORDS.items() if part in lower), None)
+
+
+def kind_of_office_room(floor: shapely.Polygon, num_doors: int, index: int) -> str:
+    """What a room of an office building is for, by its size and shape."""
+    area = float(floor.area)
+    # How many times longer than wide a rectangle of the same area and outline would be.
+    width = area / max(float(floor.length) / 2.0, 1e-6)
+    length = area / max(width, 1e-6)
+    if num_doors >= _CORRIDOR_DOORS or (length > 4.5 * width and num_doors > 1):
+        return "corridor" if area < 150.0 or width < 2.5 else "lounge"
+    if area < _SMALL_M2:
+        return ("storage", "washroom", "archive")[index % 3]
+    if area < _MEDIUM_M2:
+        return ("office", "office", "meeting", "office", "break room")[index % 5]
+    if area < _LARGE_M2:
+        return ("meeting", "laboratory", "office", "reception")[index % 4]
+    return ("open office", "laboratory", "lounge", "open office")[index % 4]
+
+
+def named_rooms(floors: list[shapely.Polygon], kinds: list[str]) -> tuple[PlanRoom, ...]:
+    """Rooms with names of their own: the kind, numbered where there are several."""
+    total, seen = Counter(kinds), Counter[str]()
+    rooms = []
+    for floor, kind in zip(floors, kinds, strict=True):
+        seen[kind] += 1
+        rooms.append(PlanRoom(kind if total[kind] == 1 else f"{kind} {seen[kind]}", kind, floor))
+    return tuple(rooms)
+
+
+def doors_of(num_rooms: int, passages: list[Passage]) -> np.ndarray:
+    """Number of passages of every room."""
+    return np.bincount([room for passage in passages for room in passage.rooms], minlength=num_rooms)

@@ -1,0 +1,73 @@
+"""Floor plans of schema plan-1: rooms, doors as segments, walls and floor as polygons, all in metres."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from anm_mj.scene.generation.building import Building
+from anm_mj.scene.importing.floorplans.cells import CellPlan, fill_nearest, grid_axes, take_passages, whole_rooms
+from anm_mj.scene.importing.floorplans.kinds import doors_of, kind_of_office_room, named_rooms
+
+_CELL_M = 0.0625
+"""Plans are drawn on this grid: walls follow it exactly [m]."""
+_PASSAGE_M = 0.2
+"""Length of passages [m]: walls are about as thick."""
+
+
+def is_plan1(plan: Any) -> bool:
+    """Whether a JSON document is a plan of this schema."""
+    return isinstance(plan, dict) and plan.get("schema") == "plan-1"
+
+
+def read_plan1(plan: Any) -> Building:
+    """The building of a plan.
+
+    Raises:
+        KeyError, TypeError, ValueError: if the plan lacks or misstates something.
+    """
+    floors = [_polygon(room) for room in plan["rooms"]]
+    origin, xs, ys = grid_axes(shapely.total_bounds(floors), _CELL_M)
+    grid = tuple(np.meshgrid(xs, ys))
+    labels = np.full((len(ys), len(xs)), -1)
+    for index, floor in enumerate(floors):
+        labels[_inside(floor, grid)] = index
+    walls = shapely.union_all([_polygon(wall) for wall in plan["walls"]])
+    # Rooms were simplified one by one: what lies between two of them and in no wall belongs to the nearer.
+    near, solid, core = (
+        _inside(region, grid)
+        for region in (shapely.union_all(floors).buffer(2 * _CELL_M), walls, walls.buffer(-0.4 * _CELL_M))
+    )
+    free = ((labels >= 0) | (near & ~solid)) & ~core
+    cells = CellPlan(whole_rooms(fill_nearest(labels, free)), origin, _CELL_M)
+    doors = np.array([[door["p0"], door["p1"]] for door in plan["doors"]], dtype=np.float64).reshape(-1, 2, 2)
+    cells, passages = take_passages(cells, doors, _PASSAGE_M)
+    outlines = [cells.outline(cells.labels == index) for index in range(int(cells.labels.max()) + 1)]
+    num_doors = doors_of(len(outlines), passages)
+    kinds = [kind_of_office_room(floor, int(num_doors[k]), k) for k, floor in enumerate(outlines)]
+    return Building(
+        named_rooms(outlines, kinds),
+        tuple(passages),
+        "office",
+        float(plan.get("wall_height", 2.7)),
+        float(plan.get("door_height", 2.1)),
+    )
+
+
+def _inside(region: Any, grid: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Which points of a grid lie in a region."""
+    # Without this every point is held against every edge.
+    shapely.prepare(region)
+    return np.asarray(shapely.contains_xy(region, *grid), dtype=bool)
+
+
+def _polygon(entry: dict[str, Any]) -> shapely.Polygon:
+    """An outline with its holes, mended where it crosses itself."""
+    polygon = shapely.Polygon(entry["exterior"], entry.get("holes", []))
+    mended = polygon if polygon.is_valid else shapely.make_valid(polygon)
+    parts = [part for part in shapely.get_parts(mended) if isinstance(part, shapely.Polygon)]
+    if not parts:
+        raise ValueError("an outline encloses nothing")
+    return max(parts, key=lambda part: part.area)

@@ -1,0 +1,82 @@
+"""Houses of ProcTHOR (Deitke et al., "ProcTHOR", NeurIPS 2022): rooms, doors and windows of their JSON.
+
+Unity's axes are left-handed with y up, so (x, z) seen from above is (x, y) here. The furniture refers to assets that
+are not part of the file; the rooms are furnished by the generator instead.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float64
+
+from anm_mj.scene.generation.building import Building, GivenWindow, Passage
+from anm_mj.scene.generation.layout import WALL_M
+from anm_mj.scene.importing.floorplans.kinds import kind_of_word, named_rooms
+
+
+def is_procthor(plan: Any) -> bool:
+    """Whether a JSON document is a house of ProcTHOR."""
+    return (
+        isinstance(plan, dict)
+        and {"rooms", "walls", "doors"} <= plan.keys()
+        and "floorPolygon" in str(plan["rooms"])[:5000]
+    )
+
+
+def read_procthor(plan: Any) -> Building:
+    """The building of a house.
+
+    Raises:
+        KeyError, TypeError, ValueError: if the house lacks or misstates something.
+    """
+    rooms = plan["rooms"]
+    index = {room["id"]: k for k, room in enumerate(rooms)}
+    # The walls have no thickness in the file; half of ours is taken from either room.
+    floors = [
+        shapely.Polygon([(point["x"], point["z"]) for point in room["floorPolygon"]]).buffer(
+            -WALL_M / 2, join_style="mitre"
+        )
+        for room in rooms
+    ]
+    if not all(isinstance(floor, shapely.Polygon) and floor.area > 0.5 for floor in floors):
+        raise ValueError("a room's floorPolygon is too small or crosses itself")
+    walls = {wall["id"]: np.array([[p["x"], p["y"], p["z"]] for p in wall["polygon"]], float) for wall in plan["walls"]}
+    passages, door_height_m = [], 2.05
+    for door in plan["doors"]:
+        a, b = index.get(door["room0"]), index.get(door["room1"])
+        if a is None or b is None or a == b:
+            continue
+        p, q, _, top = _opening(door, walls)
+        along = (q - p) / np.linalg.norm(q - p)
+        across = WALL_M / 2 * np.array([-along[1], along[0]])
+        passages.append(Passage((a, b), shapely.Polygon([p - across, q - across, q + across, p + across])))
+        door_height_m = max(door_height_m, min(top, 2.2))
+    windows = []
+    for window in plan.get("windows", []):
+        p, q, low, top = _opening(window, walls)
+        windows.append(GivenWindow((float(p[0]), float(p[1])), (float(q[0]), float(q[1])), low, top))
+    ceiling_m = max(float(wall[:, 1].max()) for wall in walls.values())
+    kinds = [kind_of_word(str(room.get("roomType", ""))) or "living" for room in rooms]
+    return Building(
+        named_rooms(floors, kinds),
+        tuple(passages),
+        "apartment",
+        ceiling_m,
+        min(door_height_m, ceiling_m - 0.1),
+        tuple(windows),
+    )
+
+
+def _opening(
+    entry: Any, walls: dict[str, Float64[np.ndarray, "k 3"]]
+) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"], float, float]:
+    """Ends of an opening in the world [m], and its lower and upper edge."""
+    corners = walls[entry["wall0"]]
+    # The first two corners of a wall are its ends at the floor; holes are measured from the first.
+    start, end = corners[0, [0, 2]], corners[1, [0, 2]]
+    along = (end - start) / np.linalg.norm(end - start)
+    low, high = entry["holePolygon"][0], entry["holePolygon"][1]
+    return start + low["x"] * along, start + high["x"] * along, float(low["y"]), float(high["y"])

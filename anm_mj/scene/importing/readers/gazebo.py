@@ -1,0 +1,276 @@
+"""Reads Gazebo worlds (SDF): models, includes, meshes and simple shapes, as they look when the world is opened.
+
+Lights, plug-ins, joints and physics are left out; what moves stands still. A ground plane, which is endless or a
+hundred metres wide, is cut to what stands on it. The unit of a COLLADA mesh is applied and its up axis is not, as
+Gazebo does.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.content import Content
+from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
+from anm_mj.scene.importing.readers.model_path import find_uri, model_file, search_folders
+from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.sdf_material import Look, Materials, painted
+from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, pose_of, state_poses
+from anm_mj.scene.importing.readers.sdf_shape import plane_part, shape_part
+from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
+from anm_mj.scene.submesh import Part, merge_geometry, transformed
+
+_FOLDER = "anm_mj_folder"
+"""Attribute that remembers the folder of the file an element came from; relative paths start there."""
+_MAX_DEPTH = 16
+_FAR_M = 1000.0
+"""A saved world may hold objects that have fallen off it; nothing indoors is so far from the origin [m]."""
+_WIDE_M = 20.0
+"""A level plane wider than this is the ground [m]."""
+_COVERED = 0.5
+_SUNK_M = 0.02
+"""A ground plane lies so much lower where a floor of the world's own covers most of it, so that the two do not flicker
+through one another [m]."""
+
+_NO_MODEL = (
+    "Not found: the models {names}, which are left out; give the folders that hold them with --model-path, "
+    "or in GZ_SIM_RESOURCE_PATH or GAZEBO_MODEL_PATH."
+)
+_NO_MESH = "Not found: the meshes {names}, which are left out."
+_BAD_MESH = "Left out, because they cannot be read: {names}."
+_NO_SHAPE = "Left out, because such shapes cannot be imported: {names}."
+_FALLEN = "Left out, because they lie more than 1 km away: {names}."
+_SCALED = "Not applied: the scale in the saved state of {names}."
+
+
+def is_gazebo(src: Path) -> bool:
+    """Whether a file is a Gazebo world or model, or a folder a Gazebo model."""
+    if src.is_dir():
+        return (src / "model.config").is_file() and model_file(src) is not None
+    return src.suffix.lower() in (".world", ".sdf")
+
+
+def read_gazebo(src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
+    """The first world of an SDF file, or its models if it has none.
+
+    Raises:
+        SceneError: if the file is no SDF, holds nothing that can be drawn, or poses that lead nowhere.
+    """
+    file = model_file(src)
+    if file is None:
+        raise SceneError(f"{src} is no Gazebo model: it holds neither model.config nor model.sdf.")
+    reader = _Reader(search_folders(file, model_paths), notes)
+    parts = reader.read(file)
+    if not parts:
+        raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
+    models = ", ".join(sorted(reader.models))
+    source = f"Gazebo world {file.name}" + (f" with the models {models}" if models else "")
+    return Content(parts, source, up="z", up_certainty=float("inf"), scale=1.0)
+
+
+class _Reader:
+    """Gathers the parts of one world."""
+
+    def __init__(self, folders: list[Path], notes: Notes) -> None:
+        self.models: set[str] = set()
+        """Names of the model folders that were used."""
+        self._folders = folders
+        self._notes = notes
+        self._materials = Materials(folders, notes)
+        self._meshes: dict[Path, list[Part]] = {}
+        self._parts: list[Part] = []
+        self._grounds: list[tuple[Part, Look]] = []
+
+    def read(self, file: Path) -> list[Part]:
+        """Everything that can be drawn of a file's world, in world coordinates [m]."""
+        root = _parse(file)
+        if root.tag != "sdf":
+            raise SceneError(f"{file} is no SDF file: it begins with <{root.tag}>, not <sdf>.")
+        world = root.find("world")
+        if world is None:
+            world = root
+        world.extend(deepcopy(list(world.findall("state/insertions/model"))))
+        for child in list(world):
+            self._expand(world, child, file.absolute().parent, 0)
+        for scaled in world.findall("state//model"):
+            if numbers(scaled.find("scale"), 3, (1.0, 1.0, 1.0)) != (1.0, 1.0, 1.0):
+                self._notes.add(_SCALED, scaled.get("name", "a model"))
+        self._read_scope(Scope(world, np.eye(4), state_poses(world), ""))
+        return self._parts + [part for ground in self._grounds for part in self._cut_ground(*ground)]
+
+    def _expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
+        """Put the model that an <include> names in its place, and mark models with the folder they came from."""
+        if depth > _MAX_DEPTH:
+            raise SceneError(
+                f"Models are included in one another more than {_MAX_DEPTH} deep: does one include itself?"
+            )
+        if child.tag == "include":
+            self._include(parent, child, folder, depth)
+        elif child.tag == "model":
+            child.set(_FOLDER, str(folder))
+            for inner in list(child):
+                self._expand(child, inner, folder, depth + 1)
+
+    def _include(self, parent: ET.Element, include: ET.Element, folder: Path, depth: int) -> None:
+        """Replace an <include> by its model, under the name and pose that the <include> gives."""
+        at = list(parent).index(include)
+        parent.remove(include)
+        uri = (include.findtext("uri") or "").strip()
+        name = uri.rstrip("/").rpartition("/")[2] or uri
+        found = find_uri(uri, folder, self._folders)
+        file = None if found is None else model_file(found)
+        if file is None:
+            if name == "ground_plane":
+                parent.insert(at, _ground_plane())
+            # Gazebo's sun is a light.
+            elif name != "sun":
+                self._notes.add(_NO_MODEL, name)
+            return
+        root = _parse(file)
+        model = next((root.find(tag) for tag in ("model", "world/model") if root.find(tag) is not None), None)
+        # A file may hold a light or an actor instead.
+        if model is None:
+            return
+        self.models.add(file.parent.name)
+        if include.findtext("name"):
+            model.set("name", (include.findtext("name") or "").strip())
+        if include.get("placement_frame") or include.findtext("placement_frame"):
+            model.set("placement_frame", include.get("placement_frame") or include.findtext("placement_frame") or "")
+        pose, stated = include.find("pose"), model.find("pose")
+        if pose is not None:
+            if stated is not None:
+                model.remove(stated)
+            model.append(pose)
+        parent.insert(at, model)
+        self._expand(parent, model, file.absolute().parent, depth + 1)
+
+    def _read_scope(self, scope: Scope) -> None:
+        """Gather the parts of a world or model, and of the models in it."""
+        for child in scope.element:
+            if child.tag == "model":
+                inner = scope.inner(child)
+                if np.abs(inner.T_world_scope[:3, 3]).max() > _FAR_M:
+                    self._notes.add(_FALLEN, child.get("name", "a model"))
+                else:
+                    self._read_scope(inner)
+            elif child.tag == "link":
+                folder = Path(scope.element.get(_FOLDER, "."))
+                for visual in child.findall("visual"):
+                    self._read_visual(visual, scope, scope.place(child), folder)
+            elif child.tag in ("actor", "population", "road"):
+                self._notes.add(_NO_SHAPE, f"<{child.tag}> {child.get('name', '')}".strip())
+
+    def _read_visual(
+        self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path
+    ) -> None:
+        """Gather the parts of one <visual>."""
+        shape = next(iter(visual.findall("geometry/*")), None)
+        if shape is None or shape.tag == "empty" or numbers(visual.find("transparency"), 1, (0.0,))[0] >= 1.0:
+            return
+        pose = visual.find("pose")
+        relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
+        T_world_visual = (scope.frame(relative_to) if relative_to else T_world_link) @ pose_of(visual)
+        look = self._materials.look(visual.find("material"), folder)
+        name = f"{scope.element.get('name', 'model')}_{visual.get('name', 'visual')}"
+
+        def stand(part: Part) -> Part:
+            return transformed(part, T_world_visual[:3, :3], T_world_visual[:3, 3])
+
+        if shape.tag == "mesh":
+            for part in self._mesh_parts(shape, folder):
+                self._parts.append(stand(part if look is None else painted(part, look)))
+            return
+        look = Look(PLAIN_RGB) if look is None else look
+        if shape.tag == "plane":
+            width, depth = numbers(shape.find("size"), 2, (1.0, 1.0))
+            normal = np.array(numbers(shape.find("normal"), 3, (0.0, 0.0, 1.0)))
+            plane = stand(plane_part((width, depth), normal, name))
+            if max(width, depth) > _WIDE_M and level_mask(plane.vertices_m[plane.faces]).all():
+                self._grounds.append((plane, look))
+            else:
+                self._parts.append(painted(plane, look))
+            return
+        part = shape_part(shape, name)
+        if part is None:
+            self._notes.add(_NO_SHAPE, f"<{shape.tag}> of {name}")
+        else:
+            self._parts.append(stand(painted(part, look)))
+
+    def _mesh_parts(self, shape: ET.Element, folder: Path) -> Iterator[Part]:
+        """The parts of a <mesh>, scaled; none, with a note, where they cannot be had."""
+        uri = (shape.findtext("uri") or "").strip()
+        path = find_uri(uri, folder, self._folders)
+        if path is None or not path.is_file():
+            self._notes.add(_NO_MESH, uri.partition("://")[2] or uri)
+            return
+        if path not in self._meshes:
+            try:
+                self._meshes[path] = read_mesh(path, self._notes)
+            except SceneError as err:
+                self._notes.add(_BAD_MESH, f"{path.name} ({str(err).removeprefix(str(path)).strip()})")
+                self._meshes[path] = []
+        parts = self._meshes[path]
+        wanted = (shape.findtext("submesh/name") or "").strip()
+        if wanted:
+            parts = [part for part in parts if _same_name(part.name, wanted)]
+            if not parts:
+                self._notes.add(_NO_MESH, f"{wanted} in {path.name}")
+        if parts and (shape.findtext("submesh/center") or "").strip().lower() in ("true", "1"):
+            vertices, faces = merge_geometry(parts)
+            low, high = vertices[faces].reshape(-1, 3).min(axis=0), vertices[faces].reshape(-1, 3).max(axis=0)
+            parts = [transformed(part, np.eye(3), -(low + high).astype(np.float64) / 2.0) for part in parts]
+        scale = np.diag(numbers(shape.find("scale"), 3, (1.0, 1.0, 1.0)))
+        yield from (transformed(part, scale) for part in parts)
+
+    def _cut_ground(self, ground: Part, look: Look) -> list[Part]:
+        """A ground plane cut to what stands on it, and lowered a little under a floor of the world's own."""
+        if not self._parts:
+            return [painted(ground, look)]
+        vertices, faces = merge_geometry(self._parts)
+        triangles = vertices[faces]
+        low, high = triangles.reshape(-1, 3).min(axis=0)[:2], triangles.reshape(-1, 3).max(axis=0)[:2]
+        own = ground.vertices_m
+        low, high = np.maximum(low, own[:, :2].min(axis=0)), np.minimum(high, own[:, :2].max(axis=0))
+        if (high <= low).any():
+            return []
+        z_m = float(own[:, 2].mean())
+        grid = grid_over(np.stack([low, high]), 0.1)
+        floor = rasterise(clip_to_slab(triangles[level_mask(triangles)], z_m - _SUNK_M, z_m + _SUNK_M), grid)
+        if floor.mean() > _COVERED:
+            z_m -= _SUNK_M
+        part = plane_part((float(high[0] - low[0]), float(high[1] - low[1])), np.array([0.0, 0.0, 1.0]), ground.name)
+        part = transformed(part, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
+        share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
+        # The texture keeps its size on the ground.
+        return [painted(replace(part, uv=None if part.uv is None else part.uv * share), look)]
+
+
+def _parse(file: Path) -> ET.Element:
+    """The root element of an XML file."""
+    try:
+        return ET.parse(file).getroot()
+    except ET.ParseError as err:
+        raise SceneError(f"{file} is damaged or no SDF file ({err}): mend it or save the world again.") from err
+    except (OSError, ValueError, LookupError) as err:
+        raise SceneError(f"{file} cannot be read ({err}): check its permissions and its encoding.") from err
+
+
+def _ground_plane() -> ET.Element:
+    """Gazebo's own ground plane, for where Gazebo is not installed."""
+    return ET.fromstring(
+        '<model name="ground_plane"><link name="link"><visual name="visual"><geometry><plane><normal>0 0 1</normal>'
+        "<size>100 100</size></plane></geometry></visual></link></model>"
+    )
+
+
+def _same_name(part: str, wanted: str) -> bool:
+    """Whether a part read from a mesh file is the submesh of a name; exporters append words of their own."""
+    part, wanted = part.lower(), wanted.lower()
+    return part == wanted or part.removeprefix(wanted).startswith(("-", "_", "."))

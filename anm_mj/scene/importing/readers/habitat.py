@@ -1,0 +1,242 @@
+"""Reads scenes that are composed of a stage and objects: ReplicaCAD, HSSD and others that Habitat has datasets of.
+
+A .scene_instance.json names templates and says where each stands, y up and in metres. A template is a .glb, found by
+its name in the dataset's folder, or a .json beside it that says which .glb to show and how it is turned. Articulated
+objects stand in their rest pose.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.content import UNKNOWN_LICENCE, Content
+from anm_mj.scene.importing.readers.mesh import read_mesh
+from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.sdf_pose import quaternion_matrix
+from anm_mj.scene.importing.readers.urdf import read_urdf
+from anm_mj.scene.submesh import Part, merge_geometry, transformed
+
+_SCENE_SUFFIX = ".scene_instance.json"
+_DATASET_SUFFIX = ".scene_dataset_config.json"
+_TEMPLATE_SUFFIXES = (".stage_config.json", ".object_config.json", ".ao_config.json", ".glb", ".gltf", ".urdf")
+"""What a template's file may end with, most telling first."""
+
+_NO_TEMPLATE = "Not found in the dataset's folder: {names}, which are left out."
+_BAD_TEMPLATE = "Left out, because they cannot be read: {names}."
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset whose scenes are composed."""
+
+    name: str
+    """Name of the kind."""
+    title: str
+    licence: str
+    prefix: str
+    """How the name of its .scene_dataset_config.json begins, in small letters."""
+
+
+DATASETS = (
+    Dataset("hssd", "Habitat Synthetic Scenes Dataset (HSSD)", "CC BY-NC 4.0", "hssd"),
+    Dataset("replicacad", "ReplicaCAD", "CC BY 4.0", "replicacad"),
+    Dataset("habitat", "Habitat dataset", UNKNOWN_LICENCE, ""),
+)
+"""The last one takes all others."""
+
+
+def is_scene_instance(src: Path, dataset: Dataset) -> bool:
+    """Whether a file is a scene of a dataset."""
+    if not (src.is_file() and src.name.endswith(_SCENE_SUFFIX)):
+        return False
+    config = _dataset_config(src)
+    return not dataset.prefix or (config is not None and config.name.lower().startswith(dataset.prefix))
+
+
+def dataset_reader(dataset: Dataset) -> Callable[[Path, Sequence[Path], Notes], Content]:
+    """The reader of a dataset, as kinds have them."""
+
+    def read(src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
+        return read_scene_instance(dataset, src, model_paths, notes)
+
+    return read
+
+
+def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
+    """The stage and objects of one scene, each where it stands.
+
+    Raises:
+        SceneError: if the file is no scene, or lies outside a dataset's folder, or nothing of it is there.
+    """
+    if not (src.is_file() and src.name.endswith(_SCENE_SUFFIX)):
+        raise SceneError(f"{src} is no scene of a {dataset.title}: give one of its *{_SCENE_SUFFIX} files.")
+    config = _dataset_config(src)
+    if config is None and not model_paths:
+        raise SceneError(
+            f"{src} lies in no dataset: give a file below the folder that holds *{_DATASET_SUFFIX}, or name that "
+            "folder with --model-path."
+        )
+    folders = [*model_paths, *([] if config is None else [config.parent])]
+    scene = _read_json(src)
+    try:
+        placements = _placements(scene)
+    except (TypeError, ValueError, KeyError, AttributeError) as err:
+        raise SceneError(f"{src} is damaged or no Habitat scene ({err}): download it again.") from err
+    templates = _Templates(folders, {placement.template for placement in placements}, notes)
+    parts = [part for placement in placements for part in templates.placed(placement)]
+    if not parts:
+        raise SceneError(f"Nothing that {src} names is in {folders[0]}: download the dataset's stages and objects.")
+    title = (
+        dataset.title if config is None or dataset.prefix else f"dataset {config.name.removesuffix(_DATASET_SUFFIX)}"
+    )
+    return Content(
+        parts,
+        source=f"{title}, scene {src.name.removesuffix(_SCENE_SUFFIX)}",
+        licence=dataset.licence,
+        up="y",
+        up_certainty=float("inf"),
+        scale=1.0,
+    )
+
+
+def _dataset_config(src: Path) -> Path | None:
+    """The configuration of the dataset that a scene lies in."""
+    for folder in src.absolute().parents:
+        found = sorted(folder.glob(f"*{_DATASET_SUFFIX}"))
+        if found:
+            return found[0]
+    return None
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file."""
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as err:
+        raise SceneError(f"{path} cannot be read ({err}): download it again.") from err
+    if not isinstance(entries, dict):
+        raise SceneError(f"{path} is no Habitat scene: its JSON is not an object.")
+    return entries
+
+
+@dataclass(frozen=True, eq=False)
+class _Placement:
+    """One instance of a template."""
+
+    template: str
+    """The template's name, without folders."""
+    rotation: Float64[np.ndarray, "3 3"]
+    translation_m: Float64[np.ndarray, "3"]
+    scale: Float64[np.ndarray, "3"]
+    by_centre: bool
+    """Whether ``translation_m`` is where the middle of the object's bounding box is, rather than its origin."""
+
+
+def _placements(scene: dict[str, Any]) -> list[_Placement]:
+    """All instances of a scene, the stage first."""
+    # Habitat's default is the centre of mass, which it takes from the bounding box.
+    usual = str(scene.get("translation_origin", "com"))
+    entries = [(scene["stage_instance"], "asset_local")] if scene.get("stage_instance") else []
+    entries += [(entry, usual) for entry in scene.get("object_instances", [])]
+    entries += [(entry, "asset_local") for entry in scene.get("articulated_object_instances", [])]
+    placements = []
+    for entry, origin in entries:
+        scale = np.ones(3) * float(entry.get("uniform_scale", 1.0))
+        scale = scale * np.asarray(entry.get("non_uniform_scale", (1.0, 1.0, 1.0)), dtype=np.float64)
+        translation = np.asarray(entry.get("translation", (0.0, 0.0, 0.0)), dtype=np.float64)
+        w, x, y, z = (float(value) for value in entry.get("rotation", (1.0, 0.0, 0.0, 0.0)))
+        if scale.shape != (3,) or translation.shape != (3,) or not np.isfinite([*scale, *translation]).all():
+            raise ValueError(f"{entry['template_name']} has no proper translation or scale")
+        # Instances of an articulated object have origins of their own kind.
+        if origin != "asset_local":
+            origin = str(entry.get("translation_origin", origin)).lower()
+        name = str(entry["template_name"]).rpartition("/")[2]
+        placements.append(_Placement(name, quaternion_matrix((w, x, y, z)), translation, scale, origin == "com"))
+    return placements
+
+
+class _Templates:
+    """The templates of one scene, each read once."""
+
+    def __init__(self, folders: Sequence[Path], names: set[str], notes: Notes) -> None:
+        self._files = _find_templates(folders, names)
+        self._notes = notes
+        self._parts: dict[str, list[Part]] = {}
+
+    def placed(self, placement: _Placement) -> list[Part]:
+        """The parts of an instance, in the scene (y up) [m]; none, with a note, where they cannot be had."""
+        if placement.template not in self._parts:
+            self._parts[placement.template] = self._read(placement.template)
+        parts = self._parts[placement.template]
+        if not parts:
+            return []
+        shift = placement.translation_m
+        matrix = placement.rotation * placement.scale
+        if placement.by_centre:
+            vertices, faces = merge_geometry(parts)
+            used = vertices[faces].reshape(-1, 3)
+            shift = shift - matrix @ (used.min(axis=0) + used.max(axis=0)) / 2.0
+        return [transformed(part, matrix, shift) for part in parts]
+
+    def _read(self, name: str) -> list[Part]:
+        """The parts of a template as it is made, turned to y up."""
+        path = self._files.get(name)
+        if path is None:
+            self._notes.add(_NO_TEMPLATE, name)
+            return []
+        try:
+            if path.suffix == ".urdf":
+                return read_urdf(path, self._notes)
+            if path.suffix != ".json":
+                return read_mesh(path, self._notes)
+            config = _read_json(path)
+            asset = config.get("urdf_filepath") or config.get("render_asset") or ""
+            asset_path = path.parent / str(asset)
+            if not asset or not asset_path.is_file():
+                self._notes.add(_NO_TEMPLATE, Path(str(asset)).name or name)
+                return []
+            if asset_path.suffix == ".urdf":
+                return read_urdf(asset_path, self._notes)
+            turn = _upright(config) * np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
+            turn = turn * float(config.get("units_to_meters", 1.0))
+            return [transformed(part, turn) for part in read_mesh(asset_path, self._notes)]
+        except (SceneError, TypeError, ValueError) as err:
+            self._notes.add(_BAD_TEMPLATE, f"{name} ({err})")
+            return []
+
+
+def _upright(config: dict[str, Any]) -> Float64[np.ndarray, "3 3"]:
+    """Rotation from the axes of an asset, whose ``up`` and ``front`` its configuration states, to y up and -z front."""
+    up = np.asarray(config.get("up", (0.0, 1.0, 0.0)), dtype=np.float64)
+    front = np.asarray(config.get("front", (0.0, 0.0, -1.0)), dtype=np.float64)
+    if up.shape != (3,) or front.shape != (3,) or np.linalg.norm(np.cross(front, up)) < 1e-6:
+        raise ValueError("its up and front are no two directions")
+    up = up / np.linalg.norm(up)
+    right = np.cross(front, up) / np.linalg.norm(np.cross(front, up))
+    return np.stack([right, up, np.cross(right, up)])
+
+
+def _find_templates(folders: Sequence[Path], names: set[str]) -> dict[str, Path]:
+    """The file of every template that is somewhere below the folders."""
+    found: dict[str, tuple[int, Path]] = {}
+    for folder in folders:
+        for parent, below, files in os.walk(folder):
+            below.sort()
+            for file in sorted(files):
+                suffix = next((suffix for suffix in _TEMPLATE_SUFFIXES if file.endswith(suffix)), None)
+                name = file.removesuffix(suffix or "")
+                if suffix is None or name not in names:
+                    continue
+                rank = _TEMPLATE_SUFFIXES.index(suffix)
+                if name not in found or rank < found[name][0]:
+                    found[name] = (rank, Path(parent) / file)
+    return {name: path for name, (_, path) in found.items()}

@@ -1,0 +1,195 @@
+"""How a visual of an SDF file looks: one colour or one texture.
+
+Gazebo lights its scenes; here a surface shows its diffuse colour as it is. In falling order: the albedo map of a PBR
+material, the diffuse colour, the material script's texture or diffuse colour, the ambient colour.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from anm_mj.scene.importing.readers.model_path import find_uri
+from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.sdf_pose import numbers
+from anm_mj.scene.importing.readers.texture_file import MISSING, find_texture, read_texture
+from anm_mj.scene.importing.readers.texture_limit import flat_coloured
+from anm_mj.scene.submesh import Part
+
+_UNKNOWN_SCRIPT = "Not found: the materials {names}; what is made of them comes out grey."
+
+Rgb = tuple[float, float, float]
+
+_GAZEBO_RGB: dict[str, Rgb] = {
+    "Black": (0.0, 0.0, 0.0),
+    "Blue": (0.0, 0.0, 1.0),
+    "Bricks": (0.55, 0.33, 0.26),
+    "CeilingTiled": (0.85, 0.85, 0.83),
+    "DarkGray": (0.175, 0.175, 0.175),
+    "DarkGrey": (0.175, 0.175, 0.175),
+    "DarkYellow": (0.7, 0.7, 0.0),
+    "FlatBlack": (0.1, 0.1, 0.1),
+    "Gold": (0.8, 0.65, 0.25),
+    "Grass": (0.25, 0.40, 0.17),
+    "Gray": (0.7, 0.7, 0.7),
+    "Green": (0.0, 1.0, 0.0),
+    "Grey": (0.7, 0.7, 0.7),
+    "Indigo": (0.33, 0.0, 0.5),
+    "LightWood": (0.80, 0.65, 0.45),
+    "Orange": (1.0, 0.51, 0.05),
+    "PaintedWall": (0.80, 0.78, 0.72),
+    "Purple": (1.0, 0.0, 1.0),
+    "Red": (1.0, 0.0, 0.0),
+    "Residential": (0.75, 0.70, 0.62),
+    "Road": (0.30, 0.30, 0.30),
+    "SkyBlue": (0.13, 0.44, 0.70),
+    "Turquoise": (0.0, 1.0, 1.0),
+    "White": (1.0, 1.0, 1.0),
+    "Wood": (0.61, 0.45, 0.28),
+    "WoodFloor": (0.58, 0.42, 0.27),
+    "WoodPallet": (0.65, 0.52, 0.36),
+    "Yellow": (1.0, 1.0, 0.0),
+    "ZincYellow": (0.97, 0.95, 0.21),
+}
+"""Colours of Gazebo's own materials, for worlds imported where Gazebo is not installed; of those with a texture, a
+colour like it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """How a surface looks."""
+
+    rgb: Rgb
+    texture: UInt8[np.ndarray, "h w 3"] | None = None
+    uv_scale: tuple[float, float] = (1.0, 1.0)
+    """How often the texture repeats from 0 to 1."""
+
+
+class Materials:
+    """Reads the materials of one world; every script and texture once."""
+
+    def __init__(self, folders: Sequence[Path], notes: Notes) -> None:
+        """Materials that name files in model folders, best first."""
+        self._folders = folders
+        self._notes = notes
+        self._textures: dict[Path, UInt8[np.ndarray, "h w 3"] | None] = {}
+        self._scripts: dict[Path, dict[str, _Script]] = {}
+
+    def look(self, material: ET.Element | None, folder: Path) -> Look | None:
+        """The look that a <material> in a file of ``folder`` gives; None where it gives none.
+
+        Raises:
+            SceneError: if a colour is no numbers.
+        """
+        if material is None:
+            return None
+        albedo = material.find("pbr/*/albedo_map")
+        diffuse, ambient = _colour(material.find("diffuse")), _colour(material.find("ambient"))
+        if albedo is not None and (albedo.text or "").strip():
+            texture = self._texture((albedo.text or "").strip(), [folder], folder)
+            if texture is not None:
+                return Look((1.0, 1.0, 1.0), texture)
+        if diffuse is not None:
+            return Look(diffuse)
+        script = material.find("script")
+        if script is not None and (script.findtext("name") or "").strip():
+            return self._scripted(script, folder) or (None if ambient is None else Look(ambient))
+        return None if ambient is None else Look(ambient)
+
+    def _scripted(self, script: ET.Element, folder: Path) -> Look | None:
+        """The look of a material script, or None if it is not there and unknown."""
+        name = (script.findtext("name") or "").strip()
+        uris = [find_uri(uri.text or "", folder, self._folders) for uri in script.findall("uri")]
+        places = [place for place in uris if place is not None]
+        files = [
+            file for place in places for file in ([place] if place.is_file() else sorted(place.glob("*.material")))
+        ]
+        for file in files:
+            found = self._script_file(file).get(name)
+            if found is not None and found.texture is not None:
+                texture = self._texture(found.texture, [*places, file.parent], folder)
+                if texture is not None:
+                    return Look((1.0, 1.0, 1.0), texture, found.uv_scale)
+            if found is not None and found.diffuse is not None:
+                return Look(found.diffuse)
+        plain = re.sub(r"(Glow|TransparentOverlay|Transparent|Bright)$", "", name.rpartition("/")[2])
+        if name.startswith("Gazebo/") and plain in _GAZEBO_RGB:
+            return Look(_GAZEBO_RGB[plain])
+        self._notes.add(_UNKNOWN_SCRIPT, name)
+        return None
+
+    def _texture(self, name: str, places: list[Path], folder: Path) -> UInt8[np.ndarray, "h w 3"] | None:
+        """The texture of that name or URI; None, with a note, if it is not there or cannot be decoded."""
+        path = find_uri(name, folder, self._folders) if "://" in name else None
+        for place in places:
+            path = path or find_texture(name, place if place.is_dir() else place.parent)
+        if path is not None and path.is_file():
+            if path not in self._textures:
+                self._textures[path] = read_texture(path)
+            if self._textures[path] is not None:
+                return self._textures[path]
+        self._notes.add(MISSING, name.rpartition("/")[2])
+        return None
+
+    def _script_file(self, path: Path) -> dict[str, _Script]:
+        """The materials of a script file."""
+        if path not in self._scripts:
+            self._scripts[path] = read_script(path.read_text(errors="replace"))
+        return self._scripts[path]
+
+
+@dataclass(frozen=True)
+class _Script:
+    """What is used of an OGRE material."""
+
+    diffuse: Rgb | None
+    texture: str | None
+    uv_scale: tuple[float, float]
+
+
+def read_script(text: str) -> dict[str, _Script]:
+    """The materials of an OGRE material script, by name: the first diffuse colour and texture of each."""
+    text = re.sub(r"/\*.*?\*/|//[^\n]*", "", text, flags=re.DOTALL)
+    materials: dict[str, _Script] = {}
+    for head in re.finditer(r"\bmaterial\s+(\"[^\"]+\"|\S+)(?:\s*:\s*(\S+))?\s*\{", text):
+        depth, end = 1, head.end()
+        while depth and end < len(text):
+            depth += {"{": 1, "}": -1}.get(text[end], 0)
+            end += 1
+        body, base = text[head.end() : end], materials.get((head[2] or "").strip('"'))
+        diffuse = re.search(r"\bdiffuse\s+([\d.eE+-]+)\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body)
+        texture = re.search(r"\btexture\s+(\S+)", body)
+        scale = re.search(r"\bscale\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body)
+        found = base or _Script(None, None, (1.0, 1.0))
+        if diffuse is not None:
+            found = replace(found, diffuse=(float(diffuse[1]), float(diffuse[2]), float(diffuse[3])))
+        if texture is not None:
+            found = replace(found, texture=texture[1])
+        if scale is not None and float(scale[1]) and float(scale[2]):
+            # OGRE's scale is that of the picture: half its size shows it twice.
+            found = replace(found, uv_scale=(1.0 / float(scale[1]), 1.0 / float(scale[2])))
+        materials[head[1].strip('"')] = found
+    return materials
+
+
+def painted(part: Part, look: Look) -> Part:
+    """A part with another look; a texture on a part without texture coordinates becomes its mean colour."""
+    if look.texture is None:
+        return replace(part, rgb=look.rgb, texture=None, tiled=False)
+    uv = np.zeros((len(part.vertices_m), 2)) if part.uv is None or part.tiled else part.uv * look.uv_scale
+    textured = replace(part, rgb=look.rgb, uv=uv, texture=look.texture, tiled=False)
+    return flat_coloured(textured) if part.uv is None or part.tiled else textured
+
+
+def _colour(element: ET.Element | None) -> Rgb | None:
+    """The red, green and blue of a colour, in 0..1."""
+    if element is None:
+        return None
+    red, green, blue = (min(1.0, max(0.0, value)) for value in numbers(element, 3, (0.0, 0.0, 0.0)))
+    return red, green, blue

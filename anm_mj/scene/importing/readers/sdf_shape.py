@@ -1,0 +1,92 @@
+"""The simple shapes of SDF and URDF as parts: boxes, spheres, cylinders and their kin, about their own origin [m]."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from jaxtyping import Float64
+
+from anm_mj.scene.importing.readers.sdf_pose import numbers
+from anm_mj.scene.submesh import Part
+
+_SECTIONS = 32
+"""A round shape gets so many faces around."""
+
+
+def shape_part(shape: ET.Element, name: str) -> Part | None:
+    """The part of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape.
+
+    Boxes have texture coordinates from 0 to 1 on every face.
+
+    Raises:
+        SceneError: if its measures are no numbers.
+    """
+    import trimesh
+
+    def number(tag: str, default: float) -> float:
+        return numbers(shape.find(tag), 1, (default,))[0]
+
+    if shape.tag == "box":
+        x, y, z = numbers(shape.find("size"), 3, (1.0, 1.0, 1.0))
+        return box_part((x, y, z), name)
+    if shape.tag == "sphere":
+        mesh = trimesh.creation.icosphere(subdivisions=3, radius=number("radius", 1.0))
+    elif shape.tag == "ellipsoid":
+        mesh = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+        mesh.apply_scale(numbers(shape.find("radii"), 3, (1.0, 1.0, 1.0)))
+    elif shape.tag == "cylinder":
+        mesh = trimesh.creation.cylinder(number("radius", 0.5), number("length", 1.0), sections=_SECTIONS)
+    elif shape.tag == "capsule":
+        mesh = trimesh.creation.capsule(number("length", 1.0), number("radius", 0.5), count=(_SECTIONS, _SECTIONS))
+        # SDF's is about its middle.
+        mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    elif shape.tag == "cone":
+        length = number("length", 1.0)
+        mesh = trimesh.creation.cone(number("radius", 0.5), length, sections=_SECTIONS)
+        mesh.apply_translation([0.0, 0.0, -length / 2.0])
+    elif shape.tag == "polyline":
+        return _extruded(shape, name)
+    else:
+        return None
+    return Part(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
+
+
+def box_part(size_m: tuple[float, float, float], name: str) -> Part:
+    """A box about the origin, each face with its own corners and texture coordinates from 0 to 1."""
+    square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    vertices, uv = [], []
+    for axis in range(3):
+        for side in (1.0, -1.0):
+            corners = np.empty((4, 3))
+            corners[:, axis] = 0.5 * side
+            # Seen from outside, the corners go round to the left.
+            corners[:, (axis + 1) % 3], corners[:, (axis + 2) % 3] = side * square[:, 0], square[:, 1]
+            vertices.append(corners)
+            # On every wall u runs to the right and v up.
+            turned = np.column_stack([-side * square[:, 1], side * square[:, 0]])
+            uv.append((turned if axis == 1 else square) + 0.5)
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(6)])
+    return Part(name, np.concatenate(vertices) * size_m, faces, uv=np.concatenate(uv))
+
+
+def plane_part(size_m: tuple[float, float], normal: Float64[np.ndarray, "3"], name: str) -> Part:
+    """A rectangle about the origin, with texture coordinates from 0 to 1."""
+    import trimesh
+
+    square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    corners = np.column_stack([square * size_m, np.zeros(4)])
+    rotation = np.asarray(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal))[:3, :3]
+    return Part(name, corners @ rotation.T, np.array([[0, 1, 2], [0, 2, 3]]), uv=square + 0.5)
+
+
+def _extruded(shape: ET.Element, name: str) -> Part | None:
+    """A <polyline>: an outline pulled up to a height; None if it encloses nothing or crosses itself."""
+    import trimesh
+    from shapely.geometry import Polygon
+
+    points = [numbers(point, 2, (0.0, 0.0)) for point in shape.findall("point")]
+    if len(points) < 3 or not Polygon(points).is_valid:
+        return None
+    mesh = trimesh.creation.extrude_polygon(Polygon(points), numbers(shape.find("height"), 1, (1.0,))[0])
+    return Part(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))

@@ -1,0 +1,106 @@
+"""Finds and reads the images that mesh files refer to, under whatever path they were written with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image
+from trimesh.resolvers import FilePathResolver
+
+from anm_mj.scene.importing.readers.notes import Notes
+
+MAX_TEXTURE_PX = 1024
+"""At the robot's image size, larger textures cost memory and time and look worse (they alias)."""
+
+MISSING = "Not found: {names}; surfaces that need them come out plain."
+
+
+class MeshNeighbours(FilePathResolver):
+    """Serves the files that a mesh file names to trimesh, and notes those that are nowhere.
+
+    A name is looked for as it stands, with backslashes turned, and by its last part beside the mesh and where Gazebo
+    models keep their textures.
+    """
+
+    def __init__(self, mesh: Path, notes: Notes) -> None:
+        super().__init__(str(mesh), allow_anywhere=True)
+        self._folder = mesh.absolute().parent
+        self._notes = notes
+        self.missed = False
+        """Whether a file was asked for that is nowhere."""
+
+    def get(self, name: str) -> bytes:
+        """Bytes of a named file.
+
+        Raises:
+            FileNotFoundError: if it is nowhere.
+        """
+        path = find_texture(name, self._folder)
+        if path is None:
+            self.missed = True
+            self._notes.add(MISSING, Path(name.replace("\\", "/")).name)
+            raise FileNotFoundError(name)
+        return path.read_bytes()
+
+    def namespaced(self, namespace: str) -> MeshNeighbours:
+        """The same for the files of a subfolder."""
+        return MeshNeighbours(self._folder / namespace / "_", self._notes)
+
+
+def find_texture(name: str, folder: Path) -> Path | None:
+    """The file that a mesh or material in ``folder`` means by ``name``, or None."""
+    name = unquote(name.strip()).replace("\\", "/")
+    last = Path(name).name
+    places = [folder / name, folder / name.lstrip("/"), folder / last]
+    places += [folder.parent / below / last for below in ("materials/textures", "textures", "materials", "meshes")]
+    return next((place for place in places if place.is_file()), None) if last else None
+
+
+def read_texture(path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
+    """An image file as RGB of at most 1024 px a side, or None if it cannot be decoded."""
+    try:
+        with Image.open(path) as image:
+            return shrunk(image)
+    # Pillow raises whatever a decoder stumbles over.
+    except Exception:
+        return None
+
+
+def shrunk(image: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
+    """An image as RGB of at most 1024 px a side; the opacity channel is dropped."""
+    largest = max(image.size)
+    if largest > MAX_TEXTURE_PX:
+        # A JPEG that is not decoded yet is decoded at a fraction of its size, which saves most of the memory.
+        image.draft("RGB", (MAX_TEXTURE_PX, MAX_TEXTURE_PX))
+    rgb = image.convert("RGB")
+    return resized(np.array(rgb), MAX_TEXTURE_PX)
+
+
+def resized(texture: UInt8[np.ndarray, "h w 3"], side_px: int) -> UInt8[np.ndarray, "rows cols 3"]:
+    """A texture whose larger side is at most ``side_px``."""
+    largest = max(texture.shape[:2])
+    if largest <= side_px:
+        return texture
+    height, width = (max(1, round(side * side_px / largest)) for side in texture.shape[:2])
+    return np.array(Image.fromarray(texture).resize((width, height), Image.Resampling.LANCZOS))
+
+
+class TextureStore:
+    """Decoded textures of one mesh file, each once; the stored image is let go as soon as it is decoded."""
+
+    def __init__(self) -> None:
+        self._textures: dict[int, UInt8[np.ndarray, "h w 3"]] = {}
+        # An image that were freed could lend its id to another.
+        self._images: list[Any] = []
+
+    def texture(self, image: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
+        """The texture of an image."""
+        if id(image) not in self._textures:
+            self._textures[id(image)] = shrunk(image)
+            self._images.append(image)
+            image.close()
+        return self._textures[id(image)]

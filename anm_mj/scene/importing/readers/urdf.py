@@ -1,0 +1,98 @@
+"""Reads what a URDF file shows of an object: its visual meshes and shapes with all joints at zero."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
+from anm_mj.scene.importing.readers.model_path import find_uri
+from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.sdf_pose import rpy_matrix
+from anm_mj.scene.importing.readers.sdf_shape import box_part, shape_part
+from anm_mj.scene.submesh import Part, transformed
+
+_NO_MESH = "Not found: the meshes {names}, which are left out."
+
+
+def read_urdf(path: Path, notes: Notes) -> list[Part]:
+    """Parts of an object in the frame of its root link [m].
+
+    Raises:
+        SceneError: if the file is no URDF, a joint names a link that is not there, or a mesh cannot be read.
+    """
+    try:
+        robot = ET.parse(path).getroot()
+    except (OSError, ValueError, LookupError, ET.ParseError) as err:
+        raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
+    joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}
+    parts = []
+    for link in robot.findall("link"):
+        T_root_link, name, seen = np.eye(4), link.get("name", ""), set()
+        while name in joints and name not in seen:
+            seen.add(name)
+            T_root_link = _origin(joints[name]) @ T_root_link
+            name = _named(joints[name], "parent", "link")
+        for visual in link.findall("visual"):
+            T_root_visual = T_root_link @ _origin(visual)
+            for part in _visual_parts(visual, path, notes):
+                parts.append(transformed(part, T_root_visual[:3, :3], T_root_visual[:3, 3]))
+    return parts
+
+
+def _named(element: ET.Element, tag: str, attribute: str) -> str:
+    """An attribute of a child element; empty if there is none."""
+    child = element.find(tag)
+    return "" if child is None else child.get(attribute, "")
+
+
+def _origin(element: ET.Element) -> Float64[np.ndarray, "4 4"]:
+    """The <origin> of a joint or visual."""
+    origin = element.find("origin")
+    matrix = np.eye(4)
+    if origin is not None:
+        roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"), 3)
+        matrix[:3, :3] = rpy_matrix(roll, pitch, yaw)
+        matrix[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)
+    return matrix
+
+
+def _visual_parts(visual: ET.Element, path: Path, notes: Notes) -> list[Part]:
+    """The parts of a <visual>, about its own origin."""
+    shape = next(iter(visual.findall("geometry/*")), None)
+    if shape is None:
+        return []
+    colour = visual.find("material/color")
+    red, green, blue = PLAIN_RGB if colour is None else _numbers(colour.get("rgba", ""), 3)
+    if shape.tag == "mesh":
+        file = find_uri(shape.get("filename", ""), path.absolute().parent, [])
+        if file is None or not file.is_file():
+            notes.add(_NO_MESH, shape.get("filename", ""))
+            return []
+        scale = np.diag(_numbers(shape.get("scale", "1 1 1"), 3))
+        return [transformed(part, scale) for part in read_mesh(file, notes)]
+    if shape.tag == "box":
+        x, y, z = _numbers(shape.get("size", ""), 3)
+        part = box_part((x, y, z), path.stem)
+    else:
+        # URDF keeps in attributes what SDF keeps in elements.
+        as_sdf = ET.Element(shape.tag)
+        for key, value in shape.items():
+            ET.SubElement(as_sdf, key).text = value
+        part = shape_part(as_sdf, path.stem)
+    return [] if part is None else [Part(part.name, part.vertices_m, part.faces, (red, green, blue))]
+
+
+def _numbers(text: str, count: int) -> tuple[float, ...]:
+    """So many numbers of a text."""
+    try:
+        values = tuple(float(word) for word in text.split()[:count])
+    except ValueError:
+        values = ()
+    if len(values) < count:
+        raise SceneError(f"{text!r} should be {count} numbers: mend the URDF file.")
+    return values

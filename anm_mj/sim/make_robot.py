@@ -1,0 +1,122 @@
+"""Makes the robot that a run drives: the one place that knows scene, simulator and drives.
+
+mujoco is imported when a robot is made and not before, because by then its GL back-end must have been chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from anm_mj.config import DRIVES, POSES
+from anm_mj.control.robot_config import DEFAULT_ROBOT, RobotConfig, robot_path
+from anm_mj.errors import RobotError, SceneError
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear
+from anm_mj.sim.gl import select_backend
+from anm_mj.types import Footprint, Pose2
+
+if TYPE_CHECKING:
+    from anm_mj.scene.folder import Scene
+    from anm_mj.sim.robot import SimRobot
+
+FOOTPRINT = DEFAULT_FOOTPRINT
+"""Of the robot in ``models/diff_drive``."""
+_PREFIX = "robot/"
+
+
+def make_robot(
+    scene: Scene,
+    *,
+    start: Pose2 | None = None,
+    drive: str = "kinematic",
+    image_px: int = 256,
+    robot: str | Path = DEFAULT_ROBOT,
+    config: RobotConfig | None = None,
+    pose: str = "true",
+    seed: int = 0,
+) -> SimRobot:
+    """A simulated robot in a scene, standing at its start.
+
+    Args:
+        scene: the world.
+        start: where the robot stands first; the scene's first start pose when None.
+        drive: one of ``DRIVES``.
+        image_px: width and height of the camera's pictures [px].
+        robot: one of our own by its name, or an MJCF file.
+        config: names of the robot's parts, noise of its encoders.
+        pose: one of ``POSES``: what observations say about where the robot stands.
+        seed: of the encoders' noise.
+
+    Returns:
+        The robot; close it when done.
+
+    Raises:
+        SceneError: if the scene cannot be built, or the start pose is outside it or touches something.
+        RobotError: if there is no such drive or robot, or the robot lacks a part.
+        RenderError: if the GL back-end that the user has set does not work.
+    """
+    if drive not in DRIVES:
+        raise RobotError(f'There is no drive "{drive}"; choose one of {", ".join(DRIVES)}.')
+    if pose not in POSES:
+        raise RobotError(f'There is no pose source "{pose}"; choose one of {", ".join(POSES)}.')
+    if image_px < 1:
+        raise RobotError(f"A camera of {image_px} x {image_px} px sees nothing; image_px must be positive, e.g. 256.")
+    path, config = robot_path(str(robot)), config or RobotConfig()
+    backend = select_backend()
+    import mujoco
+
+    from anm_mj.control.clearance import Clearance
+    from anm_mj.control.kinematic_drive import KinematicDrive
+    from anm_mj.control.odometry import Odometer
+    from anm_mj.control.physics_drive import PhysicsDrive
+    from anm_mj.control.robot_description import describe_robot
+    from anm_mj.control.robot_model import RobotModel
+    from anm_mj.scene.build import build_model
+    from anm_mj.sim.camera_factory import make_camera
+    from anm_mj.sim.robot import SimRobot
+
+    description = describe_robot(path, config)
+    start = _start_pose(scene, start, description.footprint)
+    model = build_model(
+        scene, description.spec, robot_name=description.name, robot_hash=description.hash, prefix=_PREFIX
+    )
+    data = mujoco.MjData(model)
+    odometer = Odometer(RobotModel.of(description), noise=config.wheel_noise, seed=seed)
+    if drive == "kinematic":
+        clearance = Clearance(*scene.triangles(), description.footprint)
+        wheels = KinematicDrive(model, data, description, clearance, odometer=odometer, prefix=_PREFIX)
+    else:
+        wheels = PhysicsDrive(model, data, description, odometer=odometer, prefix=_PREFIX)
+    wheels.place(start)
+    camera_name = _PREFIX + description.camera
+    camera = make_camera(model, camera_name, image_px, image_px, cull_face=scene.cull_face, backend=backend)
+    T_base_camera = description.T_base_camera if pose == "odometry" else None
+    return SimRobot(model, data, camera, wheels, description.footprint, T_base_camera, robot_hash=description.hash)
+
+
+def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:
+    """The start that was asked for, or the scene's first.
+
+    Raises:
+        SceneError: if it is no place to stand.
+    """
+    if start is None:
+        if not scene.starts:
+            raise SceneError(f"Scene {scene.name} names no start pose; give one (x, y, yaw).")
+        start = scene.starts[0]
+    where = f"({start.x_m:g} m, {start.y_m:g} m, {math.degrees(start.yaw_rad):g} deg)"
+    low, high = scene.bounds_m[:, :2]
+    if not (low <= start.xy_m).all() or not (start.xy_m <= high).all():
+        raise SceneError(
+            f"The start pose {where} lies outside scene {scene.name}, which reaches from ({low[0]:g} m, {low[1]:g} m) "
+            f"to ({high[0]:g} m, {high[1]:g} m); choose one within{_clear_starts(scene)}."
+        )
+    require_clear(scene, start, footprint)
+    return start
+
+
+def _clear_starts(scene: Scene) -> str:
+    """Start poses known to be clear, as the end of an error message."""
+    known = ", ".join(f"({p.x_m:g}, {p.y_m:g}, {math.degrees(p.yaw_rad):g})" for p in scene.starts[:3])
+    return f", for example {known} (m, m, deg)" if known else ""

@@ -1,0 +1,75 @@
+"""The command, on a room that is in order and on one whose walls have one side."""
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from anm_mj.cli.main import main
+from anm_mj.scene.folder import read_scene_folder
+from anm_mj.scene.submesh import Part
+from anm_mj.scene.writer import SceneInfo, write_scene
+from anm_mj.types import Pose2
+from tests.scene.shapes import room
+
+
+def _write(mesh: trimesh.Trimesh, folder, starts=None):
+    part = Part("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+    return write_scene([part], SceneInfo("room", "tests", "CC0", cull_face=True), folder, starts)
+
+
+def test_a_room_in_order(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = _write(room(), tmp_path / "room")
+    assert main(["scene", "check", str(scene.folder)]) == 0
+    said = capsys.readouterr().out
+    assert "rooms: 1, of 2" in said
+    assert "front sides are drawn" in said
+    assert "100.000% of pixels within 1 mm" in said or "99.9" in said
+    with Image.open(tmp_path / "room_check.png") as sheet:
+        assert sheet.size[0] > 500
+    assert read_scene_folder(scene.folder).cull_face
+
+
+def test_walls_seen_from_behind_are_mended(tmp_path, capsys):
+    inside_out = room()
+    inside_out.invert()
+    scene = _write(inside_out, tmp_path / "room")
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.png")]) == 0
+    assert "both sides are drawn (mended" in capsys.readouterr().out
+    assert not read_scene_folder(scene.folder).cull_face
+
+
+def test_an_unusable_scene_ends_with_status_1_and_a_sentence(tmp_path, capsys):
+    scene = _write(room(), tmp_path / "room", starts=(Pose2(0.0, 0.0, 0.0),))
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.png")]) == 1
+    assert "start poses is clear" in capsys.readouterr().err
+
+
+def test_a_scene_that_is_not_there_ends_with_status_2(capsys):
+    assert main(["scene", "check", "nowhere"]) == 2
+    assert "There is no scene" in capsys.readouterr().err
+
+
+def test_a_sheet_that_cannot_be_written_is_named(tmp_path, capsys):
+    scene = _write(room(), tmp_path / "room")
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "missing" / "sheet.png")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_a_sheet_is_a_png_under_whatever_name(tmp_path):
+    scene = _write(room(), tmp_path / "room")
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.of")]) == 0
+    with Image.open(tmp_path / "sheet.of") as sheet:
+        assert sheet.format == "PNG"
+
+
+@pytest.mark.parametrize(("file", "says"), [("broken.png", "texture"), ("000_walls.msh", "cannot be compiled")])
+def test_a_damaged_asset_ends_with_status_2_and_one_line(tmp_path, capsys, file, says):
+    scene = _write(room(), tmp_path / "room")
+    (scene.folder / "assets" / file).write_bytes(b"damaged")
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.png")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert says in said
+    assert "import" in said
+    assert "\n" not in said

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+import trimesh
+
+from anm_mj.scene.importing.canonical_axes import covered_share, find_floor, find_scale, find_up, rotation_to_z_up
+from tests.scene.shapes import box, room, table, to_y_up, two_rooms
+
+
+def _triangles(mesh):
+    return np.asarray(mesh.vertices[mesh.faces])
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.01, 0.001])
+@pytest.mark.parametrize("size_m", [(3.0, 4.0, 2.5), (19.0, 11.4, 3.0), (57.0, 25.0, 3.4), (12.0, 10.0, 5.6)])
+def test_the_unit_is_found_from_the_size_of_a_building(size_m, unit):
+    assert find_scale(np.array(size_m) / unit) == unit
+
+
+@pytest.mark.parametrize("preferred", ["y", "z"])
+@pytest.mark.parametrize("mesh", [room(3.0, 4.0, 2.5), two_rooms(), room(8.0, 8.0, 3.0, ceiling=False)])
+def test_the_up_axis_is_found_whatever_is_usual(mesh, preferred):
+    assert find_up(_triangles(mesh), preferred) == "z"
+    assert find_up(_triangles(to_y_up(mesh)), preferred) == "y"
+
+
+def test_a_cube_without_evidence_keeps_the_usual_axis():
+    cube = _triangles(room(2.5, 2.5, 2.5))
+    assert find_up(cube, "y") == "y"
+    assert find_up(cube, "z") == "z"
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z"])
+def test_rotations_are_proper_and_put_the_axis_up(up):
+    rotation = rotation_to_z_up(up)
+    assert np.isclose(np.linalg.det(rotation), 1.0)
+    assert np.allclose(rotation @ np.eye(3)["xyz".index(up)], [0.0, 0.0, 1.0])
+
+
+def test_a_gltf_scene_keeps_x_and_turns_minus_z_into_y():
+    assert np.allclose(rotation_to_z_up("y") @ [1.0, 2.0, 3.0], [1.0, -3.0, 2.0])
+
+
+@pytest.mark.parametrize("height", [-1.3, 0.0, 0.7])
+def test_the_floor_is_the_top_of_its_slab(height):
+    mesh = trimesh.util.concatenate([room(), table(2.0, 1.0), table(4.0, 2.5)])
+    mesh.apply_translation([0.0, 0.0, height])
+    floor = find_floor(_triangles(mesh))
+    assert floor is not None
+    assert floor.z_m == pytest.approx(height, abs=1e-6)
+
+
+def test_the_floor_of_a_thin_slab_is_its_top_too():
+    mesh = trimesh.util.concatenate([box((0.0, 0.0, -0.03), (6.0, 4.0, 0.0)), box((0.0, 0.0, 0.0), (0.1, 4.0, 2.5))])
+    floor = find_floor(_triangles(mesh))
+    assert floor is not None
+    assert floor.z_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_pit_below_the_floor_and_a_rug_on_it_do_not_count():
+    mesh = trimesh.util.concatenate([room(), box((1.0, 1.0, -0.5), (2.0, 2.0, -0.4)), box((3, 1, 0), (4.0, 3.0, 0.03))])
+    floor = find_floor(_triangles(mesh))
+    assert floor is not None
+    assert floor.z_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_of_two_storeys_the_lower_is_taken():
+    upper = room()
+    upper.apply_translation([0.0, 0.0, 2.6])
+    floor = find_floor(_triangles(trimesh.util.concatenate([room(), upper])))
+    assert floor is not None
+    assert floor.z_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_ceiling_is_seen_and_open_sky_is_too():
+    assert covered_share(_triangles(room())) > 0.95
+    # Only the tops of the walls.
+    assert covered_share(_triangles(room(ceiling=False))) < 0.2
+
+
+def test_walls_alone_have_no_floor():
+    assert find_floor(_triangles(box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))[[0]] * [1.0, 0.0, 1.0]) is None

@@ -1,0 +1,23 @@
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anm_mj.utils.memory import return_freed
+
+
+def resident_mib() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_what_was_freed_below_a_block_in_use_goes_back_to_the_system():
+    # Blocks too small for pages of their own, with one in use above them.
+    freed = [np.ones(2**13) for _ in range(1500)]
+    kept = np.ones(2**13)
+    before = resident_mib()
+    del freed
+    return_freed()
+    assert resident_mib() < before - 50.0
+    assert kept.all()
