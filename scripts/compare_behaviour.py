@@ -33,22 +33,27 @@ WORDING = frozenset({"reason"})
 
 def record(
     out: Annotated[Path, tyro.conf.Positional],
-    program: Path = Path(sys.executable).with_name("anm-mj"),
+    program: Path | None = None,
     steps: int = 80,
+    only: tuple[str, ...] = (),
 ) -> None:
     """Make the runs.
 
     Args:
         out: folder for one run folder each.
-        program: the ``anm-mj`` of the checkout to be recorded.
+        program: the ``anm-mj`` of the checkout to be recorded; by default the one beside this Python.
         steps: budget of each run.
+        only: names of the runs to make, such as ``home-gvg-physics``; all by default.
     """
     for k, (scene, policy) in enumerate(itertools.product(SCENES, POLICIES)):
-        # Scenes and policies alternate independently, so that each of both meets each drive.
+        # Shifted by one from scene to scene, so that every policy meets both drives.
         drive = DRIVES[(k // len(POLICIES) + k) % 2]
         folder = out / f"{scene}-{policy}-{drive}"
+        if only and folder.name not in only:
+            continue
         options = ["--policy", policy, "--drive", drive, "--steps", str(steps), "--out", str(folder)]
-        subprocess.run([program, "explore", scene, *options], check=True, stdout=subprocess.DEVNULL)
+        explore = [program or Path(sys.executable).with_name("anm-mj"), "explore", scene, *options]
+        subprocess.run(explore, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         print(folder.name)
 
 
