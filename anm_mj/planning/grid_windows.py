@@ -1,4 +1,4 @@
-"""Parts of a grid: rectangles that an update has to look at, and what lies next to something."""
+"""Rectangular windows of a grid, and the dilation of masks."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 Window = tuple[slice, slice]
-"""Rows and columns of a part."""
+"""Rows and columns of a rectangle of cells."""
 
 
-def clipped(first: Int[np.ndarray, 2], last: Int[np.ndarray, 2], shape: tuple[int, ...]) -> Window:
-    """The part from one row and column up to before others, as far as the map goes."""
+def clamp(first: Int[np.ndarray, 2], last: Int[np.ndarray, 2], shape: tuple[int, ...]) -> Window:
+    """The window from ``[row, col]`` ``first`` up to, not including, ``last``, clamped to the grid's shape."""
     a, b = (slice(min(max(int(f), 0), n), min(max(int(e), 0), n)) for f, e, n in zip(first, last, shape, strict=True))
     return a, b
 
 
 def bounds(mask: Bool[np.ndarray, "rows cols"], window: Window) -> list[Window]:
-    """The smallest part of a window that holds all of a mask over it: at most one, none when the mask is empty."""
+    """The bounding box of a mask over a window: one window, or none when the mask is empty."""
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return []
@@ -24,26 +24,26 @@ def bounds(mask: Bool[np.ndarray, "rows cols"], window: Window) -> list[Window]:
     return [(slice(r + int(rows[0]), r + int(rows[-1]) + 1), slice(c + int(cols[0]), c + int(cols[-1]) + 1))]
 
 
-def hull(windows: list[Window]) -> Window:
-    """The smallest window that holds some others."""
+def union(windows: list[Window]) -> Window:
+    """The smallest window that contains all of these."""
     a, b = (slice(min(w[k].start for w in windows), max(w[k].stop for w in windows)) for k in (0, 1))
     return a, b
 
 
-def grown(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
-    """A window with so many more cells on all sides, as far as there are any."""
+def dilate(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
+    """A window extended by ``cells`` on all sides, clamped to the grid's shape."""
     a, b = (slice(max(s.start - cells, 0), min(s.stop + cells, n)) for s, n in zip(window, shape, strict=True))
     return a, b
 
 
 def relative_to(inner: Window, outer: Window) -> Window:
-    """A window in the cells of another one."""
+    """``inner`` in the coordinates of ``outer``."""
     a, b = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
     return a, b
 
 
-def next_to(mask: Bool[np.ndarray, "*cells"]) -> Bool[np.ndarray, "*cells"]:
-    """Cells in a mask or with a face neighbour in it."""
+def dilate_mask(mask: Bool[np.ndarray, "*cells"]) -> Bool[np.ndarray, "*cells"]:
+    """A mask and its face neighbours."""
     near = mask.copy()
     for axis in range(mask.ndim):
         ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(1, None), slice(None, -1)))

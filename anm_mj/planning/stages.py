@@ -34,8 +34,8 @@ from anm_mj.utils.stopwatch import Stopwatch
 
 SHORT_WAY_M = 1.0
 """On longer ways than this the robot may have looked anywhere [m]."""
-TRAIL_SPACING_M = 0.2
-"""Distance between the places that a way leaves in the trail [m]."""
+TRAJECTORY_SPACING_M = 0.2
+"""Distance between the places that a way leaves in the trajectory [m]."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Stages:
                 decisions = decision_vertices(graph, contract(graph, kept))
                 room = np.full(len(graph.vertex_xy_m), -1)
                 if self._with_rooms:
-                    room = find_rooms(graph, topdown, self.topdown.trail_xy_m[0]).room
+                    room = find_rooms(graph, topdown, self.topdown.trajectory_xy_m[0]).room
             with watch.stage("regions"):
                 radius = self.config.region_radius_m
                 self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
@@ -149,10 +149,12 @@ class Stages:
         return ends.min(axis=0) + corners.min(axis=0), ends.max(axis=0) + corners.max(axis=0)
 
     def _follow_way(self, pose: Pose2) -> None:
-        """Add the part of the last way that lies behind the robot to the trail."""
+        """Add the part of the last way that lies behind the robot to the trajectory."""
         legs = list(zip(self._way_xy_m[:-1], self._way_xy_m[1:], strict=True))
         points = [
-            a + t * (b - a) for a, b in legs for t in np.arange(0.0, 1.0, TRAIL_SPACING_M / max(math.dist(a, b), 1e-9))
+            a + t * (b - a)
+            for a, b in legs
+            for t in np.arange(0.0, 1.0, TRAJECTORY_SPACING_M / max(math.dist(a, b), 1e-9))
         ]
         if points:
             gone = int(np.argmin(np.linalg.norm(np.array(points) - pose.xy_m, axis=1)))

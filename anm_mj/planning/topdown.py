@@ -22,7 +22,7 @@ from scipy import ndimage
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
-from anm_mj.planning.grid_windows import Window, bounds, clipped, grown, hull, next_to, relative_to
+from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, dilate_mask, relative_to, union
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
 
 TRUNCATION_M = 0.1
@@ -58,11 +58,11 @@ class TopDownMapper:
         """
         self.config = config
         self.footprint = footprint
-        self.trail_xy_m: list[Float[np.ndarray, 2]] = []
+        self.trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         """Where the robot has been [m]."""
         self.changed_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] = (np.zeros(2), np.zeros(2))
         """Lower and upper corner of what the last update looked at [m]."""
-        self._new_trail_xy_m: list[Float[np.ndarray, 2]] = []
+        self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._origin_xy_m = np.zeros(2)
         self._layers = _Layers((0, 0))
@@ -74,8 +74,8 @@ class TopDownMapper:
 
     def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Take in that the robot has been somewhere: the floor there is free [m]."""
-        self.trail_xy_m.append(xy_m)
-        self._new_trail_xy_m.append(xy_m)
+        self.trajectory_xy_m.append(xy_m)
+        self._new_trajectory_xy_m.append(xy_m)
 
     def update(
         self,
@@ -99,7 +99,7 @@ class TopDownMapper:
         layers, resolution = self._layers, grid.resolution_m
         changed = self._stamp(grid) + self._read_columns(grid, window) + self._ask_sdf(grid, sdf, pose)
         # Whether an unknown patch is a hole may change as far away as the patch is wide.
-        window = grown(hull(changed), _HOLE_WIDTH_CELLS, layers.state.shape)
+        window = dilate(union(changed), _HOLE_WIDTH_CELLS, layers.state.shape)
         state = self._column_state(grid, window)
         field = np.where(state == OCCUPIED, np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
         field = np.minimum(field, layers.min_sdf_m[window])
@@ -123,9 +123,9 @@ class TopDownMapper:
     def _window(self, grid: VoxelGrid, box_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None) -> Window:
         """The part of the map that has to be looked at again; at first all of it."""
         shape = grid.state.shape[1:]
-        places = np.array(self._new_trail_xy_m)
+        places = np.array(self._new_trajectory_xy_m)
         reach_m = math.sqrt(2.0) * self.config.update_reach_m  # To the corners of views of 90 degrees.
-        if len(self._new_trail_xy_m) == len(self.trail_xy_m):
+        if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m):
             far = grid.origin_m[:2] + np.array(shape[::-1]) * grid.resolution_m
             places = np.concatenate([places, [grid.origin_m[:2], far]])
         elif box_xy_m is not None:
@@ -138,7 +138,7 @@ class TopDownMapper:
         self.changed_xy_m = low, high
         first = np.floor((low - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         last = np.ceil((high - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
-        return clipped(first, last, shape)
+        return clamp(first, last, shape)
 
     def _read_columns(self, grid: VoxelGrid, window: Window) -> list[Window]:
         """Count the free voxels of each column over the body's heights, and note where anything was hit.
@@ -173,12 +173,12 @@ class TopDownMapper:
             self.footprint.z_min_m / grid.resolution_m
         )
         enough = self.config.free_share * max(heights, 1)
-        around = grown(window, _HOLE_REACH_CELLS, layers.state.shape)
+        around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < enough
         holes = _enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
         inner = relative_to(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
-        state[layers.near_trail[window]] = FREE
+        state[layers.near_trajectory[window]] = FREE
         state[layers.hit[window]] = OCCUPIED
         return state
 
@@ -198,31 +198,32 @@ class TopDownMapper:
         self._origin_xy_m = grid.origin_m[:2].astype(float)
 
     def _stamp(self, grid: VoxelGrid) -> list[Window]:
-        """Draw new places of the trail and new obstacles into their layers, and say where those are."""
+        """Draw new places of the trajectory and new obstacles into their layers, and say where those are."""
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
-        for xy in self._new_trail_xy_m:
-            first = xy is self.trail_xy_m[0]
-            _stamp_disc(layers.near_trail, grid, xy, max(body, self.config.start_radius_m) if first else body)
+        for xy in self._new_trajectory_xy_m:
+            first = xy is self.trajectory_xy_m[0]
+            _stamp_disc(layers.near_trajectory, grid, xy, max(body, self.config.start_radius_m) if first else body)
             _stamp_disc(layers.under_robot, grid, xy, body - cell)
         for xy in self._new_blocked_xy_m:
             _stamp_disc(layers.blocked, grid, xy, BLOCKED_CELLS * cell)
-        stamped = np.array([*self._new_trail_xy_m, *self._new_blocked_xy_m])
+        stamped = np.array([*self._new_trajectory_xy_m, *self._new_blocked_xy_m])
         around = (
-            max(body, BLOCKED_CELLS * cell, self.config.start_radius_m if len(self.trail_xy_m) == 1 else 0.0) + cell
+            max(body, BLOCKED_CELLS * cell, self.config.start_radius_m if len(self.trajectory_xy_m) == 1 else 0.0)
+            + cell
         )
         low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]
-        self._new_trail_xy_m, self._new_blocked_xy_m = [], []
-        return [clipped(low, high, layers.state.shape)]
+        self._new_trajectory_xy_m, self._new_blocked_xy_m = [], []
+        return [clamp(low, high, layers.state.shape)]
 
     def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
         """Ask for the smallest SDF of the columns next to surface inside the horizon, and say where it has changed."""
         layers, config = self._layers, self.config
         centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         half = int(np.ceil(config.horizon_m / 2 / grid.resolution_m))
-        window = clipped(centre - half, centre + half, layers.state.shape)
+        window = clamp(centre - half, centre + half, layers.state.shape)
         hit = layers.hit[window]
-        near = next_to(next_to(hit)) & (hit | (layers.num_free[window] > 0))
+        near = dilate_mask(dilate_mask(hit)) & (hit | (layers.num_free[window] > 0))
         cells = np.argwhere(near)
         remembered = layers.min_sdf_m[window]
         before = remembered.copy()
@@ -240,8 +241,8 @@ class TopDownMapper:
     def _update_clearance(self, window: Window, resolution_m: float) -> None:
         cap, depth = math.ceil(MAX_CLEARANCE_M / resolution_m), math.ceil(MAX_DEPTH_M / resolution_m + 0.5)
         layers = self._layers
-        reached = grown(window, cap, layers.state.shape)
-        needed = grown(reached, cap, layers.state.shape)
+        reached = dilate(window, cap, layers.state.shape)
+        needed = dilate(reached, cap, layers.state.shape)
         free = layers.state[needed] == FREE
         inner = relative_to(reached, needed)
         # A pad makes the rim of the map a border; at the rim of a part of it, it is farther away than the cap.
@@ -258,7 +259,7 @@ class _Layers:
         self.num_free: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
         self.hit: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.min_sdf_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(TRUNCATION_M))
-        self.near_trail: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.near_trajectory: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.under_robot: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.blocked: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
         self.state: Int8[np.ndarray, "rows cols"] = np.full(shape, UNKNOWN, np.int8)

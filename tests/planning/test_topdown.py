@@ -112,8 +112,8 @@ def test_a_map_kept_up_step_by_step_is_the_map_made_at_once():
         kept.visit(pose.xy_m)
         topdown = kept.update(world.occupancy, world.sdf, pose)
     fresh = TopDownMapper(PlanningConfig(), BODY)
-    fresh.trail_xy_m = [pose.xy_m for pose in places]
-    fresh._new_trail_xy_m = list(fresh.trail_xy_m)
+    fresh.trajectory_xy_m = [pose.xy_m for pose in places]
+    fresh._new_trajectory_xy_m = list(fresh.trajectory_xy_m)
     at_once = fresh.update(world.occupancy, world.sdf, places[-1])
     assert np.array_equal(topdown.state, at_once.state)
     assert np.allclose(topdown.clearance_m, at_once.clearance_m, atol=1e-5)

@@ -146,7 +146,7 @@ class AnmS:
         nodes = nodes[np.isfinite(now.reach.distance_m[nodes])]
         nodes = nodes[~self._is_given_up(now.graph.vertex_xy_m[nodes])]
         unvisited = np.isin(nodes, decisions)
-        unvisited &= ~visited(now.graph, nodes, self._stages.topdown.trail_xy_m, self.config)
+        unvisited &= ~visited(now.graph, nodes, self._stages.topdown.trajectory_xy_m, self.config)
         worth_it = unvisited
         if self.config.visited_by == "sight":
             seen = seen_around(now.graph, nodes, now.topdown, now.frontier_xy_m, grid, self._footprint, self.config)
@@ -274,7 +274,7 @@ class AnmS:
         graph, distance_m = now.graph, now.reach.distance_m
         beside = np.flatnonzero(leads_on(graph, now.frontier_xy_m) & np.isfinite(distance_m))
         xy = graph.vertex_xy_m[beside]
-        beside = beside[~within(xy, self._stages.topdown.trail_xy_m, 2 * ARRIVED_M) & ~self._is_given_up(xy)]
+        beside = beside[~within(xy, self._stages.topdown.trajectory_xy_m, 2 * ARRIVED_M) & ~self._is_given_up(xy)]
         if not len(beside):
             return None
         vertex = int(beside[np.argmin(distance_m[beside])])

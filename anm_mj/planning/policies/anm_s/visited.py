@@ -26,7 +26,7 @@ SEEN_SHARE = 0.9
 def visited(
     graph: VoronoiGraph,
     vertices: Int[np.ndarray, " k"],
-    trail_xy_m: list[Float[np.ndarray, "2"]],
+    trajectory_xy_m: list[Float[np.ndarray, "2"]],
     config: PlanningConfig,
 ) -> Bool[np.ndarray, " k"]:
     """Whether the robot has been near vertices, as in the authors' released code.
@@ -34,10 +34,10 @@ def visited(
     Args:
         graph: the road map.
         vertices: those asked about.
-        trail_xy_m: where the robot has been [m].
+        trajectory_xy_m: where the robot has been [m].
         config: what is near.
     """
-    return within(graph.vertex_xy_m[vertices], trail_xy_m, config.visited_radius_m)
+    return within(graph.vertex_xy_m[vertices], trajectory_xy_m, config.visited_radius_m)
 
 
 def seen_around(
@@ -86,7 +86,7 @@ def num_within(
     """How many of some places are nearer than ``radius_m`` to each point [m]."""
     if not places_xy_m:
         return np.zeros(len(xy_m), np.int64)
-    # A tree, because the trail grows with every step; to it, what lies on the rim is within too.
+    # A tree, because the trajectory grows with every step; to it, what lies on the rim is within too.
     near = KDTree(np.array(places_xy_m)).query_ball_point(xy_m, np.nextafter(radius_m, 0.0), return_length=True)
     return np.asarray(near, np.int64)
 

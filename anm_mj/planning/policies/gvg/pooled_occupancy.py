@@ -13,7 +13,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
-from anm_mj.planning.grid_windows import bounds, clipped, next_to
+from anm_mj.planning.grid_windows import bounds, clamp, dilate_mask
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 
 POOL = 2
@@ -75,7 +75,7 @@ class ViewGrid:
         floor = max(math.floor((-LOWEST_M - grid.origin_m[2]) / resolution), 0)
         first = np.floor((low_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
         last = np.ceil((high_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
-        window = clipped(first, last, grid.state.shape[1:])
+        window = clamp(first, last, grid.state.shape[1:])
         changed = bounds((grid.state[floor:, *window] != self._voxels[floor:, *window]).any(axis=0), window)
         if not changed:
             return None
@@ -93,7 +93,7 @@ class ViewGrid:
             state = np.pad(state, pad, constant_values=UNKNOWN)
         to = (low + offset) // POOL + [0, 1, 1]
         pooled, partly = _pooled(state)
-        pooled[partly & next_to(pooled == OCCUPIED)] = KNOWN
+        pooled[partly & dilate_mask(pooled == OCCUPIED)] = KNOWN
         pooled[:, _without_floor(pooled, math.floor(-self.origin_m[2] / self.cell_m) - int(to[0]))] = KNOWN
         pooled = pooled[:, 1:-1, 1:-1]
         where = tuple(slice(int(a), int(a + b)) for a, b in zip(to, pooled.shape, strict=True))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from anm_mj.planning.grid_windows import next_to
+from anm_mj.planning.grid_windows import dilate_mask
 from anm_mj.planning.policies.gvg.information_gain import MAX_SLOPE
 from anm_mj.planning.policies.gvg.pooled_occupancy import ViewGrid
 from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, Unseen
@@ -32,7 +32,7 @@ def unseen_patches(
         range_m: surface is seen well from within this distance [m].
         camera_height_m: height that it looks from [m].
     """
-    edge = (view.state == UNKNOWN) & next_to(view.state == FREE)
+    edge = (view.state == UNKNOWN) & dilate_mask(view.state == FREE)
     edge[view.layer_share < LIKELY_SHARE] = False
     label = np.empty(edge.shape, np.int32)
     count = int(ndimage.label(edge, np.ones((3, 3, 3)), output=label))  # pyright: ignore[reportArgumentType]
