@@ -7,10 +7,10 @@ import math
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
-from anm_mj.control.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.errors import AnmError
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 
 DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry")

@@ -10,7 +10,7 @@ import pytest
 _PACKAGE = Path(__file__).resolve().parents[1] / "anm_mj"
 
 _BASE = {"types", "frames", "errors", "protocols", "utils"}
-_STAGES = {"scene", "sim", "mapping", "planning", "control"}
+_STAGES = {"scene", "sim", "mapping", "planning", "robot", "control"}
 
 _MAY_IMPORT: dict[str, set[str]] = {
     "types": set(),
@@ -22,7 +22,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "sim": _BASE | {"scene"},
     "mapping": _BASE,
     "planning": _BASE,
-    "control": _BASE,
+    "robot": _BASE,
+    "control": _BASE | {"robot"},
     "io": _BASE,
     "viz": _BASE | {"io"},
     # Reads runs, and scenes for what of them can be seen.
@@ -32,11 +33,11 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # Composes the stages' configurations, which stand beside their stages.
     "config": _BASE | _STAGES,
     # Builds the robot that explore drives out of simulator, camera and drive.
-    "sim.make_robot": _BASE | {"config", "scene", "sim", "control"},
+    "sim.make_robot": _BASE | {"config", "scene", "sim", "robot", "control"},
     # Renders a finished run again: its own views, and its map from where the robot never stood.
-    "evaluation.rerender": _BASE | {"io", "scene", "control", "sim.make_robot"},
+    "evaluation.rerender": _BASE | {"io", "scene", "robot", "control", "sim.make_robot"},
     "evaluation.novel_views": _BASE
-    | {"io", "scene", "control", "sim.make_robot", "evaluation", "evaluation.rerender", "mapping"},
+    | {"io", "scene", "robot", "control", "sim.make_robot", "evaluation", "evaluation.rerender", "mapping"},
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES,
     # Puts everything together for one run.
@@ -54,11 +55,11 @@ _MAY_IMPORT: dict[str, set[str]] = {
 """What each module or folder of the package may import from the package, beside itself."""
 
 _ONLY_IN = {
-    "mujoco": {"scene", "sim", "control"},
+    "mujoco": {"scene", "sim", "robot", "control"},
     "dm_control": {"environments"},
     "gymnasium": {"environments"},
     "mink": {"control"},
-    "pinocchio": {"control"},
+    "pinocchio": {"robot"},
     "torch": {"mapping"},
     "meshcat": {"viz"},
 }

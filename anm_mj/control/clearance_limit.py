@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from anm_mj.control.geom_extent import support_m
-from anm_mj.control.robot_description import RobotDescription
 from anm_mj.errors import RobotError
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.geom_extent import support_m
 
 BODY = "body"
 """Name of the cylinder that stands for the robot in mink's model."""

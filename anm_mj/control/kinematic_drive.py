@@ -12,10 +12,10 @@ from anm_mj.control.clearance import Clearance
 from anm_mj.control.look_at import LookAt
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
-from anm_mj.control.robot_description import RobotDescription
-from anm_mj.control.robot_model import RobotModel
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.errors import RobotError
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist, WheelSpeeds
 
 _LOOK_PERIOD_S = 0.02
@@ -56,7 +56,7 @@ class KinematicDrive:
         self._data = data
         self._base = SimulatedBase(model, data, prefix, description)
         self._description = description
-        self._robot = RobotModel.of(description)
+        self._robot = RobotKinematics.of(description)
         self._clearance = clearance
         self._limits = limits or MotionLimits()
         self._odometer = odometer or Odometer(self._robot)

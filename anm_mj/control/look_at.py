@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.motion import MotionLimits
-from anm_mj.control.robot_description import RobotDescription
-from anm_mj.control.robot_model import CAMERA, WHEEL_JOINTS, RobotModel
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.control.wheel_servo import SOLVER, NoSlip
 from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import CAMERA, WHEEL_JOINTS, RobotKinematics
 from anm_mj.types import Pose2
 
 _TASK_COST = 10.0
@@ -46,7 +46,7 @@ class LookAt:
     """
 
     def __init__(
-        self, description: RobotDescription, robot: RobotModel, limits: MotionLimits, *, period_s: float
+        self, description: RobotDescription, robot: RobotKinematics, limits: MotionLimits, *, period_s: float
     ) -> None:
         """Set the problem up.
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.robot_model import RobotModel
+from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.types import Pose2
 
 
 class Odometer:
-    """Adds up what the wheels have rolled, as SE(2) exponentials of :meth:`RobotModel.odometry`.
+    """Adds up what the wheels have rolled, as SE(2) exponentials of :meth:`RobotKinematics.odometry`.
 
     Its error grows without bound: by slip where physics lets the wheels slip, and by the encoders' noise, if any. The
     noise of one wheel's rotation has a variance in proportion to the rotation, so that it does not matter how often the
@@ -21,7 +21,7 @@ class Odometer:
     Source: Siegwart, Nourbakhsh and Scaramuzza, Introduction to Autonomous Mobile Robots, 2011, section 5.2.4.
     """
 
-    def __init__(self, robot: RobotModel, *, noise: float = 0.0, seed: int = 0):
+    def __init__(self, robot: RobotKinematics, *, noise: float = 0.0, seed: int = 0):
         """Start at the origin.
 
         Args:

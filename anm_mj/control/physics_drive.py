@@ -14,12 +14,12 @@ from anm_mj.control.kinematic_drive import require_motion
 from anm_mj.control.look_at import LookAt
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
-from anm_mj.control.robot_description import RobotDescription
-from anm_mj.control.robot_model import RobotModel
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.control.wheel_servo import WheelServo
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist, WheelSpeeds
 
 _STANDING = Twist(0.0, 0.0)
@@ -110,7 +110,7 @@ class PhysicsDrive:
         self._limits = limits or MotionLimits()
         self._description = description
         self._base = SimulatedBase(model, data, prefix, description)
-        self._robot = RobotModel.of(description)
+        self._robot = RobotKinematics.of(description)
         self._odometer = odometer or Odometer(self._robot)
         self._servo = WheelServo(
             description,

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.robot_description import RobotDescription
-from anm_mj.control.robot_model import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.errors import RobotError
 from anm_mj.frames import wrap_angle
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.types import Pose2
 
 
@@ -31,7 +31,7 @@ class SimulatedBase:
             model: the robot, alone or in a scene.
             data: of that model.
             prefix: what the robot's names got before them when it was attached to the scene.
-            robot: what its joints are called; None = as in a skeleton (:mod:`anm_mj.control.reduced_model`), whose root
+            robot: what its joints are called; None = as in a skeleton (:mod:`anm_mj.robot.reduced_model`), whose root
                 body is the base.
 
         Raises:

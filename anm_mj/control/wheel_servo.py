@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.clearance_limit import ClearanceLimit, Obstacle, add_obstacles
-from anm_mj.control.robot_description import RobotDescription
-from anm_mj.control.robot_model import WHEEL_JOINTS, RobotModel
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.frames import pose_matrix
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import WHEEL_JOINTS, RobotKinematics
 from anm_mj.types import Pose2, WheelSpeeds
 
 _logger = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ class NoSlip(mink.Task):
     Passed to mink as a constraint, its six rows are (twist of the base) - (twist from the wheels) = 0, in base axes.
     """
 
-    def __init__(self, robot: RobotModel, model: mujoco.MjModel):
+    def __init__(self, robot: RobotKinematics, model: mujoco.MjModel):
         """For mink's model of the robot."""
         super().__init__(cost=np.ones(6))
         self._wheels_to_twist = np.zeros((6, model.nv))
@@ -56,7 +56,7 @@ class WheelServo:
     def __init__(
         self,
         description: RobotDescription,
-        robot: RobotModel,
+        robot: RobotKinematics,
         *,
         period_s: float,
         max_wheel_radps: float,

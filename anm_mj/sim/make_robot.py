@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anm_mj.config import DRIVES, POSES
-from anm_mj.control.robot_config import DEFAULT_ROBOT, RobotConfig, robot_path
 from anm_mj.errors import RobotError, SceneError
+from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig, robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
@@ -70,8 +70,8 @@ def make_robot(
     from anm_mj.control.kinematic_drive import KinematicDrive
     from anm_mj.control.odometry import Odometer
     from anm_mj.control.physics_drive import PhysicsDrive
-    from anm_mj.control.robot_description import describe_robot
-    from anm_mj.control.robot_model import RobotModel
+    from anm_mj.robot.description import describe_robot
+    from anm_mj.robot.kinematics import RobotKinematics
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
     from anm_mj.sim.robot import SimRobot
@@ -82,7 +82,7 @@ def make_robot(
         scene, description.spec, robot_name=description.name, robot_hash=description.hash, prefix=_PREFIX
     )
     data = mujoco.MjData(model)
-    odometer = Odometer(RobotModel.of(description), noise=config.wheel_noise, seed=seed)
+    odometer = Odometer(RobotKinematics.of(description), noise=config.wheel_noise, seed=seed)
     if drive == "kinematic":
         clearance = Clearance(*scene.triangles(), description.footprint)
         wheels = KinematicDrive(model, data, description, clearance, odometer=odometer, prefix=_PREFIX)

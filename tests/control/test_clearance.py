@@ -8,15 +8,10 @@ from hypothesis import strategies as st
 
 from anm_mj.control.clearance import Clearance
 from anm_mj.frames import move_pose
-from anm_mj.types import FORWARD_STEP_M, Footprint, Pose2
+from anm_mj.types import FORWARD_STEP_M, Pose2
+from tests.robots import FOOTPRINT, clearance_of
 
-FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
 ORIGIN = Pose2(0.0, 0.0, 0.0)
-
-
-def _clearance(*meshes: trimesh.Trimesh) -> Clearance:
-    mesh = trimesh.util.concatenate(list(meshes))
-    return Clearance(np.asarray(mesh.vertices), np.asarray(mesh.faces), FOOTPRINT)
 
 
 def _box(size: tuple[float, float, float], centre: tuple[float, float, float]) -> trimesh.Trimesh:
@@ -30,7 +25,7 @@ def _wall_at_x(x_m: float) -> trimesh.Trimesh:
 
 @pytest.fixture(scope="module")
 def wall() -> Clearance:
-    return _clearance(_wall_at_x(2.0))
+    return clearance_of(_wall_at_x(2.0))
 
 
 @given(x=st.floats(-1.0, 1.8), y=st.floats(-1.0, 1.0), yaw=st.floats(-math.pi, math.pi))
@@ -46,18 +41,18 @@ def test_a_millimetre_decides_between_free_and_colliding(wall):
 
 
 def test_a_corner_is_as_far_as_it_is_from_the_circle():
-    clearance = _clearance(_box((1.0, 1.0, 2.0), (1.5, 1.5, 1.0)))
+    clearance = clearance_of(_box((1.0, 1.0, 2.0), (1.5, 1.5, 1.0)))
     assert clearance.distance_m(Pose2(0.7, 0.6, 0.0)) == pytest.approx(0.5 - 0.18, abs=1e-5)
 
 
 def test_what_is_below_or_above_the_footprint_does_not_matter():
     floor, carpet = _box((4, 4, 0.1), (0, 0, -0.05)), _box((1, 1, 0.049), (0, 0, 0.0245))
     ceiling, lamp = _box((4, 4, 0.1), (0, 0, 2.5)), _box((0.3, 0.3, 0.2), (0, 0, 1.46))
-    clearance = _clearance(floor, carpet, ceiling, lamp)
+    clearance = clearance_of(floor, carpet, ceiling, lamp)
     assert not clearance.collides(ORIGIN)
     assert math.isinf(clearance.distance_m(ORIGIN))
     table = _box((1.0, 1.0, 0.04), (0, 0, 0.75))
-    assert _clearance(floor, table).collides(ORIGIN)
+    assert clearance_of(floor, table).collides(ORIGIN)
 
 
 def test_a_big_triangle_that_spans_the_heights_but_not_the_place_is_no_obstacle():
@@ -76,7 +71,7 @@ def test_a_move_is_blocked_exactly_when_its_end_would_touch_the_wall(wall):
 
 def test_a_sweep_meets_what_lies_between_start_and_end():
     # A thin post beside the middle of a long move: both ends are free, the way is not.
-    clearance = _clearance(_box((0.01, 0.01, 2.0), (0.5, 0.17, 1.0)))
+    clearance = clearance_of(_box((0.01, 0.01, 2.0), (0.5, 0.17, 1.0)))
     start = Pose2(0.0, 0.0, 0.0)
     assert not clearance.collides(start)
     assert not clearance.collides(move_pose(start, 1.0, 0.0))
@@ -86,7 +81,7 @@ def test_a_sweep_meets_what_lies_between_start_and_end():
 @given(x=st.floats(-0.4, 0.4), y=st.floats(-0.4, 0.4), yaw=st.floats(-math.pi, math.pi))
 @settings(max_examples=50, deadline=None)
 def test_a_sweep_agrees_with_many_small_checks(x, y, yaw):
-    clearance = _clearance(_box((0.02, 0.02, 2.0), (0.0, 0.0, 1.0)))
+    clearance = clearance_of(_box((0.02, 0.02, 2.0), (0.0, 0.0, 1.0)))
     start = Pose2(x, y, yaw)
     along = np.linspace(0.0, FORWARD_STEP_M, 66)
     nearest = min(clearance.distance_m(move_pose(start, float(s), 0.0)) for s in along)
@@ -96,6 +91,6 @@ def test_a_sweep_agrees_with_many_small_checks(x, y, yaw):
 
 
 def test_an_empty_scene_is_free_everywhere():
-    clearance = Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), FOOTPRINT)
+    clearance = clearance_of()
     assert not clearance.collides(ORIGIN)
     assert not clearance.sweep_collides(ORIGIN, 1.0)

@@ -28,16 +28,16 @@ def box(x, y, half_x, half_y, yaw_rad=0.0) -> Obstacle:
     return Obstacle(mujoco.mjtGeom.mjGEOM_BOX, np.array([half_x, half_y, 0.7]), np.array([x, y, 0.7]), quaternion)
 
 
-def servo_among(description, robot_model, obstacles):
+def servo_among(description, kinematics, obstacles):
     return WheelServo(
-        description, robot_model, period_s=_PERIOD_S, max_wheel_radps=12.0, obstacles=obstacles, keep_m=0.005
+        description, kinematics, period_s=_PERIOD_S, max_wheel_radps=12.0, obstacles=obstacles, keep_m=0.005
     )
 
 
-def drive_ahead(servo, robot_model, pose, periods=100):
+def drive_ahead(servo, kinematics, pose, periods=100):
     for _ in range(periods):
         speeds = servo.wheel_speeds(pose, move_pose(pose, 0.006, 0.0))
-        pose = robot_model.odometry(pose, speeds.left_radps * _PERIOD_S, speeds.right_radps * _PERIOD_S)
+        pose = kinematics.odometry(pose, speeds.left_radps * _PERIOD_S, speeds.right_radps * _PERIOD_S)
     return pose
 
 
@@ -74,31 +74,31 @@ def test_missing_pairs_are_counted():
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 10.0, 45.0, -70.0])
-def test_the_servo_comes_to_a_stop_at_the_set_distance(description, robot_model, yaw_deg):
-    servo = servo_among(description, robot_model, [box(1.05, 0.0, 0.05, 4.0), box(-9.0, 0.0, 0.1, 0.1)])
-    end = drive_ahead(servo, robot_model, Pose2(0.6, 0.0, math.radians(yaw_deg)), 300)
+def test_the_servo_comes_to_a_stop_at_the_set_distance(description, kinematics, yaw_deg):
+    servo = servo_among(description, kinematics, [box(1.05, 0.0, 0.05, 4.0), box(-9.0, 0.0, 0.1, 0.1)])
+    end = drive_ahead(servo, kinematics, Pose2(0.6, 0.0, math.radians(yaw_deg)), 300)
     assert end.x_m == pytest.approx(1.0 - 0.17 - 0.005, abs=1e-4)
 
 
-def test_an_obstacle_that_stands_askew_is_kept_clear_of(description, robot_model):
+def test_an_obstacle_that_stands_askew_is_kept_clear_of(description, kinematics):
     askew = box(1.0, 1.0, 0.05, 4.0, math.radians(45.0))
-    servo = servo_among(description, robot_model, [askew])
-    end = drive_ahead(servo, robot_model, Pose2(0.4, 0.4, math.radians(45.0)), 300)
+    servo = servo_among(description, kinematics, [askew])
+    end = drive_ahead(servo, kinematics, Pose2(0.4, 0.4, math.radians(45.0)), 300)
     to_face = (math.hypot(1.0, 1.0) - 0.05) - math.hypot(end.x_m, end.y_m)
     assert to_face == pytest.approx(0.17 + 0.005, abs=1e-4)
 
 
-def test_a_wall_at_the_side_and_one_behind_stop_nothing(description, robot_model):
-    servo = servo_among(description, robot_model, [box(0.0, 0.221, 5.0, 0.05), box(-0.2, 0.0, 0.02, 1.0)])
-    free = servo_among(description, robot_model, None)
+def test_a_wall_at_the_side_and_one_behind_stop_nothing(description, kinematics):
+    servo = servo_among(description, kinematics, [box(0.0, 0.221, 5.0, 0.05), box(-0.2, 0.0, 0.02, 1.0)])
+    free = servo_among(description, kinematics, None)
     start = Pose2(0.0, 0.0, math.radians(0.05))
-    ends = [drive_ahead(one, robot_model, start, 60) for one in (servo, free)]
+    ends = [drive_ahead(one, kinematics, start, 60) for one in (servo, free)]
     assert ends[0].x_m == pytest.approx(ends[1].x_m, abs=1e-6)
 
 
-def test_what_is_higher_or_lower_than_the_robot_is_no_obstacle(description, robot_model):
+def test_what_is_higher_or_lower_than_the_robot_is_no_obstacle(description, kinematics):
     lamp = Obstacle(
         mujoco.mjtGeom.mjGEOM_BOX, np.array([0.1, 2.0, 0.05]), np.array([0.6, 0.0, 1.5]), np.array([1.0, 0.0, 0.0, 0.0])
     )
-    servo = servo_among(description, robot_model, [lamp])
-    assert drive_ahead(servo, robot_model, Pose2(0.0, 0.0, 0.0), 150).x_m == pytest.approx(0.9, abs=1e-3)
+    servo = servo_among(description, kinematics, [lamp])
+    assert drive_ahead(servo, kinematics, Pose2(0.0, 0.0, 0.0), 150).x_m == pytest.approx(0.9, abs=1e-3)

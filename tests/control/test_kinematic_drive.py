@@ -1,31 +1,24 @@
 import math
 
-import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.control.clearance import Clearance
 from anm_mj.control.kinematic_drive import KinematicDrive
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Footprint, Pose2, WheelSpeeds
+from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Pose2, WheelSpeeds
+from tests.robots import clearance_of
 
-_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
 _EXACT = 1e-9
-
-
-def nothing_in_the_way() -> Clearance:
-    return Clearance(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), _FOOTPRINT)
 
 
 @pytest.fixture
 def drive(compile_scene, description) -> KinematicDrive:
     """A robot at the origin that looks at a wall at x = 1."""
     wall = trimesh.creation.box(bounds=[[1.0, -3.0, 0.0], [1.1, 3.0, 2.5]])
-    clearance = Clearance(np.asarray(wall.vertices), np.asarray(wall.faces), _FOOTPRINT)
-    return KinematicDrive(*compile_scene(), description, clearance)
+    return KinematicDrive(*compile_scene(), description, clearance_of(wall))
 
 
 def test_a_forward_step_is_exact_and_rolls_the_wheels(drive):
@@ -41,7 +34,7 @@ def test_a_forward_step_is_exact_and_rolls_the_wheels(drive):
 
 def test_the_wheels_have_turned_as_far_as_they_have_rolled(compile_scene, description):
     model, data = compile_scene()
-    free = nothing_in_the_way()
+    free = clearance_of()
     drive = KinematicDrive(model, data, description, free)
     for action in (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_LEFT, Action.MOVE_FORWARD):
         drive.act(action)
@@ -63,7 +56,7 @@ def test_thirty_six_turns_come_back_to_the_same_pose(drive, action):
 @given(actions=st.lists(st.sampled_from([Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT]), max_size=40))
 @settings(max_examples=25, deadline=None)
 def test_any_free_drive_is_the_sum_of_its_actions(compile_scene, description, actions):
-    free = nothing_in_the_way()
+    free = clearance_of()
     drive = KinematicDrive(*compile_scene(), description, free)
     x = y = 0.0
     turns = 0
@@ -91,7 +84,7 @@ def test_a_blocked_move_leaves_the_robot_where_it_is_and_a_turn_frees_it(drive):
 
 def test_stopping_does_nothing_and_actions_take_time(compile_scene, description):
     model, data = compile_scene()
-    free = nothing_in_the_way()
+    free = clearance_of()
     drive = KinematicDrive(model, data, description, free)
     drive.act(Action.STOP)
     assert (data.time, drive.pose) == (0.0, Pose2(0.0, 0.0, 0.0))
@@ -100,6 +93,6 @@ def test_stopping_does_nothing_and_actions_take_time(compile_scene, description)
 
 
 def test_a_scene_without_the_robot_is_refused(compile_scene, description):
-    free = nothing_in_the_way()
+    free = clearance_of()
     with pytest.raises(RobotError, match='no joint "robot/base"'):
         KinematicDrive(*compile_scene(), description, free, prefix="robot/")

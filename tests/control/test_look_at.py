@@ -11,7 +11,7 @@ from anm_mj.control.motion import MotionLimits
 from anm_mj.control.physics_drive import PhysicsDrive
 from anm_mj.frames import wrap_angle
 from anm_mj.types import Action, Pose2, Twist
-from tests.control.test_kinematic_drive import nothing_in_the_way
+from tests.robots import clearance_of
 
 _PERIOD_S = 0.02
 
@@ -20,13 +20,13 @@ _PERIOD_S = 0.02
 def drive(request, compile_scene, description):
     model, data = compile_scene()
     if request.param == "kinematic":
-        return KinematicDrive(model, data, description, nothing_in_the_way())
+        return KinematicDrive(model, data, description, clearance_of())
     return PhysicsDrive(model, data, description)
 
 
 @pytest.fixture(scope="module")
-def look(description, robot_model):
-    return LookAt(description, robot_model, MotionLimits(), period_s=_PERIOD_S)
+def look(description, kinematics):
+    return LookAt(description, kinematics, MotionLimits(), period_s=_PERIOD_S)
 
 
 @given(

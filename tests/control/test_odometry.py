@@ -8,13 +8,13 @@ from anm_mj.control.odometry import Odometer
 from anm_mj.control.physics_drive import PhysicsDrive
 from anm_mj.frames import move_pose
 from anm_mj.types import Action, Pose2, Twist
-from tests.control.test_kinematic_drive import nothing_in_the_way
+from tests.robots import clearance_of
 
 ACTIONS = [Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD, Action.TURN_RIGHT] * 5
 
 
 def test_wheels_that_never_slip_tell_the_true_pose(compile_scene, description):
-    drive = KinematicDrive(*compile_scene(), description, nothing_in_the_way())
+    drive = KinematicDrive(*compile_scene(), description, clearance_of())
     drive.place(Pose2(1.0, 2.0, 0.5))
     for action in ACTIONS:
         drive.act(action)
@@ -34,11 +34,11 @@ def test_wheels_on_a_floor_slip_a_little(compile_scene, description):
     assert drive.odometry == Pose2(0.0, 1.0, 2.0)
 
 
-def test_noise_has_the_spread_that_was_asked_for_however_often_it_is_read(robot_model):
+def test_noise_has_the_spread_that_was_asked_for_however_often_it_is_read(kinematics):
     for readings in (1, 8):
         ends = []
         for seed in range(150):
-            odometer = Odometer(robot_model, noise=0.02, seed=seed)
+            odometer = Odometer(kinematics, noise=0.02, seed=seed)
             odometer.restart(Pose2(0.0, 0.0, 0.0), np.zeros(2))
             for k in range(1, readings + 1):
                 odometer.read(np.full(2, 20.0 * k / readings))
@@ -48,9 +48,9 @@ def test_noise_has_the_spread_that_was_asked_for_however_often_it_is_read(robot_
         assert np.mean([end.x_m for end in ends]) == pytest.approx(1.0, abs=0.003)
 
 
-def test_the_same_seed_drifts_the_same_way(robot_model):
+def test_the_same_seed_drifts_the_same_way(kinematics):
     def end(seed):
-        odometer = Odometer(robot_model, noise=0.05, seed=seed)
+        odometer = Odometer(kinematics, noise=0.05, seed=seed)
         for k in range(20):
             odometer.read(np.array([0.3 * k, 0.2 * k]))
         return odometer.pose
@@ -58,8 +58,8 @@ def test_the_same_seed_drifts_the_same_way(robot_model):
     assert end(3) == end(3) != end(4)
 
 
-def test_a_restart_forgets_what_was_rolled(robot_model):
-    odometer = Odometer(robot_model)
+def test_a_restart_forgets_what_was_rolled(kinematics):
+    odometer = Odometer(kinematics)
     odometer.read(np.array([1.0, 2.0]))
     odometer.restart(Pose2(3.0, 4.0, 1.0), np.array([1.0, 2.0]))
     odometer.read(np.array([2.0, 3.0]))

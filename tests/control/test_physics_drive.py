@@ -56,14 +56,14 @@ def test_turns_add_up(make_drive):
     assert math.hypot(drive.pose.x_m, drive.pose.y_m) < 0.005
 
 
-def test_wheel_odometry_tells_what_physics_did(make_drive, robot_model):
+def test_wheel_odometry_tells_what_physics_did(make_drive, kinematics):
     drive, data = make_drive()
     estimate = drive.pose
     for action in (Action.MOVE_FORWARD, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD):
         before_s = data.time
         speeds = drive.act(action).wheel_speeds
         took_s = data.time - before_s
-        estimate = robot_model.odometry(estimate, speeds.left_radps * took_s, speeds.right_radps * took_s)
+        estimate = kinematics.odometry(estimate, speeds.left_radps * took_s, speeds.right_radps * took_s)
     assert (estimate.x_m, estimate.y_m) == pytest.approx((drive.pose.x_m, drive.pose.y_m), abs=0.002)
     assert estimate.yaw_rad == pytest.approx(drive.pose.yaw_rad, abs=math.radians(0.5))
 

@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.control.clearance import Clearance
 from anm_mj.control.kinematic_drive import KinematicDrive
 from anm_mj.control.physics_drive import PhysicsDrive
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
-from anm_mj.types import Action, Footprint, Pose2, Twist
-from tests.control.test_kinematic_drive import nothing_in_the_way
+from anm_mj.types import Action, Pose2, Twist
+from tests.robots import clearance_of
 
 _WALL = '<geom type="box" pos="1.05 0 1" size="0.05 3 1"/>'
 
 
 @pytest.fixture
 def exact(compile_scene, description):
-    return KinematicDrive(*compile_scene(), description, nothing_in_the_way())
+    return KinematicDrive(*compile_scene(), description, clearance_of())
 
 
 @pytest.fixture
@@ -27,9 +26,8 @@ def physics(compile_scene, description):
     return PhysicsDrive(*compile_scene(), description)
 
 
-def walled(description):
-    wall = trimesh.creation.box(bounds=[[1.0, -3.0, 0.0], [1.1, 3.0, 2.5]])
-    return Clearance(np.asarray(wall.vertices), np.asarray(wall.faces), description.footprint)
+def walled():
+    return clearance_of(trimesh.creation.box(bounds=[[1.0, -3.0, 0.0], [1.1, 3.0, 2.5]]))
 
 
 @pytest.mark.parametrize("twist", [Twist(0.4, 0.0), Twist(0.3, 1.0), Twist(-0.2, 0.5), Twist(0.0, -1.5)])
@@ -79,7 +77,7 @@ def test_wheels_that_are_asked_for_too_much_keep_the_curve(physics):
 
 
 def test_a_wall_refuses_the_exact_drive_and_stops_the_other(compile_scene, description):
-    exact = KinematicDrive(*compile_scene(_WALL), description, walled(description))
+    exact = KinematicDrive(*compile_scene(_WALL), description, walled())
     exact.place(Pose2(0.6, 0.0, 0.0))
     refused = exact.drive(Twist(0.5, 0.0), 1.0)
     assert refused.collided
@@ -95,7 +93,7 @@ def test_a_wall_refuses_the_exact_drive_and_stops_the_other(compile_scene, descr
     assert physics.pose.x_m < 0.8
 
 
-def test_an_arc_is_clear_of_what_its_outer_side_passes(description):
+def test_an_arc_is_clear_of_what_its_outer_side_passes():
     # A post that the chord of the arc clears by 1 cm, and the arc does not.
     start, forward_m, turn_rad = Pose2(0.0, 0.0, 0.0), 1.0, 1.2
     middle = move_pose(start, forward_m / 2, turn_rad / 2)
@@ -104,16 +102,15 @@ def test_an_arc_is_clear_of_what_its_outer_side_passes(description):
         x, y = middle.xy_m + (0.18 + 0.005 + gap_m) * outside
         post = trimesh.creation.cylinder(0.005, 2.0, sections=64)
         post.apply_translation([x, y, 1.0])
-        clearance = Clearance(np.asarray(post.vertices), np.asarray(post.faces), description.footprint)
+        clearance = clearance_of(post)
         assert clearance.sweep_collides(start, forward_m, turn_rad) == blocked
         end = move_pose(start, forward_m, turn_rad)
         assert clearance.sweep_collides(end, -forward_m, -turn_rad) == blocked
 
 
-def test_turning_on_the_spot_sweeps_nothing(description):
-    clearance = walled(description)
+def test_turning_on_the_spot_sweeps_nothing():
+    clearance = walled()
     assert not clearance.sweep_collides(Pose2(1.0 - 0.181, 0.0, 0.0), 0.0, 3.0)
-    assert Footprint(0.18, 0.05, 1.35) == description.footprint
 
 
 @pytest.mark.parametrize("duration_s", [0.0, -1.0, math.nan, math.inf])

@@ -10,21 +10,22 @@ from hypothesis import strategies as st
 from anm_mj.control.wheel_servo import NoSlip, WheelServo
 from anm_mj.frames import move_pose
 from anm_mj.types import Pose2, WheelSpeeds
+from tests.robots import ROBOT_XML
 
 _PERIOD_S = 0.02
 _MAX_RADPS = 12.0
 
 
 @pytest.fixture(scope="module")
-def servo(description, robot_model) -> WheelServo:
-    return WheelServo(description, robot_model, period_s=_PERIOD_S, max_wheel_radps=_MAX_RADPS)
+def servo(description, kinematics) -> WheelServo:
+    return WheelServo(description, kinematics, period_s=_PERIOD_S, max_wheel_radps=_MAX_RADPS)
 
 
 @given(left=st.floats(-11.0, 11.0), right=st.floats(-11.0, 11.0), yaw=st.floats(-3.1, 3.1))
 @settings(max_examples=50, deadline=None)
-def test_a_pose_that_rolling_reaches_is_reached_by_these_wheel_speeds(servo, robot_model, left, right, yaw):
+def test_a_pose_that_rolling_reaches_is_reached_by_these_wheel_speeds(servo, kinematics, left, right, yaw):
     start = Pose2(1.0, -2.0, yaw)
-    speeds = servo.wheel_speeds(start, robot_model.odometry(start, left * _PERIOD_S, right * _PERIOD_S))
+    speeds = servo.wheel_speeds(start, kinematics.odometry(start, left * _PERIOD_S, right * _PERIOD_S))
     # mink's step is of first order: exact for a straight line or a turn on the spot, nearly so for an arc.
     assert (speeds.left_radps, speeds.right_radps) == pytest.approx((left, right), abs=0.02)
 
@@ -43,23 +44,23 @@ def test_no_wheel_exceeds_its_limit(servo):
 
 
 @pytest.mark.parametrize(("forward_m", "turn_rad"), [(0.065, 0.0), (0.0, math.radians(10.0))])
-def test_an_action_is_reached_in_a_few_periods(servo, robot_model, forward_m, turn_rad):
+def test_an_action_is_reached_in_a_few_periods(servo, kinematics, forward_m, turn_rad):
     pose = Pose2(0.4, 0.1, -2.0)
     reference = move_pose(pose, forward_m, turn_rad)
     for _ in range(8):
         speeds = servo.wheel_speeds(pose, reference)
-        pose = robot_model.odometry(pose, speeds.left_radps * _PERIOD_S, speeds.right_radps * _PERIOD_S)
+        pose = kinematics.odometry(pose, speeds.left_radps * _PERIOD_S, speeds.right_radps * _PERIOD_S)
     assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx(
         (reference.x_m, reference.y_m, reference.yaw_rad), abs=1e-6
     )
 
 
-def test_the_no_slip_rows_vanish_for_rolling_and_only_for_rolling(robot_xml, robot_model):
-    model = mujoco.MjModel.from_xml_path(str(robot_xml))
+def test_the_no_slip_rows_vanish_for_rolling_and_only_for_rolling(kinematics):
+    model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
     configuration = mink.Configuration(model)
-    no_slip = NoSlip(robot_model, model)
+    no_slip = NoSlip(kinematics, model)
     # At yaw 0 MuJoCo's velocity is: linear x, y, z; angular x, y, z; left and right wheel.
-    forward_mps, turn_radps = robot_model.body_motion(3.0, 7.0)
+    forward_mps, turn_radps = kinematics.body_motion(3.0, 7.0)
     rolling = np.array([forward_mps, 0.0, 0.0, 0.0, 0.0, turn_radps, 3.0, 7.0])
     np.testing.assert_allclose(no_slip.compute_jacobian(configuration) @ rolling, 0.0, atol=1e-12)
     sideways = rolling + np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])

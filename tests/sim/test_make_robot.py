@@ -1,21 +1,19 @@
 """Robots put together with a scene that has been imported from a mesh file."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.control.robot_config import robot_path
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.frames import back_project
+from anm_mj.robot.config import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import DRIVES, FOOTPRINT, make_robot
 from anm_mj.types import Action, Pose2
-
-ROVER_XML = Path(__file__).resolve().parents[1] / "rover.xml"
+from tests.robots import ROVER_XML
 
 
 @pytest.fixture(scope="module")

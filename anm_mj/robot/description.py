@@ -15,13 +15,13 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.geom_extent import height_range_m, reach_about_axis_m
-from anm_mj.control.reduced_model import WheelMount, skeleton_mjcf
-from anm_mj.control.robot_config import RobotConfig
-from anm_mj.control.robot_parts import Parts, find_parts, robot_alone, unused_name
-from anm_mj.control.wheels import Wheel, base_frame, let_casters_slide, let_wheels_roll, read_wheels
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV
+from anm_mj.robot.config import RobotConfig
+from anm_mj.robot.geom_extent import height_range_m, reach_about_axis_m
+from anm_mj.robot.parts import Parts, find_parts, robot_alone, unused_name
+from anm_mj.robot.reduced_model import WheelMount, skeleton_mjcf
+from anm_mj.robot.wheels import Wheel, base_frame, let_casters_slide, let_wheels_roll, read_wheels
 from anm_mj.types import Footprint
 
 FOOTPRINT_MARGIN_M = 0.01
@@ -68,7 +68,7 @@ class RobotDescription:
     """Largest distance of the robot's geoms from the vertical axis through its base [m]."""
     footprint: Footprint
     skeleton: str
-    """MJCF text of :mod:`anm_mj.control.reduced_model`."""
+    """MJCF text of :mod:`anm_mj.robot.reduced_model`."""
     hash: str
     """sha256 over the robot as MuJoCo reads it, meshes included."""
 

@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 from jaxtyping import Float
 
-from anm_mj.control.robot_description import RobotDescription
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, pose_matrix
+from anm_mj.robot.description import RobotDescription
 from anm_mj.types import Pose2, WheelSpeeds
 
 BASE_JOINT = "base"
@@ -28,7 +28,7 @@ SAME_ROBOT = 1e-9
 """Largest difference between pinocchio's and MuJoCo's figures of a robot [m, kg]."""
 
 
-class RobotModel:
+class RobotKinematics:
     """A differential-drive base with a camera: where things are on it, and how wheels move it."""
 
     def __init__(self, mjcf_path: Path):
@@ -57,7 +57,7 @@ class RobotModel:
         self._T_base_camera = self._data.oMf[self._camera_frame].homogeneous.copy()
 
     @classmethod
-    def of(cls, robot: RobotDescription) -> RobotModel:
+    def of(cls, robot: RobotDescription) -> RobotKinematics:
         """The model of a robot of any make, from its skeleton.
 
         Raises:

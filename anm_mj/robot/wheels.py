@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.geom_extent import height_range_m, support_m
-from anm_mj.control.robot_parts import unused_name
 from anm_mj.errors import RobotError
+from anm_mj.robot.geom_extent import height_range_m, support_m
+from anm_mj.robot.parts import unused_name
 
 ALIKE_M = 1e-3
 """Largest difference of the two wheels' radii and of their axles' heights [m]."""

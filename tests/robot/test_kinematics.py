@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.control.robot_model import WHEEL_JOINTS, RobotModel
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, pose_matrix
+from anm_mj.robot.kinematics import WHEEL_JOINTS, RobotKinematics
 from anm_mj.types import Pose2, WheelSpeeds
+from tests.robots import ROBOT_XML
 
 _EXACT = 1e-10
 _POSES = [Pose2(0.0, 0.0, 0.0), Pose2(1.5, -2.0, 2.5), Pose2(-3.0, 0.4, -1.1)]
@@ -21,7 +22,7 @@ _POSES = [Pose2(0.0, 0.0, 0.0), Pose2(1.5, -2.0, 2.5), Pose2(-3.0, 0.4, -1.1)]
 
 def differences(path: Path) -> dict[str, float]:
     """How far the two libraries' readings of a robot are apart: what is there, how heavy it is and where it stands."""
-    robot, model = RobotModel(path).pinocchio_model, mujoco.MjModel.from_xml_path(str(path))
+    robot, model = RobotKinematics(path).pinocchio_model, mujoco.MjModel.from_xml_path(str(path))
     data, robot_data = mujoco.MjData(model), robot.createData()
     if (robot.nq, robot.nv) != (model.nq, model.nv):
         return {"number of joints": math.inf}
@@ -55,8 +56,8 @@ def differences(path: Path) -> dict[str, float]:
     return found
 
 
-def test_pinocchio_and_mujoco_read_the_same_robot(robot_xml):
-    found = differences(robot_xml)
+def test_pinocchio_and_mujoco_read_the_same_robot():
+    found = differences(ROBOT_XML)
     assert len(found) == 10
     assert max(found.values()) < _EXACT, found
 
@@ -69,8 +70,8 @@ def test_pinocchio_and_mujoco_read_the_same_robot(robot_xml):
         ('pos="0.13 0 0.02" mass="0.05"', 'pos="0.13 0 0.02"'),
     ],
 )
-def test_a_robot_that_the_two_read_differently_is_noticed(robot_xml, tmp_path, before, after):
-    text = robot_xml.read_text()
+def test_a_robot_that_the_two_read_differently_is_noticed(tmp_path, before, after):
+    text = ROBOT_XML.read_text()
     assert before in text
     if "frame" not in after:
         text = text.replace('<geom type="sphere" size="0.02"', '<geom type="sphere" size="0.02" mass="0.05"')
@@ -80,48 +81,48 @@ def test_a_robot_that_the_two_read_differently_is_noticed(robot_xml, tmp_path, b
 
 
 @pytest.mark.parametrize("pose", _POSES)
-def test_camera_pose_by_forward_kinematics_is_mujocos_camera(robot_xml, robot_model, pose):
-    model = mujoco.MjModel.from_xml_path(str(robot_xml))
+def test_camera_pose_by_forward_kinematics_is_mujocos_camera(kinematics, pose):
+    model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
     data = mujoco.MjData(model)
     data.qpos[:7] = [pose.x_m, pose.y_m, 0, math.cos(pose.yaw_rad / 2), 0, 0, math.sin(pose.yaw_rad / 2)]
     mujoco.mj_forward(model, data)
     T_world_camera = np.eye(4)
     T_world_camera[:3, :3] = data.cam("camera").xmat.reshape(3, 3)
     T_world_camera[:3, 3] = data.cam("camera").xpos
-    np.testing.assert_allclose(robot_model.T_world_camera(pose), T_world_camera @ T_GL_CV, atol=_EXACT)
-    np.testing.assert_allclose(pose_matrix(pose) @ robot_model.T_base_camera, T_world_camera @ T_GL_CV, atol=_EXACT)
+    np.testing.assert_allclose(kinematics.T_world_camera(pose), T_world_camera @ T_GL_CV, atol=_EXACT)
+    np.testing.assert_allclose(pose_matrix(pose) @ kinematics.T_base_camera, T_world_camera @ T_GL_CV, atol=_EXACT)
 
 
-def test_wheels_and_footprint_are_those_of_the_geoms(robot_xml, robot_model):
-    model = mujoco.MjModel.from_xml_path(str(robot_xml))
+def test_wheels_and_footprint_are_those_of_the_geoms(kinematics):
+    model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     for name in WHEEL_JOINTS:
-        assert model.geom(name).size[0] == robot_model.wheel_radius_m
+        assert model.geom(name).size[0] == kinematics.wheel_radius_m
     left, right = (data.geom(name).xpos for name in WHEEL_JOINTS)
-    assert left[1] - right[1] == pytest.approx(robot_model.track_m, abs=_EXACT)
+    assert left[1] - right[1] == pytest.approx(kinematics.track_m, abs=_EXACT)
 
 
 @given(left=st.floats(-20, 20), right=st.floats(-20, 20))
-def test_wheel_motion_and_body_motion_are_inverse(robot_model, left, right):
-    assert robot_model.wheel_motion(*robot_model.body_motion(left, right)) == pytest.approx((left, right), abs=1e-9)
-    by_jacobian = robot_model.wheel_jacobian @ np.array([left, right])
-    assert robot_model.body_motion(left, right) == pytest.approx(tuple(by_jacobian), abs=1e-12)
+def test_wheel_motion_and_body_motion_are_inverse(kinematics, left, right):
+    assert kinematics.wheel_motion(*kinematics.body_motion(left, right)) == pytest.approx((left, right), abs=1e-9)
+    by_jacobian = kinematics.wheel_jacobian @ np.array([left, right])
+    assert kinematics.body_motion(left, right) == pytest.approx(tuple(by_jacobian), abs=1e-12)
 
 
-def test_equal_wheel_speeds_drive_straight_and_opposite_ones_turn_on_the_spot(robot_model):
-    assert robot_model.wheel_speeds(0.5, 0.0) == WheelSpeeds(10.0, 10.0)
-    left, right = robot_model.wheel_motion(0.0, 1.0)
+def test_equal_wheel_speeds_drive_straight_and_opposite_ones_turn_on_the_spot(kinematics):
+    assert kinematics.wheel_speeds(0.5, 0.0) == WheelSpeeds(10.0, 10.0)
+    left, right = kinematics.wheel_motion(0.0, 1.0)
     assert (left, right) == pytest.approx((-3.0, 3.0))
 
 
 @given(left=st.floats(-6, 6), right=st.floats(-6, 6), yaw=st.floats(-3.1, 3.1))
-def test_odometry_is_the_se2_exponential(robot_model, left, right, yaw):
-    forward_m, turn_rad = robot_model.body_motion(left, right)
+def test_odometry_is_the_se2_exponential(kinematics, left, right, yaw):
+    forward_m, turn_rad = kinematics.body_motion(left, right)
     group = pin.liegroups.SE2()
     start = np.array([0.4, -0.7, math.cos(yaw), math.sin(yaw)])
     x, y, c, s = group.integrate(start, np.array([forward_m, 0.0, turn_rad]))
-    pose = robot_model.odometry(Pose2(0.4, -0.7, yaw), left, right)
+    pose = kinematics.odometry(Pose2(0.4, -0.7, yaw), left, right)
     assert (pose.x_m, pose.y_m) == pytest.approx((x, y), abs=1e-12)
     assert (math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)) == pytest.approx((c, s), abs=1e-12)
 
@@ -135,8 +136,8 @@ def test_odometry_is_the_se2_exponential(robot_model, left, right, yaw):
         ("<mujoco", "<mjc", "cannot read the robot"),
     ],
 )
-def test_a_robot_that_lacks_a_part_is_refused_with_the_part_named(robot_xml, tmp_path, before, after, message):
+def test_a_robot_that_lacks_a_part_is_refused_with_the_part_named(tmp_path, before, after, message):
     path = tmp_path / "robot.xml"
-    path.write_text(robot_xml.read_text().replace(before, after))
+    path.write_text(ROBOT_XML.read_text().replace(before, after))
     with pytest.raises(RobotError, match=message):
-        RobotModel(path)
+        RobotKinematics(path)

@@ -9,8 +9,8 @@ from typing import Any
 
 import mujoco
 
-from anm_mj.control.robot_config import RobotConfig
 from anm_mj.errors import RobotError
+from anm_mj.robot.config import RobotConfig
 
 LEFT_WHEELS = ("wheel_left", "left_wheel", "wheel_left_joint", "left_wheel_joint")
 """Names that a left wheel's hinge may have without being told."""

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,17 +10,16 @@ import pytest
 
 from anm_mj.control.kinematic_drive import KinematicDrive
 from anm_mj.control.physics_drive import PhysicsDrive
-from anm_mj.control.robot_config import RobotConfig, robot_path
-from anm_mj.control.robot_description import describe_robot
-from anm_mj.control.robot_model import RobotModel
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, move_pose, pose_matrix
+from anm_mj.robot.config import RobotConfig, robot_path
+from anm_mj.robot.description import describe_robot
+from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.types import Action, Pose2, Twist
-from tests.control.test_kinematic_drive import nothing_in_the_way
-from tests.control.test_robot_model import differences
+from tests.robot.test_kinematics import differences
+from tests.robots import ROVER_XML, clearance_of
 
-ROVER_XML = Path(__file__).resolve().parents[1] / "rover.xml"
 _EXACT = 1e-10
 
 
@@ -78,7 +76,7 @@ def test_a_robot_written_differently_has_the_figures_that_its_geometry_says(rove
 def test_pinocchio_and_mink_read_the_robot_that_is_simulated(request, name, tmp_path):
     robot = request.getfixturevalue(name)
     model, data = on_a_floor(robot)
-    kinematics = RobotModel.of(robot)
+    kinematics = RobotKinematics.of(robot)
     base = SimulatedBase(model, data, "r/", robot)
     for pose in (Pose2(0.0, 0.0, 0.0), Pose2(1.5, -2.0, 2.5), Pose2(-3.0, 0.4, -1.1)):
         base.place(pose)
@@ -105,12 +103,12 @@ def test_pinocchio_and_mink_read_the_robot_that_is_simulated(request, name, tmp_
 def test_a_robot_that_pinocchio_reads_differently_is_refused(rover):
     lighter = replace(rover, skeleton=rover.skeleton.replace('<inertial mass="', '<inertial mass="1', 1))
     with pytest.raises(RobotError, match="pinocchio reads the robot rover differently"):
-        RobotModel.of(lighter)
+        RobotKinematics.of(lighter)
 
 
 def test_the_other_robot_drives_exactly_without_physics_and_nearly_so_with(rover):
     model, data = on_a_floor(rover)
-    exact = KinematicDrive(model, data, rover, nothing_in_the_way(), prefix="r/")
+    exact = KinematicDrive(model, data, rover, clearance_of(), prefix="r/")
     actions = [Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD, Action.TURN_RIGHT, Action.MOVE_FORWARD] * 3
     for action in actions:
         exact.act(action)
