@@ -267,7 +267,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Unseen:
+class UnexploredPatch:
     """A patch of space that a run leaves unknown although it borders on what is known to be free."""
 
     centre_m: Float[np.ndarray, "3"]
@@ -293,7 +293,7 @@ class Plan:
     valid_steps: int = 0
     """Decide anew after this many steps even when the target has not been reached; 0 = not before."""
     stop: StopReason | None = None
-    unseen: tuple[Unseen, ...] = ()
+    unexplored: tuple[UnexploredPatch, ...] = ()
     """With a stop: what is left, largest first."""
     candidates: tuple[Candidate, ...] = ()
     topdown: TopDownMap | None = None

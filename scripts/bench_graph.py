@@ -24,8 +24,8 @@ from scipy import ndimage
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import decision_vertices, leads_on, prune
-from anm_mj.planning.paths import reach
+from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune
+from anm_mj.planning.paths import shortest_paths
 from anm_mj.planning.rooms import find_rooms
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
@@ -88,10 +88,10 @@ def main(
         repeats: Each stage is run so often.
     """
     rows = [
-        measure(plan, thin_far, repeats)
+        measure(plan, coarse_far_field, repeats)
         for area_m2 in areas_m2
         for plan in (building(area_m2, style, seed) for seed in range(seeds))
-        for thin_far in (False, True)
+        for coarse_far_field in (False, True)
     ]
     stages = list(rows[0].ms)
     table("floor", "graph", "sites", "vertices", "edges", "chains", *stages, "all")
@@ -143,7 +143,7 @@ def _open(obstacles: Bool[np.ndarray, "rows cols"], seam: int) -> None:
     obstacles[low : low + PASSAGE_CELLS, seam - left[row] : seam + right[row]] = False
 
 
-def measure(plan: Plan, thin_far: bool, repeats: int) -> Row:
+def measure(plan: Plan, coarse_far_field: bool, repeats: int) -> Row:
     """All stages from the top-down map on."""
     pose = _middle(plan)
     topdown = _topdown(plan, pose)
@@ -158,17 +158,19 @@ def measure(plan: Plan, thin_far: bool, repeats: int) -> Row:
         ms[stage] = float(np.median(times))
         return work()
 
-    graph = timed("Voronoi", lambda: voronoi_graph(topdown, pose.xy_m, CONFIG, SAFE_M, thin_far=thin_far))
-    kept = timed("spurs", lambda: prune(graph, leads_on(graph, topdown.frontier_xy_m)))
+    graph = timed(
+        "Voronoi", lambda: voronoi_graph(topdown, pose.xy_m, CONFIG, SAFE_M, coarse_far_field=coarse_far_field)
+    )
+    kept = timed("spurs", lambda: prune(graph, borders_unknown(graph, topdown.frontier_xy_m)))
     chains = timed("chains", lambda: contract(graph, kept))
     timed("decisions", lambda: decision_vertices(graph, chains))
     rooms = timed("rooms", lambda: find_rooms(graph, topdown, pose.xy_m))
-    timed("paths", lambda: reach(graph, topdown, pose, SAFE_M))
+    timed("paths", lambda: shortest_paths(graph, topdown, pose, SAFE_M))
     cell = world_to_cell(graph.vertex_xy_m, topdown.origin_xy_m, CELL_M)
     return Row(
         np.count_nonzero(plan.room >= 0) * CELL_M**2,
-        "gvg" if thin_far else "anm-s",
-        len(border_sites(topdown, pose.xy_m, CONFIG, thin_far=thin_far)),
+        "gvg" if coarse_far_field else "anm-s",
+        len(border_sites(topdown, pose.xy_m, CONFIG, coarse_far_field=coarse_far_field)),
         len(graph.vertex_xy_m),
         len(graph.edges),
         len(chains.ends),

@@ -24,7 +24,7 @@ import tyro
 SCENES = ("flat", "home", "office")
 POLICIES = ("gvg", "anm-s", "frontier", "oracle")
 DRIVES = ("kinematic", "physics")
-RENAMED: dict[str, str] = {}
+RENAMED: dict[str, str] = {"unseen": "unexplored"}
 """Keys of ``steps.jsonl``, ``plans.jsonl``, ``curve.csv`` and ``metrics.json``, former to present."""
 TIMES = frozenset({"ms", "stage_hz", "wall_s", "hz", "evaluation_s", "peak_rss_mib"})
 """What differs from run to run."""

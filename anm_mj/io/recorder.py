@@ -181,7 +181,7 @@ class RunRecorder:
                 "headings_rad": plan.headings_rad,
                 "actions": [action.name for action in plan.actions],
                 "stop": plan.stop,
-                "unseen": plan.unseen,
+                "unexplored": plan.unexplored,
                 "vertices": None if plan.graph is None else len(plan.graph.vertex_xy_m),
                 "regions": len(plan.regions),
                 "candidates": plan.candidates,

@@ -18,7 +18,7 @@ SHORTEST_M = 1e-6
 
 
 @dataclass(frozen=True)
-class Narrows:
+class Bottlenecks:
     """What lies between the ends of the edges."""
 
     clearance_m: Float[np.ndarray, " e"]
@@ -32,7 +32,7 @@ class Narrows:
     much where a corner or a pole juts out."""
 
 
-def narrows(graph: VoronoiGraph) -> Narrows:
+def edge_bottlenecks(graph: VoronoiGraph) -> Bottlenecks:
     """The narrowest place of every edge, exact to rounding.
 
     Args:
@@ -50,7 +50,7 @@ def narrows(graph: VoronoiGraph) -> Narrows:
     between = np.clip(along, 0.0, length)
     abreast = start + along[:, None] * ahead
     aside = off[:, None] * left
-    return Narrows(
+    return Bottlenecks(
         np.hypot(off, along - between),
         start + between[:, None] * ahead,
         np.stack([abreast + aside, abreast - aside], axis=1),

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Int
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import coo_matrix, csgraph
 
 
-def connected(links: Int[np.ndarray, "l 2"], num: int) -> Int[np.ndarray, " n"]:
+def connected_components(links: Int[np.ndarray, "l 2"], num: int) -> Int[np.ndarray, " n"]:
     """For each of ``num`` things the number of the group that links join it to; those with no links stand alone."""
     matrix = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(num, num))
-    return connected_components(matrix, directed=False)[1].astype(np.int64)
+    return csgraph.connected_components(matrix, directed=False)[1].astype(np.int64)

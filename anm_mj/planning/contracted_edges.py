@@ -15,12 +15,12 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
-from anm_mj.planning.connected_components import connected
+from anm_mj.planning.connected_components import connected_components
 from anm_mj.types import VoronoiGraph
 
 
 @dataclass(frozen=True)
-class Chains:
+class ContractedGraph:
     """The contracted graph. Vertices are named by their indices in the graph that it was made from."""
 
     node: Int[np.ndarray, " k"]
@@ -34,7 +34,7 @@ class Chains:
     length_m: Float[np.ndarray, " c"]
 
 
-def contract(graph: VoronoiGraph, kept: Bool[np.ndarray, " n"]) -> Chains:
+def contract(graph: VoronoiGraph, kept: Bool[np.ndarray, " n"]) -> ContractedGraph:
     """The nodes among some of a graph's vertices, and the chains of others between them.
 
     Args:
@@ -45,25 +45,25 @@ def contract(graph: VoronoiGraph, kept: Bool[np.ndarray, " n"]) -> Chains:
     edge = np.flatnonzero(kept[graph.edges].all(axis=1))
     edges = graph.edges[edge]
     node = kept & (np.bincount(edges.ravel(), minlength=num) != 2)
-    chain, ends = edge_chains(edges, node)
+    chain, ends = contracted_edges(edges, node)
     circle = ends[chain, 0] < 0
     if circle.any():
         vertex, of = edges[circle, 0], chain[circle]
         order = np.lexsort((vertex, -graph.clearance_m[vertex], of))
         node[vertex[order[_first(of[order])]]] = True
-        chain, ends = edge_chains(edges, node)
+        chain, ends = contracted_edges(edges, node)
     vertex, start = _in_order(edges, node, chain, ends)
     length = np.bincount(chain, graph.edge_length_m[edge], len(ends)).astype(float)
-    return Chains(np.flatnonzero(node), ends, vertex, start, length)
+    return ContractedGraph(np.flatnonzero(node), ends, vertex, start, length)
 
 
 def components(graph: VoronoiGraph) -> Int[np.ndarray, " n"]:
     """For each vertex the number of the connected part that it lies in, from the one with most vertices on."""
-    label = connected(graph.edges, len(graph.vertex_xy_m))
+    label = connected_components(graph.edges, len(graph.vertex_xy_m))
     return np.argsort(np.argsort(-np.bincount(label), kind="stable"))[label]
 
 
-def edge_chains(
+def contracted_edges(
     edges: Int[np.ndarray, "e 2"], node: Bool[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, "c 2"]]:
     """Which chain each edge is part of, and the nodes at both ends of each chain; -1 for circles without any.
@@ -73,7 +73,7 @@ def edge_chains(
         node: where chains end.
     """
     inner = ~node[edges]
-    label = connected(edges[inner.all(axis=1)], len(node))
+    label = connected_components(edges[inner.all(axis=1)], len(node))
     # An edge from node to node is a chain by itself.
     key = np.where(inner[:, 0], label[edges[:, 0]], label[edges[:, 1]])
     direct = ~inner.any(axis=1)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.contracted_edges import Chains, edge_chains
+from anm_mj.planning.contracted_edges import ContractedGraph, contracted_edges
 from anm_mj.planning.distance import capped_distance_cells
 from anm_mj.types import UNKNOWN, TopDownMap, VoronoiGraph
 
@@ -28,7 +28,7 @@ BORDER_WIDTH_M = 0.15
 """Border points this much farther from a vertex than its nearest one belong to its border too [m]."""
 
 
-def decision_vertices(graph: VoronoiGraph, chains: Chains) -> Int[np.ndarray, " k"]:
+def decision_vertices(graph: VoronoiGraph, chains: ContractedGraph) -> Int[np.ndarray, " k"]:
     """Junctions and ends of the pruned graph, and single vertices on its long ways or alone, in ascending order.
 
     Args:
@@ -53,7 +53,7 @@ def decision_vertices(graph: VoronoiGraph, chains: Chains) -> Int[np.ndarray, " 
     return np.sort(np.concatenate(chosen))
 
 
-def leads_on(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Bool[np.ndarray, " n"]:
+def borders_unknown(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Bool[np.ndarray, " n"]:
     """Which vertices have the unknown next to them: it is about as near as the nearest obstacle."""
     if not len(frontier_xy_m) or not len(graph.vertex_xy_m):
         return np.zeros(len(graph.vertex_xy_m), bool)
@@ -61,7 +61,7 @@ def leads_on(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Bo
     return np.asarray(distance <= graph.clearance_m + BORDER_WIDTH_M)
 
 
-def roomy_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarray, "f 2"]:
+def traversable_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarray, "f 2"]:
     """The border of that unknown which a disc fits into [m]; what lies outside of the map is unknown.
 
     Args:
@@ -82,22 +82,22 @@ def roomy_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarray, "f
     return frontier[roomy[cell[:, 0], cell[:, 1]]]
 
 
-def prune(graph: VoronoiGraph, leads_on: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def prune(graph: VoronoiGraph, borders_unknown: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Which vertices are left without the branches into corners.
 
     Args:
         graph: the road map.
-        leads_on: vertices that no branch is pruned at the end of.
+        borders_unknown: vertices that no branch is pruned at the end of.
     """
     kept = np.ones(len(graph.vertex_xy_m), bool)
     for _ in range(MAX_ROUNDS):
         edge = np.flatnonzero(kept[graph.edges].all(axis=1))
         edges = graph.edges[edge]
         degree = np.bincount(edges.ravel(), minlength=len(kept))
-        chain, ends = edge_chains(edges, degree != 2)
+        chain, ends = contracted_edges(edges, degree != 2)
         # Circles have no ends, and the same vertex stands for both: it cannot have one edge and three.
         tip, base = np.take_along_axis(ends, np.argsort(degree[ends], axis=1), axis=1).T
-        branch = (degree[tip] == 1) & (degree[base] >= 3) & ~leads_on[tip]
+        branch = (degree[tip] == 1) & (degree[base] >= 3) & ~borders_unknown[tip]
         length = np.bincount(chain, graph.edge_length_m[edge], len(ends))
         spur = branch & (graph.clearance_m[base] - graph.clearance_m[tip] >= SPUR_SLOPE * length)
         if not spur.any():

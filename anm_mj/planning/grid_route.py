@@ -7,7 +7,7 @@ from jaxtyping import Float
 from skimage.graph import MCP_Geometric
 
 from anm_mj.frames import cell_to_world, world_to_cell
-from anm_mj.planning.paths import NEAR_ROBOT_M, pull_straight
+from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
 from anm_mj.types import FREE, Pose2, TopDownMap
 
 COMFORT_M = 0.2
@@ -62,4 +62,4 @@ class GridRoutes:
         end = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
         cells = np.array(self._search.traceback(tuple(end)))
         way = cell_to_world(cells, self.topdown.origin_xy_m, self.topdown.resolution_m)
-        return pull_straight(np.concatenate([self.pose.xy_m[None], way[1:]]), self.topdown, self.safe_m, self.pose)
+        return shortcut_path(np.concatenate([self.pose.xy_m[None], way[1:]]), self.topdown, self.safe_m, self.pose)

@@ -21,7 +21,7 @@ from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2, TopDownMap, Voron
 
 SKIPPED_SAMPLES = 8
 """Segments are tested first at every eighth of their samples."""
-MAX_JOINTS = 16
+MAX_CONNECTIONS = 16
 """Vertices near the robot that a direct segment is tried to."""
 SHORT_LEG_M = 0.6
 """Shorter legs need no more than one correction anyway [m]."""
@@ -34,14 +34,14 @@ NEAR_ROBOT_M = 0.3
 
 
 @dataclass(frozen=True)
-class Reach:
+class ShortestPathTree:
     """How far every vertex is from the robot, and by which way."""
 
     distance_m: Float[np.ndarray, " n"]
     """Length of the shortest path [m]; +inf where there is none."""
     predecessor: list[int]
     """Previous node on it; node ``n`` is the robot itself; negative where there is none."""
-    joint_xy_m: dict[int, Float[np.ndarray, "k 2"]]
+    connection_xy_m: dict[int, Float[np.ndarray, "k 2"]]
     """Way from the robot to each vertex it is joined to, both ends included [m]."""
     graph: VoronoiGraph
     topdown: TopDownMap
@@ -54,8 +54,8 @@ class Reach:
             return np.zeros((0, 2))
         vertices = self.vertices_to(vertex)
         along = self.graph.vertex_xy_m[vertices[::-1]]
-        points = np.concatenate([self.joint_xy_m[vertices[-1]], along[1:]])
-        return pull_straight(points, self.topdown, self.safe_m, self.pose)
+        points = np.concatenate([self.connection_xy_m[vertices[-1]], along[1:]])
+        return shortcut_path(points, self.topdown, self.safe_m, self.pose)
 
     def vertices_to(self, vertex: int) -> list[int]:
         """The vertices of the shortest path to a vertex that can be reached, from the vertex back to the robot."""
@@ -65,7 +65,7 @@ class Reach:
         return vertices
 
 
-def reach(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> Reach:
+def shortest_paths(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> ShortestPathTree:
     """Shortest distances from the robot to all vertices, by one Dijkstra on a sparse graph.
 
     Args:
@@ -84,7 +84,7 @@ def reach(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) 
     weights = np.maximum(np.concatenate([graph.edge_length_m, lengths]), 1e-6)
     links = coo_matrix((weights, (rows, cols)), shape=(n + 1, n + 1)).tocsr()
     distance, predecessor = dijkstra(links, directed=False, indices=n, return_predecessors=True)
-    return Reach(distance[:n], predecessor.tolist(), joints, graph, topdown, safe_m, pose)
+    return ShortestPathTree(distance[:n], predecessor.tolist(), joints, graph, topdown, safe_m, pose)
 
 
 def segments_clear(
@@ -147,7 +147,7 @@ def _clearance(
     return np.where(inside, topdown.clearance_m.ravel()[cell].astype(float), -np.inf)
 
 
-def pull_straight(
+def shortcut_path(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
     """The same way with every detour cut that a safe straight segment can cut (greedy, farthest first)."""
@@ -161,7 +161,7 @@ def pull_straight(
     return np.array(kept)
 
 
-def along_headings(
+def quantize_headings(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
     """The same way with legs along headings that the robot can have, where that is as safe.
@@ -200,7 +200,7 @@ def along_headings(
     return np.array(kept)
 
 
-def rest_of_path(path_xy_m: Float[np.ndarray, "k 2"], pose: Pose2) -> Float[np.ndarray, "j 2"]:
+def remaining_path(path_xy_m: Float[np.ndarray, "k 2"], pose: Pose2) -> Float[np.ndarray, "j 2"]:
     """What is left of a way, from the robot on [m]."""
     start, along = path_xy_m[:-1], np.diff(path_xy_m, axis=0)
     t = ((pose.xy_m - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
@@ -232,11 +232,11 @@ def path_steps(path_xy_m: Float[np.ndarray, "k 2"], yaw_rad: float, final_yaw_ra
 
 
 def _join(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> dict[int, Float[np.ndarray, "k 2"]]:
-    """Ways from the robot to vertices near it: straight where that is safe, else one along the grid."""
+    """Paths from the robot to vertices near it: straight where that is safe, else one along the grid."""
     if not len(graph.vertex_xy_m):
         return {}
     distance = np.linalg.norm(graph.vertex_xy_m - pose.xy_m, axis=1)
-    near = np.argsort(distance, kind="stable")[:MAX_JOINTS]
+    near = np.argsort(distance, kind="stable")[:MAX_CONNECTIONS]
     start = np.repeat(pose.xy_m[None], len(near), axis=0)
     clear = segments_clear(topdown, start, graph.vertex_xy_m[near], safe_m, pose)
     if clear.any():

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import KDTree
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.connected_components import connected
+from anm_mj.planning.connected_components import connected_components
 from anm_mj.types import OCCUPIED, Region, SurfacePoints, VoronoiGraph, VoxelGrid
 
 IN_FRONT_M = 0.25
@@ -55,7 +55,7 @@ class RegionFinder:
             np.concatenate([old.uncertainty[far], surface.uncertainty[low]]),
         )
 
-    def mark_looked_at(self, region: Region) -> None:
+    def mark_observed(self, region: Region) -> None:
         """Suppress a region from now on: the robot has turned to it from its anchor, and there is no better view."""
         for patch in self._patches_of.get(tuple(region.centre_m.tolist()), ()):
             self._looked_at.add(tuple(self._patches.cube[patch].tolist()))
@@ -177,7 +177,7 @@ def _clusters(patches: _Patches, anchor: Int[np.ndarray, " p"], link_m: float) -
     in_front = patches.xyz_m[anchored] + IN_FRONT_M * patches.normal[anchored]
     pairs = KDTree(in_front).query_pairs(link_m, output_type="ndarray")
     pairs = pairs[anchor[anchored[pairs[:, 0]]] == anchor[anchored[pairs[:, 1]]]]
-    label = connected(pairs, len(anchored))
+    label = connected_components(pairs, len(anchored))
     return [anchored[label == k] for k in range(int(label.max()) + 1)]
 
 

@@ -22,8 +22,8 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.bottlenecks import Narrows, narrows
-from anm_mj.planning.connected_components import connected
+from anm_mj.planning.bottlenecks import Bottlenecks, edge_bottlenecks
+from anm_mj.planning.connected_components import connected_components
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 
 DOOR_HALF_WIDTH_M = 0.8
@@ -64,7 +64,7 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
         start_xy_m: the room nearest to this is room 0, and so on [m]: where the exploration began, so that most rooms
             keep their numbers while others are found.
     """
-    places = narrows(graph)
+    places = edge_bottlenecks(graph)
     part = _parts(graph, places, topdown)
     num = int(part.max(initial=-1)) + 1
     floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num).astype(float)
@@ -78,12 +78,12 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
     return Rooms(number[part], floor_m2[order], places.xy_m[door], places.clearance_m[door])
 
 
-def _parts(graph: VoronoiGraph, places: Narrows, topdown: TopDownMap) -> Int[np.ndarray, " n"]:
+def _parts(graph: VoronoiGraph, places: Bottlenecks, topdown: TopDownMap) -> Int[np.ndarray, " n"]:
     """The part of each vertex when no two parts can join any more."""
     width = places.clearance_m
     may_be_door = width <= DOOR_HALF_WIDTH_M
     may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
-    part = connected(graph.edges[~may_be_door], len(graph.vertex_xy_m))
+    part = connected_components(graph.edges[~may_be_door], len(graph.vertex_xy_m))
     # Doors of one size are equally wide: of these, the first is taken for the widest.
     by_width = np.argsort(-width, kind="stable")
     rank = np.empty(len(width), np.int64)
@@ -106,7 +106,7 @@ def _parts(graph: VoronoiGraph, places: Narrows, topdown: TopDownMap) -> Int[np.
             joins = small[with_exit] & (~small[behind] | (first[behind] == first[with_exit]))
         if not joins.any():
             return part
-        part = connected(sides[exits[joins]], num)[part]
+        part = connected_components(sides[exits[joins]], num)[part]
 
 
 def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:

@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import decision_vertices, leads_on, prune, roomy_frontier
-from anm_mj.planning.paths import Reach, reach
+from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune, traversable_frontier
+from anm_mj.planning.paths import ShortestPathTree, shortest_paths
 from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.rooms import find_rooms
 from anm_mj.planning.topdown import TopDownMapper
@@ -39,13 +39,13 @@ TRAJECTORY_SPACING_M = 0.2
 
 
 @dataclass(frozen=True)
-class Situation:
+class PlanningState:
     """What the stages read out of the map for one decision."""
 
     pose: Pose2
     topdown: TopDownMap
     graph: VoronoiGraph
-    reach: Reach
+    paths: ShortestPathTree
     regions: tuple[Region, ...]
     camera_height_m: float
     watch: Stopwatch = field(default_factory=Stopwatch)
@@ -61,32 +61,32 @@ class Stages:
     """Runs the stages and keeps what they remember between decisions."""
 
     def __init__(
-        self, config: PlanningConfig, footprint: Footprint, *, thin_far: bool = False, with_rooms: bool = False
+        self, config: PlanningConfig, footprint: Footprint, *, coarse_far_field: bool = False, with_rooms: bool = False
     ):
         """Start with nothing remembered.
 
         Args:
             config: the planner's settings.
             footprint: the body.
-            thin_far: whether the graph may be rough far away from the robot.
+            coarse_far_field: whether the graph may be rough far away from the robot.
             with_rooms: whether rooms are looked for.
         """
-        self._thin_far = thin_far
+        self._coarse_far_field = coarse_far_field
         self._with_rooms = with_rooms
         self.config = config
         self.safe_m = footprint.radius_m + config.margin_m
         self.topdown = TopDownMapper(config, footprint)
-        self.finder = RegionFinder(config)
+        self.region_finder = RegionFinder(config)
         self._way_xy_m = np.zeros((0, 2))
         self._last_pose: Pose2 | None = None
         self._turned_as_planned = False
 
-    def read(self, mapper: Mapper, observation: Observation, *, with_regions: bool = True) -> Situation:
+    def read(self, mapper: Mapper, observation: Observation, *, with_regions: bool = True) -> PlanningState:
         """Top-down map, graph, shortest paths and, if asked for, regions as of now."""
         watch = Stopwatch()
-        return self.work_out(mapper, observation, self.look(mapper, observation, watch), watch, with_regions)
+        return self.update_graph(mapper, observation, self.update_map(mapper, observation, watch), watch, with_regions)
 
-    def look(self, mapper: Mapper, observation: Observation, watch: Stopwatch) -> TopDownMap:
+    def update_map(self, mapper: Mapper, observation: Observation, watch: Stopwatch) -> TopDownMap:
         """The first stage alone: the top-down map as of now."""
         pose = observation.pose
         self._follow_way(pose)
@@ -95,33 +95,33 @@ class Stages:
             self._last_pose, self._turned_as_planned = pose, False
         return topdown
 
-    def work_out(
+    def update_graph(
         self, mapper: Mapper, observation: Observation, topdown: TopDownMap, watch: Stopwatch, with_regions: bool
-    ) -> Situation:
+    ) -> PlanningState:
         """The other stages, on the top-down map that :meth:`look` has given."""
         pose = observation.pose
-        with watch.stage("gvg"):
-            graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m, thin_far=self._thin_far)
+        with watch.stage("graph"):
+            graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m, coarse_far_field=self._coarse_far_field)
         with watch.stage("paths"):
-            paths = reach(graph, topdown, pose, self.safe_m)
+            paths = shortest_paths(graph, topdown, pose, self.safe_m)
         height = float(observation.T_world_camera[2, 3])
         regions: tuple[Region, ...] = ()
         decisions, frontier, room = np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, np.int64)
         if with_regions:
             with watch.stage("rooms"):
-                frontier = roomy_frontier(topdown, self.safe_m)
-                kept = prune(graph, leads_on(graph, frontier))
+                frontier = traversable_frontier(topdown, self.safe_m)
+                kept = prune(graph, borders_unknown(graph, frontier))
                 decisions = decision_vertices(graph, contract(graph, kept))
                 room = np.full(len(graph.vertex_xy_m), -1)
                 if self._with_rooms:
                     room = find_rooms(graph, topdown, self.topdown.trajectory_xy_m[0]).room
             with watch.stage("regions"):
                 radius = self.config.region_radius_m
-                self.finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
-                regions = self.finder.regions(graph, mapper.occupancy, height, decisions)
-        return Situation(pose, topdown, graph, paths, regions, height, watch, decisions, frontier, room)
+                self.region_finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
+                regions = self.region_finder.regions(graph, mapper.occupancy, height, decisions)
+        return PlanningState(pose, topdown, graph, paths, regions, height, watch, decisions, frontier, room)
 
-    def set_out(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:
+    def follow_path(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:
         """Remember the way that the robot is sent, of which the next reading counts what it has gone as visited [m]."""
         self._way_xy_m = path_xy_m
         self._turned_as_planned = True
@@ -162,7 +162,7 @@ class Stages:
                 self.topdown.visit(point)
         self._way_xy_m = np.zeros((0, 2))
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Stamp the place that a refused forward step would have led to, so that no plan leads there again."""
         if action is Action.MOVE_FORWARD:
             ahead = np.array([np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)])

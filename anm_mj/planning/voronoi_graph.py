@@ -26,7 +26,7 @@ def voronoi_graph(
     config: PlanningConfig,
     safe_m: float,
     *,
-    thin_far: bool = False,
+    coarse_far_field: bool = False,
 ) -> VoronoiGraph:
     """The graph of all places with at least ``safe_m`` clearance.
 
@@ -35,9 +35,9 @@ def voronoi_graph(
         centre_xy_m: centre of the local horizon [m].
         config: spacings and horizon.
         safe_m: least clearance of vertices and of whole edges [m].
-        thin_far: whether the border is sampled yet more coarsely far beyond the horizon.
+        coarse_far_field: whether the border is sampled yet more coarsely far beyond the horizon.
     """
-    sites = border_sites(topdown, centre_xy_m, config, thin_far=thin_far)
+    sites = border_sites(topdown, centre_xy_m, config, coarse_far_field=coarse_far_field)
     if len(sites) < 4:
         return _empty_graph()
     try:
@@ -68,7 +68,7 @@ def voronoi_graph(
 
 
 def border_sites(
-    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig, *, thin_far: bool = False
+    topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig, *, coarse_far_field: bool = False
 ) -> Float[np.ndarray, "n 2"]:
     """Samples of the border of free space, one per fine or coarse square [m]; far ones may be coarser still."""
     border = np.concatenate([topdown.surface_xy_m, topdown.frontier_xy_m])
@@ -76,7 +76,7 @@ def border_sites(
         return border
     off = np.maximum(*np.abs(border - centre_xy_m).T)
     inside = off <= config.horizon_m / 2
-    far = (off > config.far_m) & thin_far
+    far = (off > config.far_m) & coarse_far_field
     kept = [
         _one_per_square(border[inside], config.fine_spacing_m),
         _one_per_square(border[~inside & ~far], config.coarse_spacing_m),

@@ -60,6 +60,6 @@ def write_run(job: Job, folder: Path) -> None:
         "stop_reason": "BUDGET",
     }
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    plans = [{"step": 0, "ms": {}}, {"step": 27, "ms": {"gvg": 8.0, "gain": 4.0}}]
+    plans = [{"step": 0, "ms": {}}, {"step": 27, "ms": {"graph": 8.0, "gain": 4.0}}]
     (folder / "plans.jsonl").write_text("".join(json.dumps(plan) + "\n" for plan in plans))
     (folder / "manifest.json").write_text(json.dumps({"git": {"revision": "0123456789abcdef", "changed": False}}))

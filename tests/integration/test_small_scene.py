@@ -70,7 +70,7 @@ def test_every_file_of_the_run_can_be_read_back(finished):
     assert all(line["reason"] for line in plans)
     # Where a plan still stands, the graph is not made anew.
     assert all({"topdown", "gain"} <= set(line["ms"]) for line in plans[1:])
-    assert any({"topdown", "gvg", "paths", "gain", "choice"} <= set(line["ms"]) for line in plans)
+    assert any({"topdown", "graph", "paths", "gain", "choice"} <= set(line["ms"]) for line in plans)
     curve = np.genfromtxt(folder / "curve.csv", delimiter=",", names=True)
     assert np.diff(curve["step"]).max() <= 10
     assert (np.diff(curve["completion_ratio"]) >= 0).all()

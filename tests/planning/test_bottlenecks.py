@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.planning.bottlenecks import narrows
+from anm_mj.planning.bottlenecks import edge_bottlenecks
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
@@ -20,7 +20,7 @@ def test_the_narrowest_place_of_an_edge_is_as_far_from_the_border_as_is_said_and
     free = np.full((200, 200), FREE, np.int8)
     topdown = TopDownMap(free.astype(np.float32), free, 0.05, np.zeros(2), surface_xy_m=border)
     graph = voronoi_graph(topdown, np.array([5.0, 5.0]), EVERY_POINT, 0.1)
-    places = narrows(graph)
+    places = edge_bottlenecks(graph)
 
     def clearance(xy):
         return np.linalg.norm(xy[:, None] - border[None], axis=-1).min(axis=1)
@@ -35,7 +35,7 @@ def test_the_narrowest_place_of_an_edge_is_as_far_from_the_border_as_is_said_and
 
 
 def test_an_edge_between_straight_walls_is_the_middle_of_its_part_of_the_floor():
-    places = narrows(corridor_edge(0.2, math.hypot(0.1, 0.6), math.hypot(0.1, 0.6)))
+    places = edge_bottlenecks(corridor_edge(0.2, math.hypot(0.1, 0.6), math.hypot(0.1, 0.6)))
     assert places.clearance_m.tolist() == pytest.approx([0.6])
     assert places.xy_m[0] == pytest.approx(np.array([0.1, 0.0]))
     assert places.floor_m2.tolist() == pytest.approx([0.2 * 1.2])
@@ -44,7 +44,7 @@ def test_an_edge_between_straight_walls_is_the_middle_of_its_part_of_the_floor()
 
 
 def test_where_a_way_only_widens_it_is_narrowest_at_its_end():
-    places = narrows(corridor_edge(0.2, math.hypot(0.1, 0.6), math.hypot(0.3, 0.6)))
+    places = edge_bottlenecks(corridor_edge(0.2, math.hypot(0.1, 0.6), math.hypot(0.3, 0.6)))
     assert places.clearance_m.tolist() == pytest.approx([math.hypot(0.1, 0.6)])
     assert places.xy_m.tolist() == [[0.0, 0.0]]
     assert places.border_xy_m[0] == pytest.approx(np.array([[-0.1, 0.6], [-0.1, -0.6]]))
@@ -52,7 +52,7 @@ def test_where_a_way_only_widens_it_is_narrowest_at_its_end():
 
 def test_an_edge_without_any_length_is_as_wide_as_its_ends():
     graph = VoronoiGraph(np.ones((2, 2)), np.array([0.6, 0.6]), np.array([[0, 1]]), np.zeros(1))
-    assert narrows(graph).clearance_m.tolist() == [0.6]
+    assert edge_bottlenecks(graph).clearance_m.tolist() == [0.6]
 
 
 def corridor_edge(length_m, start_m, end_m):

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import components, contract
-from anm_mj.planning.graph_nodes import leads_on, prune
+from anm_mj.planning.graph_nodes import borders_unknown, prune
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 from tests.planning.worlds import room, see
@@ -30,7 +30,7 @@ def along(chains, chain):
 def contracted(world, x, y):
     """The contracted graph of a world without its spurs, and the graph."""
     graph, topdown = see(world, x, y)
-    return contract(graph, prune(graph, leads_on(graph, topdown.frontier_xy_m))), graph
+    return contract(graph, prune(graph, borders_unknown(graph, topdown.frontier_xy_m))), graph
 
 
 def test_a_way_without_a_junction_is_one_chain_with_its_vertices_in_order():

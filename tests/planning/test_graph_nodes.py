@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import SPACING_M, decision_vertices, leads_on, prune, roomy_frontier
+from anm_mj.planning.graph_nodes import SPACING_M, borders_unknown, decision_vertices, prune, traversable_frontier
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import Footprint, Pose2, VoronoiGraph
@@ -20,7 +20,7 @@ def graph_of(places, edges, clearance):
 
 
 def decide(graph, frontier):
-    return decision_vertices(graph, contract(graph, prune(graph, leads_on(graph, frontier))))
+    return decision_vertices(graph, contract(graph, prune(graph, borders_unknown(graph, frontier))))
 
 
 def corridor_with_a_spur(spur_clearance):
@@ -38,7 +38,7 @@ def test_a_branch_into_a_corner_is_pruned_and_one_of_even_clearance_is_a_way():
 def test_a_branch_that_ends_at_the_unknown_is_kept_however_narrow():
     graph = corridor_with_a_spur(0.2)
     frontier = np.array([[1.0, 0.8]])
-    assert leads_on(graph, frontier).tolist() == [False, False, False, False, True]
+    assert borders_unknown(graph, frontier).tolist() == [False, False, False, False, True]
     assert 4 in decide(graph, frontier)
     assert 4 not in decide(graph, NOWHERE)
 
@@ -84,7 +84,7 @@ def test_only_unknown_that_a_disc_fits_into_has_a_roomy_border():
     mapper = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.05, 1.35))
     topdown = mapper.update(world.occupancy, world.sdf, Pose2(1.2, 1.7, 0.0))
     assert (topdown.frontier_xy_m[:, 0] < 4.5).any()
-    roomy = roomy_frontier(topdown, 0.22)
+    roomy = traversable_frontier(topdown, 0.22)
     assert len(roomy) > 40
     assert (roomy[:, 0] > 5.0).all()
 

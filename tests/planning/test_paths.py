@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.paths import along_headings, clearance_at, path_steps, reach, rest_of_path, segments_clear
+from anm_mj.planning.paths import (
+    clearance_at,
+    path_steps,
+    quantize_headings,
+    remaining_path,
+    segments_clear,
+    shortest_paths,
+)
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import TURN_STEP_RAD, Footprint, Pose2
@@ -32,7 +39,7 @@ def test_a_path_through_a_door_is_nearly_as_short_as_the_straight_lines_through_
     pose = Pose2(1.0, 0.8, 0.0)
     graph, topdown = situation(room(8, 3, boxes=wall), pose)
     target = nearest(graph, 7.0, 2.6)
-    path = reach(graph, topdown, pose, SAFE_M).path_to(target)
+    path = shortest_paths(graph, topdown, pose, SAFE_M).path_to(target)
     # The shortest way rounds the door posts at the safe distance.
     through_door = math.dist((1.0, 0.8), (4.2, 1.45)) + math.dist((4.2, 1.45), graph.vertex_xy_m[target])
     assert np.allclose(path[0], pose.xy_m)
@@ -44,7 +51,7 @@ def test_a_path_through_a_door_is_nearly_as_short_as_the_straight_lines_through_
 def test_a_path_is_never_longer_than_the_one_along_the_graph():
     pose = Pose2(1.0, 0.8, 0.0)
     graph, topdown = situation(room(8, 3, boxes=[(3, 1, 3.5, 2)]), pose)
-    paths = reach(graph, topdown, pose, SAFE_M)
+    paths = shortest_paths(graph, topdown, pose, SAFE_M)
     for vertex in range(0, len(graph.vertex_xy_m), 7):
         if np.isfinite(paths.distance_m[vertex]):
             assert length(paths.path_to(vertex)) <= paths.distance_m[vertex] + 1e-9
@@ -53,7 +60,7 @@ def test_a_path_is_never_longer_than_the_one_along_the_graph():
 def test_what_lies_behind_a_wall_cannot_be_reached():
     pose = Pose2(1.0, 1.5, 0.0)
     graph, topdown = situation(room(8, 3, boxes=[(4.2, 0.2, 4.3, 3.2)]), pose)
-    paths = reach(graph, topdown, pose, SAFE_M)
+    paths = shortest_paths(graph, topdown, pose, SAFE_M)
     behind = nearest(graph, 6.5, 1.7)
     assert not np.isfinite(paths.distance_m[behind])
     assert len(paths.path_to(behind)) == 0
@@ -63,7 +70,7 @@ def test_a_robot_in_a_tight_corner_still_finds_a_way_out():
     # 0.19 m from both walls: nearer than any planned way may lead, yet not touching.
     pose = Pose2(0.39, 0.39, 0.0)
     graph, topdown = situation(room(4, 3), pose)
-    paths = reach(graph, topdown, pose, SAFE_M)
+    paths = shortest_paths(graph, topdown, pose, SAFE_M)
     assert np.isfinite(paths.distance_m).any()
     assert len(paths.path_to(nearest(graph, 2.2, 1.7))) >= 2
 
@@ -89,7 +96,7 @@ def test_legs_run_along_headings_that_the_robot_can_have_and_are_hardly_longer()
     pose = Pose2(1.0, 1.0, 0.3)
     _, topdown = situation(room(8, 6), pose)
     straight = np.array([[1.0, 1.0], [6.0, 2.0], [7.0, 5.0]])
-    path = along_headings(straight, topdown, SAFE_M, pose)
+    path = quantize_headings(straight, topdown, SAFE_M, pose)
     legs = np.diff(path, axis=0)
     turns = (np.arctan2(legs[:, 1], legs[:, 0]) - pose.yaw_rad) / TURN_STEP_RAD
     assert np.allclose(turns, np.round(turns), atol=1e-6)
@@ -101,10 +108,10 @@ def test_where_there_is_no_room_beside_the_straight_way_it_is_kept():
     pose = Pose2(0.7, 0.44, TURN_STEP_RAD / 2)
     _, topdown = situation(room(8, 0.5), pose)
     straight = np.array([[0.7, 0.44], [7.5, 0.46]])
-    assert np.array_equal(along_headings(straight, topdown, SAFE_M, pose), straight)
+    assert np.array_equal(quantize_headings(straight, topdown, SAFE_M, pose), straight)
 
 
 def test_the_rest_of_a_way_begins_at_the_robot_and_leaves_out_what_lies_behind():
     way = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]])
-    assert np.allclose(rest_of_path(way, Pose2(1.0, 0.05, 0.0)), [[1.0, 0.05], [2.0, 0.0], [2.0, 2.0]])
-    assert np.allclose(rest_of_path(way, Pose2(2.0, 0.0, 0.0)), [[2.0, 0.0], [2.0, 2.0]])
+    assert np.allclose(remaining_path(way, Pose2(1.0, 0.05, 0.0)), [[1.0, 0.05], [2.0, 0.0], [2.0, 2.0]])
+    assert np.allclose(remaining_path(way, Pose2(2.0, 0.0, 0.0)), [[2.0, 0.0], [2.0, 2.0]])

@@ -69,7 +69,7 @@ def test_a_region_that_was_looked_at_does_not_come_back():
     finder = finder_with(surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0)))
     graph = graph_at((2.5, 1.3))
     (region,) = finder.regions(graph, world.occupancy, 1.25)
-    finder.mark_looked_at(region)
+    finder.mark_observed(region)
     assert finder.regions(graph, world.occupancy, 1.25) == ()
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from anm_mj.planning import rooms
-from anm_mj.planning.bottlenecks import Narrows
+from anm_mj.planning.bottlenecks import Bottlenecks
 from anm_mj.planning.rooms import NARROWING, find_rooms
 from anm_mj.types import OCCUPIED, VoronoiGraph, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room, see
@@ -144,8 +144,8 @@ def test_turning_the_plan_turns_the_rooms(angle_deg):
 
 def test_vertices_and_edges_grow_like_the_rooms_and_the_rounds_hardly_at_all(monkeypatch):
     calls = []
-    connected = rooms.connected
-    monkeypatch.setattr(rooms, "connected", lambda *of: calls.append(1) or connected(*of))
+    connected_components = rooms.connected_components
+    monkeypatch.setattr(rooms, "connected_components", lambda *of: calls.append(1) or connected_components(*of))
     per_room, rounds = [], []
     for num in (4, 8, 16):
         world, _ = row_of_rooms(num)
@@ -170,7 +170,7 @@ def test_joining_parts_at_once_is_joining_them_one_by_one_from_the_widest_neck_t
     width = clearance[edges].min(axis=1) * rng.uniform(0.5, 1.0, len(edges))
     graph = VoronoiGraph(rng.random((num, 2)), clearance, edges, np.ones(len(edges)))
     floor = rng.uniform(0.0, 2.0, len(edges))
-    places = Narrows(width, np.zeros((len(edges), 2)), np.zeros((len(edges), 2, 2)), floor)
+    places = Bottlenecks(width, np.zeros((len(edges), 2)), np.zeros((len(edges), 2, 2)), floor)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rooms, "LEAST_ROOM_M2", least_m2)
         patch.setattr(rooms, "DOOR_HALF_WIDTH_M", 2.0)

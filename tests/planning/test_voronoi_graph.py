@@ -150,7 +150,7 @@ def test_far_from_the_robot_the_graph_may_be_rough_and_still_leads_everywhere():
     world = room(30, 4, boxes=walls)
     topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, Pose2(1, 1, 0))
     config = PlanningConfig()
-    fine, rough = (voronoi_graph(topdown, np.ones(2), config, SAFE_M, thin_far=thin) for thin in (False, True))
+    fine, rough = (voronoi_graph(topdown, np.ones(2), config, SAFE_M, coarse_far_field=thin) for thin in (False, True))
     assert len(rough.vertex_xy_m) < 0.8 * len(fine.vertex_xy_m)
     main = rough.vertex_xy_m[components(rough) == 0]
     assert main[:, 0].min() < 2.0

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.connected_components import connected
+from anm_mj.planning.connected_components import connected_components
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.frontier.policy import FULL_RANGE_M
 from anm_mj.planning.scan_grid import ScanGrid
@@ -147,7 +147,7 @@ class Anm:
 
 def _clusters(points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     """Label of the cluster of each point: connected by hops of at most ``LINK_M``."""
-    return connected(KDTree(points_m).query_pairs(LINK_M, output_type="ndarray"), len(points_m))
+    return connected_components(KDTree(points_m).query_pairs(LINK_M, output_type="ndarray"), len(points_m))
 
 
 def _cut_end(path_xy_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:

@@ -30,10 +30,10 @@ from jaxtyping import Bool, Float, Int
 from anm_mj.frames import pixel_directions, wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import components
-from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, leads_on
+from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.paths import segments_clear
 from anm_mj.planning.policies.anm_s.visited import num_within, seen_around, visited, within
-from anm_mj.planning.stages import Situation, Stages
+from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -102,7 +102,7 @@ class AnmS:
             # There is no better place to see them from, so that is all there is to see of them.
             for region in self._headed_for:
                 if abs(_off_axis(region, pose.xy_m, pose.yaw_rad)) < WELL_IN_VIEW_RAD + TURN_STEP_RAD:
-                    self._stages.finder.mark_looked_at(region)
+                    self._stages.region_finder.mark_observed(region)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the best vertex by tier and distance."""
@@ -132,18 +132,18 @@ class AnmS:
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
-        self._stages.blocked(pose, action)
+        self._stages.on_collision(pose, action)
         self._headed_for = ()
         if self._target_xy_m is not None:
             self._failed_xy_m.append(self._target_xy_m)
             self._target_xy_m = None
 
-    def _candidates(self, now: Situation, grid: VoxelGrid) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def _candidates(self, now: PlanningState, grid: VoxelGrid) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Vertices that a way leads to and that are unvisited or have a region anchored, and which are unvisited."""
         anchored = np.array([region.vertex for region in self._guiding(now)], np.int64)
         decisions = np.union1d(now.decisions, self._kept(now))
         nodes = np.union1d(decisions, anchored)
-        nodes = nodes[np.isfinite(now.reach.distance_m[nodes])]
+        nodes = nodes[np.isfinite(now.paths.distance_m[nodes])]
         nodes = nodes[~self._is_given_up(now.graph.vertex_xy_m[nodes])]
         unvisited = np.isin(nodes, decisions)
         unvisited &= ~visited(now.graph, nodes, self._stages.topdown.trajectory_xy_m, self.config)
@@ -162,7 +162,7 @@ class AnmS:
         blocked = num_within(xy_m, self._failed_xy_m, FAIL_RADIUS_M) >= MAX_FAILS
         return blocked | (num_within(xy_m, self._turned_from_xy_m, FAIL_RADIUS_M) >= MAX_CHANGES)
 
-    def _kept(self, now: Situation) -> Int[np.ndarray, " k"]:
+    def _kept(self, now: PlanningState) -> Int[np.ndarray, " k"]:
         """The vertex that now stands for the present target, if that was unvisited: no junction any more, maybe."""
         if self._target_xy_m is None or not self._target_unvisited or not len(now.graph.vertex_xy_m):
             return np.zeros(0, np.int64)
@@ -171,7 +171,7 @@ class AnmS:
 
     def _scores(
         self,
-        now: Situation,
+        now: PlanningState,
         nodes: Int[np.ndarray, " n"],
         unvisited: Bool[np.ndarray, " n"],
         near: Bool[np.ndarray, " n"],
@@ -180,7 +180,7 @@ class AnmS:
         anchored = np.isin(nodes, [region.vertex for region in self._guiding(now)])
         return UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * (anchored & near) + FAILED * failed
 
-    def _in_horizon(self, now: Situation, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+    def _in_horizon(self, now: PlanningState, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
         """Which places lie in the local horizon, in sight and, where there are such, in the view ahead."""
         near = (np.abs(xy_m - now.pose.xy_m) <= self.config.horizon_m / 2).all(axis=1)
         near &= segments_clear(now.topdown, np.repeat(now.pose.xy_m[None], len(xy_m), axis=0), xy_m, 0.0, now.pose)
@@ -192,13 +192,13 @@ class AnmS:
 
     def _order(
         self,
-        now: Situation,
+        now: PlanningState,
         nodes: Int[np.ndarray, " n"],
         unvisited: Bool[np.ndarray, " n"],
         score: Int[np.ndarray, " n"],
     ) -> Int[np.ndarray, " n"]:
         """From best to worst: the present target first, then by tier and distance, or as the ablation asks."""
-        xy, distance = now.graph.vertex_xy_m[nodes], now.reach.distance_m[nodes]
+        xy, distance = now.graph.vertex_xy_m[nodes], now.paths.distance_m[nodes]
         failed = num_within(xy, self._failed_xy_m, FAIL_RADIUS_M)
         present = np.zeros(len(nodes), bool)
         if self._target_xy_m is not None and len(nodes):
@@ -213,13 +213,13 @@ class AnmS:
             most[region.vertex] = max(most[region.vertex], region.score)
         return np.lexsort((distance, ~unvisited, -most[nodes], failed, ~present))
 
-    def _guiding(self, now: Situation) -> tuple[Region, ...]:
+    def _guiding(self, now: PlanningState) -> tuple[Region, ...]:
         """The regions that lead the robot: none without visibility guidance."""
         return now.regions if self.config.visibility_guidance else ()
 
     def _go(
         self,
-        now: Situation,
+        now: PlanningState,
         chosen: int,
         nodes: Int[np.ndarray, " n"],
         near: Bool[np.ndarray, " n"],
@@ -229,17 +229,17 @@ class AnmS:
         vertex = int(nodes[chosen])
         xy = now.graph.vertex_xy_m[vertex]
         regions = tuple(region for region in self._guiding(now) if region.vertex == vertex)
-        path = now.reach.path_to(vertex)
+        path = now.paths.path_to(vertex)
         here = np.linalg.norm(xy - now.pose.xy_m) < ARRIVED_M
         leg = path[-1] - path[-2] if len(path) > 1 else np.zeros(2)
         arrival_yaw = now.pose.yaw_rad if here else math.atan2(leg[1], leg[0])
         headings = view_headings(regions, xy, arrival_yaw)
         if not len(path) or (here and not headings):
             for region in regions if here else ():
-                self._stages.finder.mark_looked_at(region)
+                self._stages.region_finder.mark_observed(region)
             return None
         self._target_xy_m, self._headed_for = xy, regions
-        self._stages.set_out(path)
+        self._stages.follow_path(path)
         tier = int(score[chosen])
         where = "the local horizon" if near[chosen] else _room_name(now, vertex)
         why = {
@@ -247,8 +247,8 @@ class AnmS:
             "best-anchored": "the most uncertain region",
             "random": "drawn at random",
         }[self.config.target]
-        reason = f"tier {tier}: {why}, {len(regions)} regions anchored, {now.reach.distance_m[vertex]:.1f} m away"
-        steps = now.reach.distance_m[nodes] / FORWARD_STEP_M
+        reason = f"tier {tier}: {why}, {len(regions)} regions anchored, {now.paths.distance_m[vertex]:.1f} m away"
+        steps = now.paths.distance_m[nodes] / FORWARD_STEP_M
         candidates = tuple(
             Candidate(now.graph.vertex_xy_m[n], float(s), float(s), float(c))
             for n, s, c in zip(nodes, score, steps, strict=True)
@@ -265,27 +265,27 @@ class AnmS:
             stage_ms=now.watch.ms,
         )
 
-    def _to_the_unknown(self, now: Situation) -> Plan | None:
+    def _to_the_unknown(self, now: PlanningState) -> Plan | None:
         """To the nearest vertex beside the unknown that the robot has been near to but not at, and a look into it.
 
         Where the paper's graph goes on through unknown space there are unvisited vertices behind a door that was passed
         and not looked through; here the graph ends before it, maybe nearer than counts as visited.
         """
-        graph, distance_m = now.graph, now.reach.distance_m
-        beside = np.flatnonzero(leads_on(graph, now.frontier_xy_m) & np.isfinite(distance_m))
+        graph, distance_m = now.graph, now.paths.distance_m
+        beside = np.flatnonzero(borders_unknown(graph, now.frontier_xy_m) & np.isfinite(distance_m))
         xy = graph.vertex_xy_m[beside]
         beside = beside[~within(xy, self._stages.topdown.trajectory_xy_m, 2 * ARRIVED_M) & ~self._is_given_up(xy)]
         if not len(beside):
             return None
         vertex = int(beside[np.argmin(distance_m[beside])])
-        path = now.reach.path_to(vertex)
+        path = now.paths.path_to(vertex)
         if not len(path):
             return None
         self._target_xy_m, self._headed_for, self._target_unvisited = graph.vertex_xy_m[vertex], (), False
         away = np.linalg.norm(now.frontier_xy_m - self._target_xy_m, axis=1)
         near = away <= graph.clearance_m[vertex] + BORDER_WIDTH_M
         towards = now.frontier_xy_m[near].mean(axis=0) - self._target_xy_m
-        self._stages.set_out(path)
+        self._stages.follow_path(path)
         return Plan(
             f"every vertex is visited: a look into the unknown beside one, {distance_m[vertex]:.1f} m away",
             path,
@@ -296,10 +296,10 @@ class AnmS:
             stage_ms=now.watch.ms,
         )
 
-    def _at_a_loss(self, now: Situation) -> Plan:
+    def _at_a_loss(self, now: PlanningState) -> Plan:
         """Look around once, as the authors' released code does; when that has brought nothing, stop."""
         self._target_xy_m, self._headed_for = None, ()
-        reached = np.isfinite(now.reach.distance_m)
+        reached = np.isfinite(now.paths.distance_m)
         reachable = reached.any()
         what = "every vertex is visited and no region is left" if reachable else "no vertex of the graph can be reached"
         if not self._looked_around:
@@ -320,13 +320,13 @@ class AnmS:
         return Plan(reason, np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * turns)
 
 
-def _own_room(now: Situation) -> int:
+def _own_room(now: PlanningState) -> int:
     """The room that the robot is in: that of the vertex that it reaches first; -1 for none."""
-    distance_m = now.reach.distance_m
+    distance_m = now.paths.distance_m
     return int(now.room[np.argmin(distance_m)]) if np.isfinite(distance_m).any() else -1
 
 
-def _room_name(now: Situation, vertex: int) -> str:
+def _room_name(now: PlanningState, vertex: int) -> str:
     """What to call the room of a vertex."""
     room = int(now.room[vertex])
     if room < 0:
@@ -334,9 +334,9 @@ def _room_name(now: Situation, vertex: int) -> str:
     return "the rest of the room" if room == _own_room(now) else f"room {room}"
 
 
-def _rooms_off(now: Situation, nodes: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _rooms_off(now: PlanningState, nodes: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """How far the room of each vertex is: 0 for the robot's own, else to the nearest of these vertices in it [m]."""
-    room, distance_m = now.room[nodes], now.reach.distance_m[nodes]
+    room, distance_m = now.room[nodes], now.paths.distance_m[nodes]
     nearest = np.full(len(now.room) + 1, np.inf)
     np.minimum.at(nearest, room, distance_m)
     nearest[_own_room(now)] = 0.0

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, leads_on
+from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, borders_unknown
 from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
 
 SEEN_SHARE = 0.9
@@ -67,7 +67,7 @@ def seen_around(
     near = _nearest_view_m(grid, footprint, border) <= config.gain_range_m
     xy = graph.vertex_xy_m[vertices]
     around = KDTree(border).query_ball_point(xy, graph.clearance_m[vertices] + BORDER_WIDTH_M)
-    closed = ~leads_on(graph, frontier_xy_m)[vertices]
+    closed = ~borders_unknown(graph, frontier_xy_m)[vertices]
     for i in np.flatnonzero(closed):
         seen[i] = len(around[i]) > 0 and near[around[i]].mean() >= SEEN_SHARE
     return seen

@@ -7,7 +7,7 @@ a flood from the robot meets them, the first one at least 1 m away is taken, and
 
 Deviations: the robot goes to the frontier it has chosen until it has looked at it or it is gone, as Yamauchi's does. A
 new choice every 10 steps is made for steps of 25 cm; with steps of 6.5 cm the robot would turn back and forth between
-two frontiers for ever, because the nearer one stops counting a metre before it. Ways are found on the grid by
+two frontiers for ever, because the nearer one stops counting a metre before it. Paths are found on the grid by
 Dijkstra's algorithm with our clearance instead of by a learned point navigator; a frontier that the robot has looked at
 and that stays, or that no way comes near, is given up (Yamauchi's list of inaccessible frontiers), at first as a whole,
 and when no other is left only where it was tried; then the run ends as complete instead of driving backwards for ever.

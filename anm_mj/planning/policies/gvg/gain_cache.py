@@ -1,4 +1,4 @@
-"""Panoramas of places as they were last worked out, one for each square of the plane."""
+"""GainCache of places as they were last worked out, one for each square of the plane."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 
-class Panoramas:
+class GainCache:
     """Remembers a panorama per square; squares are anchored in the world."""
 
     def __init__(self, side_m: float, num_azimuths: int) -> None:

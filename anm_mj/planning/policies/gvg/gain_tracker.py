@@ -22,7 +22,7 @@ STANDING_SHARE = 0.5
 """A promise still stands as long as the view there is expected to show this share of it."""
 
 
-class Ledger:
+class GainTracker:
     """The present target and the record of the last ones."""
 
     def __init__(self, config: PlanningConfig):

@@ -5,7 +5,7 @@ means surface yet unseen. Each ray stands for the wall area it would hit, rho^2 
 90-degree field of view takes in a quarter of the azimuths, so that the gain of all yaws is a sliding sum over one
 panorama. Surface that was seen, however far away, is not counted again: nearly all of it is within 5 cm of a pixel.
 
-Panoramas are remembered as the cell each ray meets. What a ray is worth is looked up anew at every decision; it is cast
+GainCache are remembered as the cell each ray meets. What a ray is worth is looked up anew at every decision; it is cast
 anew only where the cell it met has changed since.
 
 Some unknown can never be resolved: the inside of a hull with a slit, a cell that every view only grazes. What the robot
@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.gvg.pooled_occupancy import ViewGrid
+from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.types import FREE, UNKNOWN, Pose2
 
 MAX_SLOPE = 0.95
@@ -56,7 +56,7 @@ class GainCaster:
             camera_height_m: height that places are looked from [m].
         """
         self.config = config
-        self.view = ViewGrid(config.gain_range_m + 1.0)
+        self.view = PooledOccupancy(config.gain_range_m + 1.0)
         self.camera_height_m = camera_height_m
         self.changed_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None = None
         """Corners of where panoramas may have changed since this was last set to None [m]."""

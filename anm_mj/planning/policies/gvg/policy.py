@@ -17,15 +17,15 @@ from jaxtyping import Bool, Float, Int
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.paths import along_headings, path_steps, rest_of_path, segments_clear
-from anm_mj.planning.policies.gvg.gain_cache import Panoramas
-from anm_mj.planning.policies.gvg.gain_tracker import Ledger
+from anm_mj.planning.paths import path_steps, quantize_headings, remaining_path, segments_clear
+from anm_mj.planning.policies.gvg.gain_cache import GainCache
+from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
 from anm_mj.planning.policies.gvg.information_gain import GainCaster, view_sums
 from anm_mj.planning.policies.gvg.stagnation import Progress
 from anm_mj.planning.policies.gvg.tour import SIDE, Places, Tour, TourSearch
-from anm_mj.planning.policies.gvg.travel_costs import NUM_AZIMUTHS, Ways
-from anm_mj.planning.policies.gvg.unexplored import unseen_patches
-from anm_mj.planning.stages import Situation, Stages
+from anm_mj.planning.policies.gvg.travel_costs import NUM_AZIMUTHS, TravelCosts
+from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
+from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -82,17 +82,17 @@ class Gvg:
         """Start before the bootstrap rotation; the policy draws nothing, so the seed has no effect."""
         del seed
         self.config = config
-        self._stages = Stages(config, footprint, thin_far=True)
+        self._stages = Stages(config, footprint, coarse_far_field=True)
         self._caster: GainCaster | None = None
         self._bootstrapped = False
-        self._ledger = Ledger(config)
+        self._ledger = GainTracker(config)
         self._progress = Progress(config)
         self._plan: Plan | None = None
         self._kept_on = 0
         self._decided_at_m2 = 0.0
         self._expected_m2 = 0.0
         self._aim = np.zeros(2), IN_VIEW
-        self._remembered = Panoramas(config.candidate_spacing_m, config.num_azimuths)
+        self._remembered = GainCache(config.candidate_spacing_m, config.num_azimuths)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the first stop of the best tour."""
@@ -101,7 +101,7 @@ class Gvg:
             turns = (Action.TURN_LEFT,) * self.config.gvg_bootstrap_turns
             return Plan("bootstrap: a look around before the first decision", np.zeros((0, 2)), actions=turns)
         watch = Stopwatch()
-        topdown = self._stages.look(mapper, observation, watch)
+        topdown = self._stages.update_map(mapper, observation, watch)
         with watch.stage("gain"):
             if self._caster is None:
                 self._caster = GainCaster(self.config, float(observation.T_world_camera[2, 3]))
@@ -112,9 +112,9 @@ class Gvg:
             self._progress.note(observation.step, self._caster.view.seen_m2)
             kept = self._keep_on(topdown, observation.pose, self._caster, watch)
         if kept is not None:
-            self._stages.set_out(kept.path_xy_m)
+            self._stages.follow_path(kept.path_xy_m)
             return kept
-        now = self._stages.work_out(mapper, observation, topdown, watch, with_regions=False)
+        now = self._stages.update_graph(mapper, observation, topdown, watch, with_regions=False)
         with now.watch.stage("gain"):
             if self._ledger.is_done(now.pose):
                 self._settle(now, self._caster)
@@ -124,7 +124,7 @@ class Gvg:
                 options = self._options(now, self._caster, fresh=True)
         with now.watch.stage("choice"):
             plan = self._choose(now, options, self._caster)
-        self._stages.set_out(plan.path_xy_m)
+        self._stages.follow_path(plan.path_xy_m)
         self._plan = plan
         return plan
 
@@ -141,7 +141,7 @@ class Gvg:
             return None
         path = plan.path_xy_m
         if len(path):
-            path = rest_of_path(path, pose)
+            path = remaining_path(path, pose)
             if not segments_clear(topdown, path[:-1], path[1:], self._stages.safe_m, pose).all():
                 return None
         _, _, still_m2 = caster.expectation(*self._aim)
@@ -158,11 +158,11 @@ class Gvg:
 
     def blocked(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and give the present target up."""
-        self._stages.blocked(pose, action)
+        self._stages.on_collision(pose, action)
         self._ledger.target_xy_m = None
         self._plan = None
 
-    def _settle(self, now: Situation, caster: GainCaster) -> None:
+    def _settle(self, now: PlanningState, caster: GainCaster) -> None:
         """Hold what the present target brought against what it promised."""
         xy = self._ledger.target_xy_m
         if xy is None:
@@ -171,18 +171,18 @@ class Gvg:
         if self._ledger.settle(caster.view.seen_m2, still_m2, now.pose):
             caster.give_up(cells, rho_m)
 
-    def _options(self, now: Situation, caster: GainCaster, *, fresh: bool) -> _Options:
-        reachable = np.isfinite(now.reach.distance_m)
+    def _options(self, now: PlanningState, caster: GainCaster, *, fresh: bool) -> _Options:
+        reachable = np.isfinite(now.paths.distance_m)
         # What is reached already is weighed as the robot's own place.
         away = np.linalg.norm(now.graph.vertex_xy_m - now.pose.xy_m, axis=1) > SAME_PLACE_M
         vertices = self._thin(now, reachable & away)
         places = np.concatenate([now.pose.xy_m[None], now.graph.vertex_xy_m[vertices]])
         panoramas = self._panoramas(caster, places, fresh)
         gain = view_sums(panoramas).max(axis=1)
-        steps = np.concatenate([[0.0], now.reach.distance_m[vertices] / FORWARD_STEP_M])
+        steps = np.concatenate([[0.0], now.paths.distance_m[vertices] / FORWARD_STEP_M])
         return _Options(np.concatenate([[HERE], vertices]), places, gain, steps, int((~reachable).sum()))
 
-    def _thin(self, now: Situation, reachable: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+    def _thin(self, now: PlanningState, reachable: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
         """One vertex per square of the spacing, the one with most clearance; squares are anchored in the world."""
         vertices = np.flatnonzero(reachable)
         square = np.floor(now.graph.vertex_xy_m[vertices] / self.config.candidate_spacing_m).astype(np.int64)
@@ -191,7 +191,7 @@ class Gvg:
         first = np.ones(len(order), bool)
         first[1:] = (square[1:] != square[:-1]).any(axis=1)
         kept = vertices[order[first]]
-        return kept[np.argsort(now.reach.distance_m[kept], kind="stable")]
+        return kept[np.argsort(now.paths.distance_m[kept], kind="stable")]
 
     def _panoramas(
         self, caster: GainCaster, places_xy_m: Float[np.ndarray, "n 2"], fresh: bool
@@ -229,11 +229,11 @@ class Gvg:
                 chosen.append(int(i))
         return np.array(chosen)
 
-    def _choose(self, now: Situation, options: _Options, caster: GainCaster) -> Plan:
+    def _choose(self, now: PlanningState, options: _Options, caster: GainCaster) -> Plan:
         if options.gain_m2.max() < self.config.min_gain_m2:
             return self._stop(now, options, caster)
         near_steps, far_steps = self.config.discount_steps, self._discount_steps(options)
-        ways = Ways(now.reach)
+        ways = TravelCosts(now.paths)
         places, tours = self._search(now, options, caster, ways, near_steps)
         if far_steps > FARTHER * near_steps:
             # Crumbs at hand must not come before a wing of the building, nor the wing before what is left of a room.
@@ -243,19 +243,19 @@ class Gvg:
         candidates = self._candidates(places, tours)
         for tour in tours[:MAX_TOURS]:
             first = tour.stops[0]
-            path = np.zeros((0, 2)) if first.place == 0 else now.reach.path_to(int(places.vertex[first.place]))
+            path = np.zeros((0, 2)) if first.place == 0 else now.paths.path_to(int(places.vertex[first.place]))
             if first.place and not len(path):
                 continue
             crumbs = self._progress.is_lull() and tour.gain_m2 < self.config.lull_gain_m2
             if crumbs or tour.rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
                 return self._stop(now, options, caster, crumbs=crumbs)
             if len(path):
-                path = along_headings(path, now.topdown, now.reach.safe_m, now.pose)
+                path = quantize_headings(path, now.topdown, now.paths.safe_m, now.pose)
             return self._go(now, tour, places, path, candidates, caster)
         return self._stop(now, options, caster)
 
     def _search(
-        self, now: Situation, options: _Options, caster: GainCaster, ways: Ways, discount_steps: float
+        self, now: PlanningState, options: _Options, caster: GainCaster, ways: TravelCosts, discount_steps: float
     ) -> tuple[Places, list[Tour]]:
         """The best tours when gain is discounted over so many steps, and the places that they lead to."""
         short = self._shortlist(options, discount_steps)
@@ -286,7 +286,7 @@ class Gvg:
 
     def _go(
         self,
-        now: Situation,
+        now: PlanningState,
         tour: Tour,
         places: Places,
         path: Float[np.ndarray, "k 2"],
@@ -322,7 +322,7 @@ class Gvg:
             stage_ms=now.watch.ms,
         )
 
-    def _stop(self, now: Situation, options: _Options, caster: GainCaster, *, crumbs: bool = False) -> Plan:
+    def _stop(self, now: PlanningState, options: _Options, caster: GainCaster, *, crumbs: bool = False) -> Plan:
         best = float(options.gain_m2.max())
         if self._ledger.is_exhausted(best):
             stop = StopReason.COMPLETE
@@ -346,11 +346,11 @@ class Gvg:
             reason,
             np.zeros((0, 2)),
             stop=stop,
-            unseen=unseen_patches(
+            unexplored=unexplored_patches(
                 caster.view,
                 now.topdown,
                 now.pose,
-                safe_m=now.reach.safe_m,
+                safe_m=now.paths.safe_m,
                 range_m=self.config.gain_range_m,
                 camera_height_m=now.camera_height_m,
             ),

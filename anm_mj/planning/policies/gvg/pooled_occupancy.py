@@ -28,7 +28,7 @@ USUAL_SHARE = 0.02
 """Layers of rooms hold at least this share of surface; those above rooms without a ceiling hold next to none."""
 
 
-class ViewGrid:
+class PooledOccupancy:
     """Cells ``[layer, row, col]``: free, occupied, unknown, or ``KNOWN`` without surface of their own."""
 
     def __init__(self, rim_m: float) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from anm_mj.planning.policies.gvg.travel_costs import HALF_TURN, NUM_AZIMUTHS, Ways
+from anm_mj.planning.policies.gvg.travel_costs import HALF_TURN, NUM_AZIMUTHS, TravelCosts
 
 SIDE = 4
 """Sectors to either side of the middle one that a view of 90 degrees takes in."""
@@ -97,7 +97,7 @@ class TourSearch:
     """Beam search over sequences of views among a few places."""
 
     def __init__(
-        self, places: Places, ways: Ways, *, discount_steps: float, preferred: Float[np.ndarray, " k"]
+        self, places: Places, ways: TravelCosts, *, discount_steps: float, preferred: Float[np.ndarray, " k"]
     ) -> None:
         """Work out all pairs of ways.
 

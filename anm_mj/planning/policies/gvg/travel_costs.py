@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from anm_mj.planning.paths import Reach, segments_clear
+from anm_mj.planning.paths import ShortestPathTree, segments_clear
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
 
 HALF_TURN = 18
@@ -32,16 +32,16 @@ class _Path:
     """Direction in which it leaves the robot."""
 
 
-class Ways:
-    """Ways between places: straight where they are in sight of one another, others along the tree of shortest paths."""
+class TravelCosts:
+    """Paths between places: straight where each sees the other, else along the tree of shortest paths."""
 
-    def __init__(self, reach: Reach) -> None:
+    def __init__(self, tree: ShortestPathTree) -> None:
         """Remember nothing yet.
 
         Args:
-            reach: shortest paths from the robot.
+            tree: shortest paths from the robot.
         """
-        self._reach = reach
+        self._tree = tree
         self._paths: dict[int, _Path] = {-1: _Path(np.zeros(0, np.int64), 0.0, 0.0)}
 
     def between(
@@ -55,12 +55,12 @@ class Ways:
             xy_m: the places, of which the first is where the robot stands [m].
             vertex: their vertices of the graph; -1 for the robot's own place.
         """
-        reach = self._reach
+        tree = self._tree
         paths = [self._path(int(v)) for v in vertex]
         difference = xy_m[None, :] - xy_m[:, None]
         straight = np.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
         near = np.argwhere(np.triu(straight < VISIBLE_M, 1))
-        clear = segments_clear(reach.topdown, xy_m[near[:, 0]], xy_m[near[:, 1]], reach.safe_m, reach.pose)
+        clear = segments_clear(tree.topdown, xy_m[near[:, 0]], xy_m[near[:, 1]], tree.safe_m, tree.pose)
         direct = np.zeros(straight.shape, bool)
         direct[near[clear, 0], near[clear, 1]] = True
         direct |= direct.T
@@ -81,8 +81,8 @@ class Ways:
     def _path(self, vertex: int) -> _Path:
         """The shortest path to a vertex, worked out once."""
         if vertex not in self._paths:
-            graph_xy_m, robot_xy_m = self._reach.graph.vertex_xy_m, self._reach.pose.xy_m
-            vertices = np.array(self._reach.vertices_to(vertex))
+            graph_xy_m, robot_xy_m = self._tree.graph.vertex_xy_m, self._tree.pose.xy_m
+            vertices = np.array(self._tree.vertices_to(vertex))
             xy_m = graph_xy_m[vertices]
             arrival = _bearing(xy_m[0] - np.concatenate([xy_m, robot_xy_m[None]]))
             self._paths[vertex] = _Path(vertices, arrival, _bearing(xy_m[::-1] - robot_xy_m))
@@ -97,7 +97,7 @@ class Ways:
             vertex: where the paths end; -1 for the robot's own place.
             vertices: those of each path.
         """
-        distance_m = self._reach.distance_m
+        distance_m = self._tree.distance_m
         used, column = np.unique(np.concatenate(vertices), return_inverse=True)
         depth = np.zeros((len(vertices), len(used)), np.float32)
         depth[np.repeat(np.arange(len(vertices)), [len(v) for v in vertices]), column] = distance_m[used][column]

@@ -8,8 +8,8 @@ from scipy import ndimage
 
 from anm_mj.planning.grid_windows import dilate_mask
 from anm_mj.planning.policies.gvg.information_gain import MAX_SLOPE
-from anm_mj.planning.policies.gvg.pooled_occupancy import ViewGrid
-from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, Unseen
+from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, UnexploredPatch
 
 LEAST_M2 = 0.2
 """Smaller patches are not worth a word [m2]."""
@@ -19,9 +19,9 @@ LIKELY_SHARE = 0.5
 """Layers less likely than this to hold surface are sky, not something left unseen."""
 
 
-def unseen_patches(
-    view: ViewGrid, topdown: TopDownMap, pose: Pose2, *, safe_m: float, range_m: float, camera_height_m: float
-) -> tuple[Unseen, ...]:
+def unexplored_patches(
+    view: PooledOccupancy, topdown: TopDownMap, pose: Pose2, *, safe_m: float, range_m: float, camera_height_m: float
+) -> tuple[UnexploredPatch, ...]:
     """The largest patches of unknown next to known free space, largest first.
 
     Args:
@@ -59,7 +59,7 @@ def unseen_patches(
             why = "too high"
         else:
             why = "hidden"
-        found.append(Unseen(centre[k], float(area_m2[k]), why))
+        found.append(UnexploredPatch(centre[k], float(area_m2[k]), why))
     return tuple(found)
 
 

@@ -20,7 +20,7 @@ from jaxtyping import Float, Float32, Int8
 
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.paths import NEAR_ROBOT_M, pull_straight
+from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
 from anm_mj.planning.policies.frontier.policy import FULL_RANGE_M
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
@@ -102,7 +102,7 @@ class Upen:
         ranked = np.argsort(scores)[::-1][:MAX_LOGGED]
         return Plan(
             f"most disagreement ({scores[best]:.2f}) along one of {len(paths)} paths of {len(paths[best]) - 1} hops",
-            pull_straight(paths[best], topdown, self._safe_m, pose),
+            shortcut_path(paths[best], topdown, self._safe_m, pose),
             valid_steps=REPLAN_STEPS,
             candidates=tuple(
                 Candidate(paths[k][-1], scores[k], scores[k], (len(paths[k]) - 1) * HOP_M / FORWARD_STEP_M)

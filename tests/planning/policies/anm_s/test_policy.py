@@ -7,9 +7,9 @@ import pytest
 from anm_mj.errors import PlanError
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import TARGETS, PlanningConfig
-from anm_mj.planning.paths import Reach
+from anm_mj.planning.paths import ShortestPathTree
 from anm_mj.planning.policies.anm_s.policy import AnmS, _own_room, _room_name, _rooms_off, view_headings
-from anm_mj.planning.stages import Situation
+from anm_mj.planning.stages import PlanningState
 from anm_mj.types import (
     Action,
     Footprint,
@@ -102,8 +102,8 @@ def situation(room, distance_m):
     graph = VoronoiGraph(np.zeros((num, 2)), np.ones(num), np.zeros((0, 2), np.int64), np.zeros(0))
     topdown = TopDownMap(np.ones((1, 1), np.float32), np.zeros((1, 1), np.int8), 0.05, np.zeros(2))
     pose = Pose2(0.0, 0.0, 0.0)
-    reach = Reach(np.array(distance_m, float), [], {}, graph, topdown, 0.22, pose)
-    return Situation(pose, topdown, graph, reach, (), 1.25, room=np.array(room, np.int64))
+    reach = ShortestPathTree(np.array(distance_m, float), [], {}, graph, topdown, 0.22, pose)
+    return PlanningState(pose, topdown, graph, reach, (), 1.25, room=np.array(room, np.int64))
 
 
 def test_the_robots_own_room_is_the_one_it_reaches_first_and_no_other_is_nearer():
@@ -131,7 +131,7 @@ def test_rooms_are_looked_for_where_vertices_are_ordered_by_them_alone():
         policy = AnmS(replace(PlanningConfig(), target=target), BODY, 0)
         now = policy._stages.read(world, observation(1.0, 1.7))
         assert set(now.room) == ({0, 1} if target == "hierarchical" else {-1})
-        assert list(now.watch.ms) == ["topdown", "gvg", "paths", "rooms", "regions"]
+        assert list(now.watch.ms) == ["topdown", "graph", "paths", "rooms", "regions"]
 
 
 def test_without_visibility_guidance_the_robot_turns_to_nothing():

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.planning.policies.gvg.gain_cache import Panoramas
+from anm_mj.planning.policies.gvg.gain_cache import GainCache
 
 SIDE_M = 0.5
 
@@ -11,7 +11,7 @@ SIDE_M = 0.5
 @given(st.integers(0, 2**31))
 def test_the_latest_panorama_of_each_square_is_remembered(seed):
     rng = np.random.default_rng(seed)
-    kept, expected = Panoramas(SIDE_M, 3), {}
+    kept, expected = GainCache(SIDE_M, 3), {}
     for _ in range(4):
         places, panoramas = rng.uniform(-4, 4, (20, 2)), rng.random((20, 3))
         kept.remember(places, panoramas)
@@ -30,6 +30,6 @@ def test_the_latest_panorama_of_each_square_is_remembered(seed):
 
 
 def test_nothing_is_known_at_first():
-    panoramas, known = Panoramas(SIDE_M, 3).recall(np.array([[0.1, -0.2]]))
+    panoramas, known = GainCache(SIDE_M, 3).recall(np.array([[0.1, -0.2]]))
     assert not known.any()
     assert not panoramas.any()

@@ -1,7 +1,7 @@
 import numpy as np
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.gvg.gain_tracker import Ledger
+from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
 from anm_mj.types import Pose2
 
 CONFIG = PlanningConfig()
@@ -9,7 +9,7 @@ THERE, ELSEWHERE = Pose2(1.0, 2.0, 0.0), Pose2(5.0, 2.0, 0.0)
 
 
 def ledger_for(promised_m2):
-    ledger = Ledger(CONFIG)
+    ledger = GainTracker(CONFIG)
     ledger.open(np.array([1.0, 2.0]), 0, promised_m2, 100.0)
     return ledger
 
@@ -28,7 +28,7 @@ def test_a_target_left_on_the_way_while_its_promise_stands_counts_for_nothing():
 
 
 def test_poor_targets_in_a_row_exhaust_small_promises_first():
-    ledger = Ledger(CONFIG)
+    ledger = GainTracker(CONFIG)
     for n in range(1, 2 * CONFIG.patience_targets + 1):
         ledger.open(THERE.xy_m, 0, 1.0, 100.0)
         ledger.settle(100.0, 1.0, THERE)

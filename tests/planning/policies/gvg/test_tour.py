@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.paths import reach
+from anm_mj.planning.paths import shortest_paths
 from anm_mj.planning.policies.gvg.tour import Places, TourSearch
-from anm_mj.planning.policies.gvg.travel_costs import NUM_AZIMUTHS, Ways
+from anm_mj.planning.policies.gvg.travel_costs import NUM_AZIMUTHS, TravelCosts
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FORWARD_STEP_M, Footprint, Pose2
@@ -21,7 +21,7 @@ def ways():
     """Shortest paths in an empty hall of 12 m by 6 m, for a robot in its middle."""
     world, pose = room(12, 6), Pose2(6.2, 3.2, 0.0)
     topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, pose)
-    return reach(voronoi_graph(topdown, pose.xy_m, CONFIG, 0.22), topdown, pose, 0.22)
+    return shortest_paths(voronoi_graph(topdown, pose.xy_m, CONFIG, 0.22), topdown, pose, 0.22)
 
 
 def search(ways, targets, patches=None, preferred=None, discount=100.0):
@@ -39,7 +39,7 @@ def search(ways, targets, patches=None, preferred=None, discount=100.0):
                 patch[i, azimuth] = patches[i - 1]
     places = Places(np.array(xy), np.array(vertex), patch, worth)
     factor = np.ones(len(xy)) if preferred is None else np.array(preferred)
-    return TourSearch(places, Ways(ways), discount_steps=discount, preferred=factor)
+    return TourSearch(places, TravelCosts(ways), discount_steps=discount, preferred=factor)
 
 
 def test_of_two_equal_gains_the_one_ahead_is_taken_before_the_one_behind(ways):

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.planning.paths import Reach, reach
-from anm_mj.planning.policies.gvg.travel_costs import HALF_TURN, NUM_AZIMUTHS, Ways
+from anm_mj.planning.paths import ShortestPathTree, shortest_paths
+from anm_mj.planning.policies.gvg.travel_costs import HALF_TURN, NUM_AZIMUTHS, TravelCosts
 from anm_mj.types import FORWARD_STEP_M, Pose2, TopDownMap, VoronoiGraph
 from tests.planning.worlds import room, see
 
@@ -18,7 +18,7 @@ DOOR_XY_M = np.array([4.25, 1.65])
 def two_rooms():
     """Shortest paths in two rooms of 4 m by 3 m with a door between them, for a robot in the first."""
     graph, topdown = see(room(8, 3, boxes=[(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]), 1.0, 1.7)
-    return reach(graph, topdown, Pose2(1.0, 1.7, 0.0), 0.22)
+    return shortest_paths(graph, topdown, Pose2(1.0, 1.7, 0.0), 0.22)
 
 
 def between(ways, two_rooms, vertex):
@@ -33,19 +33,21 @@ def nearest(two_rooms, *places):
 
 def test_one_object_gives_two_shortlists_the_same_ways_as_one_for_each(two_rooms):
     reached = np.flatnonzero(np.isfinite(two_rooms.distance_m))
-    ways = Ways(two_rooms)
+    ways = TravelCosts(two_rooms)
     # Some vertices are on both.
     for some in (reached[::25], reached[::-15]):
-        for found, alone in zip(between(ways, two_rooms, some), between(Ways(two_rooms), two_rooms, some), strict=True):
+        for found, alone in zip(
+            between(ways, two_rooms, some), between(TravelCosts(two_rooms), two_rooms, some), strict=True
+        ):
             assert np.array_equal(found, alone)
 
 
 def test_places_in_sight_of_one_another_are_joined_straight(two_rooms):
     topdown, pose = two_rooms.topdown, two_rooms.pose
     xy_m = np.array([pose.xy_m, [2.5, 1.7], [2.5, 2.6]])
-    steps, leave, arrive = Ways(Reach(np.zeros(0), [-1], {}, graph_of(0), topdown, 0.22, pose)).between(
-        xy_m, np.full(3, -1)
-    )
+    steps, leave, arrive = TravelCosts(
+        ShortestPathTree(np.zeros(0), [-1], {}, graph_of(0), topdown, 0.22, pose)
+    ).between(xy_m, np.full(3, -1))
     assert steps[0, 1] == pytest.approx(1.5 / FORWARD_STEP_M)
     assert steps[1, 2] == pytest.approx(0.9 / FORWARD_STEP_M)
     assert (leave[0, 1], arrive[0, 1], leave[1, 2], arrive[1, 2]) == (EAST, EAST, NORTH, NORTH)
@@ -54,14 +56,14 @@ def test_places_in_sight_of_one_another_are_joined_straight(two_rooms):
 def test_the_way_between_places_on_both_sides_of_a_wall_leads_through_the_door(two_rooms):
     vertex = nearest(two_rooms, (3.4, 1.0), (5.1, 1.0))
     a, b = two_rooms.graph.vertex_xy_m[vertex]
-    steps = between(Ways(two_rooms), two_rooms, vertex)[0][1, 2]
+    steps = between(TravelCosts(two_rooms), two_rooms, vertex)[0][1, 2]
     through_door = (math.dist(a, DOOR_XY_M) + math.dist(DOOR_XY_M, b)) / FORWARD_STEP_M
     assert math.dist(a, b) / FORWARD_STEP_M + 4 < through_door - 1 < steps
 
 
 def test_the_way_back_is_as_long_and_leaves_where_the_other_arrives(two_rooms):
     vertex = nearest(two_rooms, (0.8, 0.8), (3.4, 1.0), (5.1, 1.0), (7.5, 2.6), (6.0, 1.7))
-    steps, leave, arrive = between(Ways(two_rooms), two_rooms, vertex)
+    steps, leave, arrive = between(TravelCosts(two_rooms), two_rooms, vertex)
     assert np.allclose(steps, steps.T)
     assert np.array_equal(leave, (arrive.T + HALF_TURN) % NUM_AZIMUTHS)
 
@@ -77,11 +79,11 @@ def test_ways_along_the_tree_lead_back_to_the_last_vertex_that_two_paths_share(s
         predecessor[vertex] = int(rng.choice([num, *order[:i]]))
         distance_m[vertex] = distance_m[predecessor[vertex]] + rng.uniform(0.1, 2.0)
     topdown = TopDownMap(np.ones((1, 1), np.float32), np.zeros((1, 1), np.int8), 0.05, np.zeros(2))
-    tree = Reach(distance_m[:num], predecessor, {}, graph_of(num), topdown, 0.22, Pose2(0.0, 0.0, 0.0))
+    tree = ShortestPathTree(distance_m[:num], predecessor, {}, graph_of(num), topdown, 0.22, Pose2(0.0, 0.0, 0.0))
     vertex = np.concatenate([[-1], rng.integers(num, size=12)])
     paths = [np.array(tree.vertices_to(v) if v >= 0 else [], np.int64) for v in vertex.tolist()]
 
-    length_m = Ways(tree)._along_tree(vertex, paths)
+    length_m = TravelCosts(tree)._along_tree(vertex, paths)
 
     for i, one in enumerate(paths):
         for j, other in enumerate(paths):

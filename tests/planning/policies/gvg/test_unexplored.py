@@ -1,8 +1,8 @@
 import numpy as np
 
 from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.gvg.pooled_occupancy import ViewGrid
-from anm_mj.planning.policies.gvg.unexplored import unseen_patches
+from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.types import OCCUPIED, UNKNOWN, Footprint, Pose2
 from tests.planning.worlds import room
@@ -16,9 +16,9 @@ def left_in(world):
     grid_below = grid.state.copy()
     grid.state[1] = grid_below[5]  # The body's lowest heights are free.
     topdown = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)).update(grid, world.sdf, pose)
-    view = ViewGrid(5.5)
+    view = PooledOccupancy(5.5)
     view.update(grid, np.array([-50.0, -50]), np.array([50.0, 50]))
-    return unseen_patches(view, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
+    return unexplored_patches(view, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
 
 
 def test_a_room_seen_whole_leaves_nothing():
