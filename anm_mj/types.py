@@ -193,7 +193,7 @@ class SurfacePoints:
     normal: Float32[np.ndarray, "n 3"]
     """Unit normals in the world, pointing into free space."""
     uncertainty: Float32[np.ndarray, " n"]
-    """A variance up to a constant factor, such as that of eq. 5 of the paper; larger is less certain."""
+    """A variance up to a constant factor, such as that of Eq. 4 of the paper; larger is less certain."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-// Rendering along rays (paper, eq. 1 and 2), the losses on them and their gradients by s and colour.
+// Rendering along rays (paper, Eq. 1 and 2), the losses on them and their gradients by s and colour.
 #pragma once
 
 #include "decoder.h"
@@ -8,7 +8,7 @@ namespace {
 
 constexpr float kBellWidth = 0.1F;
 
-// Weights of eq. 2 before masking and normalising, and their derivative by s.
+// Weights of Eq. 2 before masking and normalising, and their derivative by s.
 ANM_INLINE void bell(const float* s, int slots, float* value, float* slope) {
     for (int i = 0; i < slots; i += kLanes) {
         const F x = load(s + i) * (1.0F / kBellWidth);

@@ -23,7 +23,7 @@ from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.types import Intrinsics
 
 COVERED_M = 0.05
-"""A sample nearer than this to a seen point counts as seen [m] (paper, section V-A)."""
+"""A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
 CAP_M = 1.0
 """Largest distance that a sample adds to the mean [m] (paper's protocol)."""
 BATCH_FRAMES = 10

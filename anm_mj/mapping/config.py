@@ -233,7 +233,7 @@ class UncertaintyConfig:
 
     method: Literal["evidence", "closed_form", "perturbation"] = "evidence"
     """"evidence": by how densely a place was looked at and how usual its features are; predicts the true error best of
-    the three. "perturbation": sample variance over noisy decoders (paper, eq. 5). "closed_form": the first-order limit
+    the three. "perturbation": sample variance over noisy decoders (paper, Eq. 4). "closed_form": the first-order limit
     of that for infinitely many passes, at the price of two; closer to it than 20 passes are."""
     noise_std: float = 0.02
     """Standard deviation b of the Gaussian noise on every decoder weight."""

@@ -179,7 +179,7 @@ class HashGrid:
 
         Differentiable in the table's planes (one per feature), not in the points.
 
-        Source: paper, section IV-B (the grid F of eq. 10); Müller et al., 2022.
+        Source: paper, section IV-B (the grid F of Eq. 8); Müller et al., 2022.
         """
         index, weight = self.corners(points_m)
         if torch.is_grad_enabled() and planes[0].requires_grad:

@@ -1,4 +1,4 @@
-"""The neural field: world point to signed distance and colour (paper, eq. 10).
+"""The neural field: world point to signed distance and colour (paper, Eq. 8).
 
 Parameter layout, the same for every engine and in every checkpoint, all float32 and C-contiguous, in this order:
 

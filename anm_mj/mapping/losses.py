@@ -1,4 +1,4 @@
-"""The five loss terms (paper, section IV-B), with the normalisation of Co-SLAM's released code."""
+"""The five loss terms (paper, Eq. 9 to 12), with the normalisation of Co-SLAM's released code."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def smoothness_lattice(corner_m: Float[Tensor, "3"], config: LossConfig) -> Floa
 
 
 def smoothness_loss(features: Float[Tensor, "points features"], config: LossConfig) -> Float[Tensor, ""]:
-    """Squared differences of neighbouring grid features, summed, per lattice point (paper, last equation of IV-B)."""
+    """Squared differences of neighbouring grid features, summed, per lattice point (paper, Eq. 12)."""
     k = config.smoothness_points
     lattice = features.view(k, k, k, -1)
     total = lattice.new_zeros(())

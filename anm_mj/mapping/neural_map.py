@@ -155,7 +155,7 @@ class NeuralMap:
     def render(
         self, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colour and planar depth [m] as the map believes a camera would see them (eq. 1).
+        """Colour and planar depth [m] as the map believes a camera would see them (Eq. 1).
 
         Samples lie about the first surface along each ray that something was observed at; a ray that meets none is
         black, with NaN depth.

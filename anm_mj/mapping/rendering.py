@@ -1,4 +1,4 @@
-"""Volume rendering of a signed distance field (paper, eq. 1 and 2)."""
+"""Volume rendering of a signed distance field (paper, Eq. 1 and 2)."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 BELL_WIDTH = 0.1
-"""The threshold of eq. 2 in the unit of s; s is a fraction of the truncation, so the bell is about 1 cm wide."""
+"""The threshold of Eq. 2 in the unit of s; s is a fraction of the truncation, so the bell is about 1 cm wide."""
 
 
 def bell_weights(
     s: Float[Tensor, "n samples"], z_m: Float[Tensor, "n samples"], truncation_m: float
 ) -> Float[Tensor, "n samples"]:
-    """Rendering weights of eq. 2, summing to one along each ray.
+    """Rendering weights of Eq. 2, summing to one along each ray.
 
     Samples further than the truncation behind the first sign change are left out, so that a second surface behind the
     first one does not shine through. A ray without a sign change keeps all its samples.
@@ -29,5 +29,5 @@ def bell_weights(
 def composite(
     weights: Float[Tensor, "n samples"], values: Float[Tensor, "n samples channels"]
 ) -> Float[Tensor, "n channels"]:
-    """Weighted sum of values along each ray (eq. 1)."""
+    """Weighted sum of values along each ray (Eq. 1)."""
     return (weights[:, :, None] * values).sum(dim=1)

@@ -1,4 +1,4 @@
-"""How sure the map is at a point: by the evidence for it, or by noise on the decoders' weights (paper, eq. 5).
+"""How sure the map is at a point: by the evidence for it, or by noise on the decoders' weights (paper, Eq. 4).
 
 The paper's way: where training has flattened the loss about the present weights, noise on them changes little; where
 it has not, the outputs scatter (Yan et al., Active Neural Mapping, ICCV 2023). Both decoders are perturbed, so geometry
@@ -45,7 +45,7 @@ def uncertainty_at(
         evenness: As in the schedule that the map was trained by.
 
     Returns:
-        The variance of eq. 5 in squared truncations plus ``color_weight`` times squared colour units, or, for
+        The variance of Eq. 4 in squared truncations plus ``color_weight`` times squared colour units, or, for
         "evidence", a variance of s up to a constant factor.
     """
     if config.method == "evidence":

@@ -1,7 +1,7 @@
 """The narrowest place of every edge of the graph, and the two points of the border that it lies between.
 
 Both ends of an edge are as far from one generating point as from the other, so that the ends' clearances and the
-length of the edge tell where these points are (paper, eq. 8): at the same place along the edge, to either side of it.
+length of the edge tell where these points are (paper, Eq. 3): at the same place along the edge, to either side of it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Shortest safe paths: Dijkstra on the sparse graph, joined to the robot's pose and pulled straight.
 
-All vertices are reached by one call (paper, section III-D). The result is shortened by segments that keep the same
+All vertices are reached by one call (paper, section III-C). The result is shortened by segments that keep the same
 clearance, because a graph that stays in the middle of rooms costs steps that a room does not ask for.
 """
 

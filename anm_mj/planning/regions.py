@@ -1,6 +1,6 @@
 """Regions of interest: uncertain surface, clustered by geometry and topology, anchored to vertices that can see it.
 
-Surface points that are more uncertain than most (paper, eq. 5) and were seen from afar only are anchored, each to the
+Surface points that are more uncertain than most (paper, Eq. 4) and were seen from afar only are anchored, each to the
 nearest vertex that sees it: within range, not at a grazing angle, with nothing in between. What lies close together
 *in front of* the surface, so that the two sides of a wall never join, and is anchored to the same vertex is one region.
 Some surface always is the most uncertain; but what was seen from as near as from an anchor is of no more interest, nor

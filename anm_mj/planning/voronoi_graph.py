@@ -1,6 +1,6 @@
 """The generalized Voronoi graph of the known free plane.
 
-Every point of the graph is equidistant to at least two points of the border of free space (paper, eq. 8; Choset and
+Every point of the graph is equidistant to at least two points of the border of free space (paper, Eq. 3; Choset and
 Burdick, 2000). The border is sampled: zero-crossings of the SDF, and the frontier to the unknown, finely inside the
 robot's local horizon and coarsely outside, so that the cost stays bounded in large scenes (paper, section IV-A). On a
 Voronoi edge the two generating points are the nearest of all, so that the clearance of a whole edge is exactly the

@@ -93,7 +93,7 @@ class MapperBackend(Protocol):
         direction: Float32[np.ndarray, "n 3"],
         z_m: Float32[np.ndarray, "n samples"],
     ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
-        """Rendered colour in [0, 1] and planar depth [m] of rays, from samples at the given depths (eq. 1)."""
+        """Rendered colour in [0, 1] and planar depth [m] of rays, from samples at the given depths (Eq. 1)."""
         ...
 
     def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:

@@ -17,7 +17,7 @@ _BELL_WIDTH = tl.constexpr(BELL_WIDTH)
 @triton.jit
 @no_type_check
 def bell_weights(s, z, used, k, SAMPLES: tl.constexpr, SAMPLES_PAD: tl.constexpr, TRUNCATION: tl.constexpr):
-    """Weights of eq. 2 that add up to one on each ray, what they were divided by, their slope by s, and where they are.
+    """Weights of Eq. 2 that add up to one on each ray, what they were divided by, their slope by s, and where they are.
 
     All but the second "RAYS SAMPLES_PAD"; the slope is that before division, and stands beyond what is visible too.
     """

@@ -1,4 +1,4 @@
-"""The paper's policy: anchored vertices in the local horizon first, then near to far (sections III-C, III-D, IV-A).
+"""The paper's policy: anchored vertices in the local horizon first, then near to far (sections III-B, III-C, IV-A).
 
 After a full turn at the start, every decision weighs the vertices at which something is to be decided
 (:mod:`anm_mj.planning.graph_nodes`), and any other that a region of interest is anchored to. Only those are candidates
