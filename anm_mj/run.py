@@ -24,7 +24,7 @@ from anm_mj.protocols import Viewer
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Pose2
-from anm_mj.utils.memory import return_freed
+from anm_mj.utils.memory import malloc_trim
 from anm_mj.viz.viewer import NullViewer
 
 ORACLE = "oracle"
@@ -102,7 +102,7 @@ def run(
         truth = scene_truth(scene, robot.footprint, mount, first.pose, on_survey)
         if policy is None:
             policy = Oracle(truth, reachable_floor(scene, robot.footprint, first.pose), mount)
-        return_freed()
+        malloc_trim()
         true_view = None if config.pose == "true" else lambda: (robot.pose, robot.T_true_camera)
         with RunRecorder(folder, truth, true_view) as recorder:
             outcome = explore(

@@ -34,7 +34,7 @@ from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Footprint, Pose2
 
 if TYPE_CHECKING:
     # Imports mujoco, which may be imported only once the robot's maker has chosen a GL back-end.
-    from anm_mj.control.clearance import Clearance
+    from anm_mj.geometry.clearance import Clearance
     from anm_mj.sim.robot import SimRobot
 
 FREE_M = 0.12
@@ -102,7 +102,7 @@ def physics_figures(world: Scene, actions: int) -> list[Figure]:
     worst_m = worst_rad = worst_forward_m = worst_turn_rad = worst_height_m = 0.0
     upright, cpu_ms, bumps = 1.0, [], 0
     with make_robot(world, drive="physics", image_px=16) as robot:
-        from anm_mj.control.clearance import Clearance
+        from anm_mj.geometry.clearance import Clearance
 
         root, asked = robot.model.body("robot/base").id, robot.pose
         # Obstacle boxes are up to a cell thicker than what they stand for.
@@ -148,8 +148,8 @@ def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure
     """What an action of the kinematic drive costs among very many triangles."""
     cpu_ms, moves = [], 0
     with make_robot(world, image_px=16) as robot:
-        from anm_mj.control.clearance import Clearance
         from anm_mj.control.kinematic_drive import KinematicDrive
+        from anm_mj.geometry.clearance import Clearance
         from anm_mj.robot.config import robot_path
         from anm_mj.robot.description import describe_robot
 
@@ -179,7 +179,7 @@ def push_figures(world: Scene, pushes: int, push_n: float) -> list[Figure]:
     with make_robot(world, drive="physics", image_px=16) as robot:
         import mujoco
 
-        from anm_mj.control.clearance import Clearance
+        from anm_mj.geometry.clearance import Clearance
 
         footprint = robot.footprint
         core = Clearance(*world.triangles(), Footprint(CORE_M, footprint.z_min_m, footprint.z_max_m))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.control.clearance import Clearance
+from anm_mj.geometry.clearance import Clearance
 from anm_mj.robot.description import RobotDescription, describe_robot
 from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.types import Footprint

@@ -9,7 +9,7 @@ import pytest
 
 _PACKAGE = Path(__file__).resolve().parents[1] / "anm_mj"
 
-_BASE = {"types", "frames", "errors", "protocols", "utils"}
+_BASE = {"types", "frames", "errors", "protocols", "utils", "geometry"}
 _STAGES = {"scene", "sim", "mapping", "planning", "robot", "control"}
 
 _MAY_IMPORT: dict[str, set[str]] = {
@@ -17,6 +17,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "frames": {"types"},
     "errors": set(),
     "utils": set(),
+    "geometry": {"types", "frames"},
     "protocols": {"types"},
     "scene": _BASE,
     "sim": _BASE | {"scene"},

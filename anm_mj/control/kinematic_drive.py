@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.clearance import Clearance
 from anm_mj.control.look_at import LookAt
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.errors import RobotError
+from anm_mj.geometry.clearance import Clearance
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist, WheelSpeeds

@@ -8,7 +8,7 @@ from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.model_cache import cached_model
-from anm_mj.utils.memory import return_freed
+from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
     import mujoco
@@ -85,7 +85,7 @@ def build_model(
         model = compiled()
         # MuJoCo keeps every decoded texture for the next compilation of the same scene, of which there is none.
         mujoco.mj_clearCache(mujoco.mj_getCache())
-        return_freed()
+        malloc_trim()
         return model
 
     return cached_model(scene, robot_hash, prefix, build)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
@@ -14,6 +15,9 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.raster import Grid, clip_to_slab, distance_cells, grid_over, label_components, level_mask, rasterise
 from anm_mj.types import Footprint, Pose2
+
+if TYPE_CHECKING:
+    from anm_mj.geometry.clearance import Clearance
 
 RESOLUTION_M = 0.025
 """Cell size of the grid of standing places [m]."""
@@ -137,37 +141,26 @@ def _scene_area(scene: Scene, radius_m: float, z_min_m: float, z_max_m: float) -
     return navigable_area(vertices[faces], Footprint(radius_m, z_min_m, z_max_m))
 
 
+def scene_clearance(scene: Scene, footprint: Footprint) -> Clearance:
+    """Exact clearance of a robot among a scene's triangles; built once per scene and footprint."""
+    return _scene_clearance(scene, footprint.radius_m, footprint.z_min_m, footprint.z_max_m)
+
+
+@functools.lru_cache(maxsize=4)
+def _scene_clearance(scene: Scene, radius_m: float, z_min_m: float, z_max_m: float) -> Clearance:
+    # Loads coal, which takes a third of a second: too long for commands that only list or import scenes.
+    from anm_mj.geometry.clearance import Clearance
+
+    return Clearance(*scene.triangles(), Footprint(radius_m, z_min_m, z_max_m))
+
+
 def is_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> bool:
-    """True if the robot's cylinder meets no triangle at a pose and has floor below: exact, not on a grid."""
+    """True if the robot's cylinder touches no triangle at a pose and has floor below; exact up to the floor's grid."""
     area = scene_area(scene, footprint)
     col, row = np.floor((pose.xy_m - area.grid.origin_xy_m) / area.grid.resolution_m).astype(int)
     if not (0 <= row < area.grid.rows and 0 <= col < area.grid.cols) or area.clearance_m[row, col] == 0.0:
         return False
-    polygons = _scene_polygons(scene, footprint.z_min_m, footprint.z_max_m)
-    low, high = polygons.min(axis=1), polygons.max(axis=1)
-    near = ((low <= pose.xy_m + footprint.radius_m) & (high >= pose.xy_m - footprint.radius_m)).all(axis=1)
-    return bool((_distance_to_outline(polygons[near], pose.xy_m) > footprint.radius_m).all())
-
-
-@functools.lru_cache(maxsize=4)
-def _scene_polygons(scene: Scene, z_min_m: float, z_max_m: float) -> Float64[np.ndarray, "p 5 2"]:
-    vertices, faces = scene.triangles()
-    return clip_to_slab(vertices[faces], z_min_m, z_max_m)
-
-
-def _distance_to_outline(
-    polygons_m: Float64[np.ndarray, "p k 2"], xy_m: Float[np.ndarray, "2"]
-) -> Float64[np.ndarray, " p"]:
-    """Distance from a place to the convex polygons [m]; 0 inside."""
-    edges = np.roll(polygons_m, -1, axis=1) - polygons_m
-    to_place = xy_m - polygons_m
-    length2 = (edges**2).sum(axis=2)
-    share = np.clip((to_place * edges).sum(axis=2) / np.maximum(length2, 1e-18), 0.0, 1.0)
-    distance = np.linalg.norm(to_place - share[:, :, None] * edges, axis=2).min(axis=1)
-    side = edges[:, :, 0] * to_place[:, :, 1] - edges[:, :, 1] * to_place[:, :, 0]
-    proper = (np.abs(side) > 0).any(axis=1)
-    inside = proper & ((side >= 0).all(axis=1) | (side <= 0).all(axis=1))
-    return np.where(inside, 0.0, distance)
+    return not scene_clearance(scene, footprint).collides(pose)
 
 
 def require_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from anm_mj.config import DRIVES, POSES
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig, robot_path
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
 
@@ -66,7 +66,6 @@ def make_robot(
     backend = select_backend()
     import mujoco
 
-    from anm_mj.control.clearance import Clearance
     from anm_mj.control.kinematic_drive import KinematicDrive
     from anm_mj.control.odometry import Odometer
     from anm_mj.control.physics_drive import PhysicsDrive
@@ -84,7 +83,7 @@ def make_robot(
     data = mujoco.MjData(model)
     odometer = Odometer(RobotKinematics.of(description), noise=config.wheel_noise, seed=seed)
     if drive == "kinematic":
-        clearance = Clearance(*scene.triangles(), description.footprint)
+        clearance = scene_clearance(scene, description.footprint)
         wheels = KinematicDrive(model, data, description, clearance, odometer=odometer, prefix=_PREFIX)
     else:
         wheels = PhysicsDrive(model, data, description, odometer=odometer, prefix=_PREFIX)

@@ -1,19 +1,19 @@
-"""Memory that was freed, given back to the system."""
+"""Returns freed memory to the operating system."""
 
 from __future__ import annotations
 
 import ctypes
 
 
-def return_freed() -> None:
-    """Give the system back what this process has freed; does nothing where the C library keeps nothing to give.
+def malloc_trim() -> None:
+    """Return freed heap memory to the system; does nothing with C libraries other than glibc.
 
-    glibc keeps what lies below a block still in use. After work that takes much more than what stays, such as compiling
-    a scene, that is hundreds of megabytes.
+    glibc keeps freed memory below a block still in use. After a high peak, such as compiling a scene, that is
+    hundreds of megabytes.
     """
     try:
         trim = ctypes.CDLL(None).malloc_trim
     except (OSError, AttributeError, TypeError):
-        # Not glibc, or no C library to be found this way.
+        # Not glibc, or its symbols cannot be loaded this way.
         return
     trim(0)

@@ -1,4 +1,4 @@
-"""Wall time by stage."""
+"""Measures wall time per stage."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ class Stopwatch:
     """Adds up wall milliseconds by stage name."""
 
     def __init__(self) -> None:
-        """Start with no stages."""
+        """Start without stages."""
         self.ms: dict[str, float] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Add the time spent in the block to a stage."""
+        """Add the wall time of the ``with`` block to a stage."""
         begin = time.perf_counter()
         try:
             yield
@@ -24,6 +24,6 @@ class Stopwatch:
             self.ms[name] = self.ms.get(name, 0.0) + (time.perf_counter() - begin) * 1e3
 
     def add(self, other: Stopwatch) -> None:
-        """Add another watch's stages to this one's."""
+        """Add the times of another stopwatch, stage by stage."""
         for name, ms in other.ms.items():
             self.ms[name] = self.ms.get(name, 0.0) + ms

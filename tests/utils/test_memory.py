@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anm_mj.utils.memory import return_freed
+from anm_mj.utils.memory import malloc_trim
 
 
 def resident_mib() -> float:
@@ -18,6 +18,6 @@ def test_what_was_freed_below_a_block_in_use_goes_back_to_the_system():
     kept = np.ones(2**13)
     before = resident_mib()
     del freed
-    return_freed()
+    malloc_trim()
     assert resident_mib() < before - 50.0
     assert kept.all()

@@ -6,8 +6,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.control.clearance import Clearance
 from anm_mj.frames import move_pose
+from anm_mj.geometry.clearance import Clearance
 from anm_mj.types import FORWARD_STEP_M, Pose2
 from tests.robots import FOOTPRINT, clearance_of
 
