@@ -22,6 +22,9 @@ OCCUPIED = 1
 UNKNOWN = -1
 """State of a cell that nothing has told about."""
 
+_EDGE = 1e-6
+"""A height this near to a face between two layers lies on it [layers]."""
+
 FORWARD_STEP_M = 0.065
 """Length of one forward step [m] (paper, section V-A)."""
 TURN_STEP_RAD = math.radians(10.0)
@@ -183,6 +186,31 @@ class VoxelGrid:
     origin_m: Float[np.ndarray, "3"]
     """World x, y, z of the outer corner of cell [0, 0, 0]."""
     resolution_m: float
+
+    def layer_of(self, z_m: float) -> int:
+        """Index of the layer that contains a height; may lie outside the grid."""
+        return math.floor((z_m - self.origin_m[2]) / self.resolution_m + _EDGE)
+
+    def layers_between(self, low_m: float, high_m: float, *, whole: bool = False) -> slice:
+        """Layers of a range of heights, as far as the grid has them.
+
+        Args:
+            low_m: lower end of the range [m].
+            high_m: upper end of the range [m].
+            whole: False: layers whose lower face lies in the range, so that none of an obstacle's height is missed at
+                the top. True: only layers that lie in the range as a whole, so that nothing outside it counts.
+        """
+        first, stop = self._layer_range(low_m, high_m, whole)
+        return slice(max(first, 0), max(stop, 0))
+
+    def num_layers_between(self, low_m: float, high_m: float) -> int:
+        """How many layers have their lower face in a range of heights, whether the grid has them or not."""
+        first, stop = self._layer_range(low_m, high_m, whole=False)
+        return stop - first
+
+    def _layer_range(self, low_m: float, high_m: float, whole: bool) -> tuple[int, int]:
+        low, high = ((z - self.origin_m[2]) / self.resolution_m for z in (low_m, high_m))
+        return math.ceil(low - _EDGE), math.floor(high + _EDGE) if whole else math.ceil(high - _EDGE)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from jaxtyping import Int8
 
@@ -64,11 +62,9 @@ class LocalMap:
 
 def _columns(grid: VoxelGrid, footprint: Footprint, low: np.ndarray, high: np.ndarray) -> Int8[np.ndarray, "rows cols"]:
     """States of the columns from ``[row, col]`` ``low`` up to ``high`` over the body's heights."""
-    bottom, top = (
-        math.ceil((z_m - grid.origin_m[2]) / grid.resolution_m - 1e-6) for z_m in (footprint.z_min_m, footprint.z_max_m)
-    )
-    body = grid.state[max(bottom, 0) : max(top, 0), low[0] : max(high[0], 0), low[1] : max(high[1], 0)]
+    heights = footprint.z_min_m, footprint.z_max_m
+    body = grid.state[grid.layers_between(*heights), low[0] : max(high[0], 0), low[1] : max(high[1], 0)]
     num_free = (body == FREE).sum(axis=0, dtype=np.int16)
-    state = np.where(num_free >= FREE_SHARE * (top - bottom), np.int8(FREE), np.int8(UNKNOWN))
+    state = np.where(num_free >= FREE_SHARE * grid.num_layers_between(*heights), np.int8(FREE), np.int8(UNKNOWN))
     state[body.max(axis=0, initial=UNKNOWN) == OCCUPIED] = OCCUPIED
     return state

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int64, UInt16
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
+from anm_mj.utils.arrays import embed
 
 BLOCK = 16
 """Voxels along the edge of a block, the unit of growth and of change."""
@@ -222,12 +223,13 @@ class OccupancyGrid:
             new_high = np.maximum(new_high, self._corner + shape)
         before = (self._corner - new_low) if shape.all() else np.zeros(3, np.int64)
         new_shape = tuple((new_high - new_low)[::-1].tolist())
-        self._log_odds = _moved(self._log_odds, new_shape, before, 0)
-        self._state = _moved(self._state, new_shape, before, UNKNOWN)
-        self._seen_range_m = _moved(self._seen_range_m, new_shape, before, np.inf)
-        self._num_hits = _moved(self._num_hits, new_shape, before, 0)
+        start = before[::-1]
+        self._log_odds = embed(self._log_odds, new_shape, start, 0)
+        self._state = embed(self._state, new_shape, start, UNKNOWN)
+        self._seen_range_m = embed(self._seen_range_m, new_shape, start, np.inf)
+        self._num_hits = embed(self._num_hits, new_shape, start, 0)
         block_shape = tuple(n // BLOCK for n in new_shape)
-        self._block_stamp = _moved(self._block_stamp, block_shape, before // BLOCK, 0)
+        self._block_stamp = embed(self._block_stamp, block_shape, start // BLOCK, 0)
         self._corner = new_low
 
     def _carve(
@@ -333,12 +335,3 @@ def _carve_limit(depth_m: Float32[np.ndarray, "h w"], config: OccupancyConfig) -
     """Depth up to which each pixel vouches for free space [m]."""
     missing = np.float32(np.inf if config.no_depth_is_free else 0.0)
     return np.where(depth_m > 0.0, depth_m, missing).astype(np.float32)
-
-
-def _moved(old: np.ndarray, shape: tuple[int, ...], before_xyz: Int64[np.ndarray, "3"], fill: float) -> np.ndarray:
-    """A larger array with the old one inside it, ``before_xyz`` cells from its start."""
-    new = np.full(shape, fill, old.dtype)
-    if old.size:
-        where = tuple(slice(b, b + n) for b, n in zip(before_xyz[::-1], old.shape, strict=True))
-        new[where] = old
-    return new

@@ -25,9 +25,9 @@ def way_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
     around = footprint.radius_m + reach + resolution
     low = np.floor((pose.xy_m - around - grid.origin_m[:2]) / resolution).astype(int)
     high = np.ceil((pose.xy_m + around - grid.origin_m[:2]) / resolution).astype(int)
-    z0, z1 = (math.ceil((z - grid.origin_m[2]) / resolution - 1e-6) for z in (footprint.z_min_m, footprint.z_max_m))
+    body = grid.layers_between(footprint.z_min_m, footprint.z_max_m)
     rows, cols = (slice(max(low[i], 0), max(high[i], 0)) for i in (1, 0))
-    occupied = (grid.state[max(z0, 0) : max(z1, 0), rows, cols] == OCCUPIED).any(axis=0)
+    occupied = (grid.state[body, rows, cols] == OCCUPIED).any(axis=0)
     row, col = np.nonzero(occupied)
     if not len(row):
         return False

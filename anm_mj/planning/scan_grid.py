@@ -16,6 +16,7 @@ from skimage.draw import polygon
 
 from anm_mj.frames import pixel_directions, world_to_cell
 from anm_mj.types import FORWARD_STEP_M, FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, TopDownMap
+from anm_mj.utils.arrays import embed
 
 RESOLUTION_M = 0.05
 GROWTH_CELLS = 128
@@ -116,10 +117,8 @@ class ScanGrid:
         rows, cols = (round(length / RESOLUTION_M) for length in (high - low)[::-1])
         if (rows, cols) == old.shape:
             return
-        self.log_odds = np.full((rows, cols), np.nan, np.float32)
-        if old.size:
-            col, row = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)
-            self.log_odds[row : row + old.shape[0], col : col + old.shape[1]] = old
+        start = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)[::-1] if old.size else np.zeros(2, int)
+        self.log_odds = embed(old, (rows, cols), start, np.nan)
         self.origin_xy_m = low
 
 

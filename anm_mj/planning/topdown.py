@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 from scipy import ndimage
 
 from anm_mj.planning.borders import BorderPoints
@@ -24,6 +24,7 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, dilate_mask, relative_to, union
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
+from anm_mj.utils.arrays import embed
 
 TRUNCATION_M = 0.1
 """Beyond this distance the SDF says no more than 'far' [m]."""
@@ -65,7 +66,7 @@ class TopDownMapper:
         self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._origin_xy_m = np.zeros(2)
-        self._layers = _Layers((0, 0))
+        self._layers = _Layers()
         self._borders = BorderPoints()
 
     def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
@@ -146,19 +147,16 @@ class TopDownMapper:
         Returns:
             Where that has changed.
         """
-        z0, z1 = (
-            max(math.ceil((z - grid.origin_m[2]) / grid.resolution_m - 1e-6), 0)
-            for z in (self.footprint.z_min_m, self.footprint.z_max_m)
-        )
-        body = grid.state[z0:z1, window[0], window[1]]
+        heights = grid.layers_between(self.footprint.z_min_m, self.footprint.z_max_m)
+        body = grid.state[heights, window[0], window[1]]
         num_free = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
         hit = body.max(axis=0, initial=UNKNOWN) == OCCUPIED
         # What is as low as the body's underside may lie in a layer that is mostly below it.
-        lowest = max(math.floor((self.footprint.z_min_m - grid.origin_m[2]) / grid.resolution_m + 1e-6), 0)
-        for layer in range(lowest, min(z0, len(grid.state))):
+        lowest = max(grid.layer_of(self.footprint.z_min_m), 0)
+        for layer in range(lowest, min(heights.start, len(grid.state))):
             near = grid.seen_range_m[layer, window[0], window[1]] <= LOW_SEEN_M
             hit |= near & (grid.state[layer, window[0], window[1]] == OCCUPIED)
-        deep, floor = (math.floor((z - grid.origin_m[2]) / grid.resolution_m + 1e-6) for z in (-NO_FLOOR_M, 0.0))
+        deep, floor = grid.layer_of(-NO_FLOOR_M), grid.layer_of(0.0)
         if deep >= 0:
             below = grid.state[deep : floor + 1, window[0], window[1]]
             hit |= (below == FREE).all(axis=0)
@@ -169,9 +167,7 @@ class TopDownMapper:
 
     def _column_state(self, grid: VoxelGrid, window: Window) -> Int8[np.ndarray, "rows cols"]:
         layers = self._layers
-        heights = math.ceil(self.footprint.z_max_m / grid.resolution_m) - math.ceil(
-            self.footprint.z_min_m / grid.resolution_m
-        )
+        heights = grid.num_layers_between(self.footprint.z_min_m, self.footprint.z_max_m)
         enough = self.config.free_share * max(heights, 1)
         around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < enough
@@ -188,13 +184,8 @@ class TopDownMapper:
         old = self._layers
         if old.state.shape == shape and np.allclose(self._origin_xy_m, grid.origin_m[:2]):
             return
-        layers = _Layers(shape)
-        if old.state.size:
-            col, row = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)
-            where = slice(row, row + old.state.shape[0]), slice(col, col + old.state.shape[1])
-            for name, array in vars(old).items():
-                getattr(layers, name)[where] = array
-        self._layers = layers
+        start = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
+        old.grow(shape, start if old.state.size else np.zeros(2, int))
         self._origin_xy_m = grid.origin_m[:2].astype(float)
 
     def _stamp(self, grid: VoxelGrid) -> list[Window]:
@@ -252,19 +243,41 @@ class TopDownMapper:
         layers.clearance_m[reached] = np.maximum(clearance * np.float32(resolution_m), np.float32(-MAX_DEPTH_M))
 
 
+_BLANK = {
+    "num_free": np.uint8(0),
+    "hit": np.False_,
+    "min_sdf_m": np.float32(TRUNCATION_M),
+    "near_trajectory": np.False_,
+    "under_robot": np.False_,
+    "blocked": np.False_,
+    "state": np.int8(UNKNOWN),
+    "field_m": np.float32(TRUNCATION_M),
+    "clearance_m": np.float32(-MAX_DEPTH_M),
+}
+"""What each layer holds where nothing is known."""
+
+
 class _Layers:
     """What is remembered of every cell."""
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.num_free: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
-        self.hit: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
-        self.min_sdf_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(TRUNCATION_M))
-        self.near_trajectory: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
-        self.under_robot: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
-        self.blocked: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
-        self.state: Int8[np.ndarray, "rows cols"] = np.full(shape, UNKNOWN, np.int8)
-        self.field_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(TRUNCATION_M))
-        self.clearance_m: Float32[np.ndarray, "rows cols"] = np.full(shape, np.float32(-MAX_DEPTH_M))
+    num_free: UInt8[np.ndarray, "rows cols"]
+    hit: Bool[np.ndarray, "rows cols"]
+    min_sdf_m: Float32[np.ndarray, "rows cols"]
+    near_trajectory: Bool[np.ndarray, "rows cols"]
+    under_robot: Bool[np.ndarray, "rows cols"]
+    blocked: Bool[np.ndarray, "rows cols"]
+    state: Int8[np.ndarray, "rows cols"]
+    field_m: Float32[np.ndarray, "rows cols"]
+    clearance_m: Float32[np.ndarray, "rows cols"]
+
+    def __init__(self) -> None:
+        for name, blank in _BLANK.items():
+            setattr(self, name, np.full((0, 0), blank))
+
+    def grow(self, shape: tuple[int, ...], start: Int[np.ndarray, 2]) -> None:
+        """Make all layers larger; ``start`` is where the present cell [0, 0] moves to."""
+        for name, blank in _BLANK.items():
+            setattr(self, name, embed(getattr(self, name), shape, start, blank))
 
 
 def _stamp_disc(

@@ -193,3 +193,20 @@ def test_looks_are_counted_at_the_place_that_a_pixel_shows():
     elsewhere = view.T_world_camera.copy()
     elsewhere[0, 3] += 50.0
     assert not occupancy.looks(view.depth_m, view.intrinsics, elsewhere).any()
+
+
+def test_layers_between_start_where_a_lower_face_lies_in_the_range():
+    grid = OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid
+    assert grid.layers_between(0.04, 0.36) == slice(1, 5)
+    assert grid.num_layers_between(0.04, 0.36) == 4
+    assert grid.layers_between(-1.0, 0.36) == slice(0, 5)
+
+
+def test_whole_layers_lie_in_the_range():
+    grid = OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid
+    assert grid.layers_between(0.04, 0.36, whole=True) == slice(1, 4)
+
+
+@pytest.mark.parametrize(("z_m", "layer"), [(0.0, 0), (0.05, 1), (-0.06, -1)])
+def test_layer_of(z_m, layer):
+    assert OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid.layer_of(z_m) == layer

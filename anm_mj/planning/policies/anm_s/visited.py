@@ -7,8 +7,6 @@ nothing that a region of interest does not stand for anyway.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from scipy import ndimage
@@ -93,8 +91,8 @@ def num_within(
 
 def _nearest_view_m(grid: VoxelGrid, footprint: Footprint, xy_m: Float[np.ndarray, "n 2"]) -> Float32[np.ndarray, " n"]:
     """Smallest depth at which anything was seen in the columns about points, at body heights; +inf where never [m]."""
-    low, high = (math.floor((z - grid.origin_m[2]) / grid.resolution_m) for z in (footprint.z_min_m, footprint.z_max_m))
-    depth = grid.seen_range_m[max(low + 1, 0) : max(high, 1)].min(axis=0, initial=np.inf)
+    body = grid.layers_between(footprint.z_min_m, footprint.z_max_m, whole=True)
+    depth = grid.seen_range_m[body].min(axis=0, initial=np.inf)
     # A border point lies on the edge between two cells, and the surface may have been put into either.
     depth = ndimage.minimum_filter(depth, size=3)
     cell = world_to_cell(xy_m, grid.origin_m[:2], grid.resolution_m)

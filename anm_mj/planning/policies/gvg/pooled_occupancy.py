@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int8
 
 from anm_mj.planning.grid_windows import bounds, clamp, dilate_mask
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from anm_mj.utils.arrays import embed
 
 POOL = 2
 """Voxels along the edge of a cell."""
@@ -72,7 +73,7 @@ class PooledOccupancy:
         offset = np.rint((grid.origin_m - self.origin_m) / resolution).astype(int)[::-1]
         shape = np.array(grid.state.shape)
         # No ray goes below the floor.
-        floor = max(math.floor((-LOWEST_M - grid.origin_m[2]) / resolution), 0)
+        floor = max(grid.layer_of(-LOWEST_M), 0)
         first = np.floor((low_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
         last = np.ceil((high_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
         window = clamp(first, last, grid.state.shape[1:])
@@ -115,11 +116,10 @@ class PooledOccupancy:
         """Keep the voxels as they were last seen aligned with a grid that has grown."""
         if self._voxels.shape == grid.state.shape and np.allclose(self._voxels_origin_m, grid.origin_m):
             return
-        grown = np.full(grid.state.shape, UNKNOWN, np.int8)
-        if self._voxels.size:
-            at = np.rint((self._voxels_origin_m - grid.origin_m) / grid.resolution_m).astype(int)[::-1]
-            grown[tuple(slice(a, a + n) for a, n in zip(at, self._voxels.shape, strict=True))] = self._voxels
-        self._voxels, self._voxels_origin_m = grown, grid.origin_m.astype(float)
+        start = np.rint((self._voxels_origin_m - grid.origin_m) / grid.resolution_m).astype(int)[::-1]
+        start = start if self._voxels.size else np.zeros(3, int)
+        self._voxels = embed(self._voxels, grid.state.shape, start, UNKNOWN)
+        self._voxels_origin_m = grid.origin_m.astype(float)
 
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
@@ -157,13 +157,10 @@ class PooledOccupancy:
         else:
             new_low = np.floor_divide(low, block) * block
         new_shape = tuple((new_high - new_low)[::-1].tolist())
-        where = tuple(slice(-a, -a + n) for a, n in zip(new_low[::-1], shape[::-1], strict=True))
+        start = -new_low[::-1] if shape.all() else np.zeros(3, int)
         for name, fill in (("state", UNKNOWN), ("tried_from_m", np.inf), ("_num_free", 0), ("_num_surface", 0)):
             old = getattr(self, name)
-            new = np.full(new_shape[: old.ndim], fill, old.dtype)
-            if shape.all():
-                new[where[: old.ndim]] = old
-            setattr(self, name, new)
+            setattr(self, name, embed(old, new_shape[: old.ndim], start[: old.ndim], fill))
         self.layer_share = np.ones(new_shape[0], np.float32)
         self.origin_m = self.origin_m + new_low * cell
         self.epoch += 1
