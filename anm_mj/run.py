@@ -11,9 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from anm_mj.config import RunConfig, default_steps
-from anm_mj.evaluation.ground_truth_cache import mount_of, reachable_floor, scene_truth
+from anm_mj.evaluation.ground_truth_cache import cached_ground_truth, reachable_area
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.evaluation.oracle.policy import Oracle
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.explore import Progress, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
@@ -98,10 +99,10 @@ def run(
         folder.write_manifest(manifest(facts, sys.argv))
         folder.write_config(replace(config, steps=steps))
         first = robot.observe()
-        mount = mount_of(first.intrinsics, first.T_world_camera, first.pose)
-        truth = scene_truth(scene, robot.footprint, mount, first.pose, on_survey)
+        camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
+        truth = cached_ground_truth(scene, robot.footprint, camera, first.pose, on_survey)
         if policy is None:
-            policy = Oracle(truth, reachable_floor(scene, robot.footprint, first.pose), mount)
+            policy = Oracle(truth, reachable_area(scene, robot.footprint, first.pose), camera)
         malloc_trim()
         true_view = None if config.pose == "true" else lambda: (robot.pose, robot.T_true_camera)
         with RunRecorder(folder, truth, true_view) as recorder:

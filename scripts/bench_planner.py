@@ -22,7 +22,8 @@ from jaxtyping import Float, Float32
 
 from anm_mj.evaluation.curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
+from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.explore import Outcome, explore
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.occupancy import OccupancyGrid
@@ -171,8 +172,8 @@ def run(world: Scene, name: str, steps: int, pose: Pose2, seed: int) -> tuple[Ou
     """One run of one policy."""
     with make_robot(world, start=pose) as robot:
         first = robot.observe()
-        mount = mount_of(first.intrinsics, first.T_world_camera, first.pose)
-        truth = scene_truth(world, robot.footprint, mount, first.pose)
+        camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
+        truth = cached_ground_truth(world, robot.footprint, camera, first.pose)
         coverage = Coverage(CompletionCurve(truth))
         timed = Timed(make_policy(policy_class(name), PlanningConfig(), robot.footprint, seed))
         outcome = explore(robot, OccupancyMapper(), timed, num_steps=steps, recorder=coverage, viewer=NullViewer())

@@ -1,10 +1,10 @@
-"""Holds one policy of a finished comparison against another, start by start.
+"""Compares two policies of a finished comparison, run by run.
 
     python scripts/compare_policies.py bench/benchmark --policy gvg --other anm-s
 
-Prints a Markdown table: what of the observable surface each has seen at its end and on average over the budget, after
-how many steps the one has seen 90 % of what the other sees at its end, and how the one's run ended; below it in how
-many runs the one is ahead, and how long its decisions took. Only runs that both have made are compared.
+Prints a Markdown table. For each start and seed it gives the completion ratio of the observable surface (final, and
+area under the curve), the steps to 90 % of the other policy's final ratio, and how the first policy's run ended. Below
+the table: the share of runs that the first policy wins, and its decision times. Only runs of both policies count.
 """
 
 from pathlib import Path
@@ -14,24 +14,31 @@ import numpy as np
 import tyro
 
 from anm_mj.bench.engine import RESULT
-from anm_mj.bench.results_table import Result, read_result
+from anm_mj.bench.results_table import OBSERVABLE, Result, read_result
 from anm_mj.errors import AnmError
 from anm_mj.io.jsonl import read_json_lines
 
 SHARE = 0.9
-"""Of what the other has seen at its end."""
+"""Of the other policy's final ratio."""
 USEFUL = 0.25
-"""What is seen after the last useful step, of the observable surface [%]."""
-HEADINGS = ("scene, budget", "start, seed", "at the end", "on average", "steps to 90 % of the other's end", "the end")
+"""Gain after the last useful step [% of the observable surface]."""
+HEADINGS = (
+    "scene, budget",
+    "start, seed",
+    "final",
+    "area under the curve",
+    "steps to 90 % of the other's final",
+    "stop reason",
+)
 
 
 def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg", other: str = "anm-s") -> None:
     """Compare two policies.
 
     Args:
-        comparison: Folder that ``anm-mj bench`` has written.
-        policy: The one, as the tables name it: with settings, "anm-s (planning.target=random)".
-        other: The other.
+        comparison: Output folder of ``anm-mj bench``.
+        policy: First policy, as the tables name it: with settings, "anm-s (planning.target=random)".
+        other: Second policy.
     """
     found, folder = {}, {}
     for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
@@ -43,46 +50,39 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
     if not both:
         raise AnmError(f"{comparison} holds no runs that both {policy} and {other} have made; see its folder runs.")
     print(f"`{policy}` / `{other}`\n\n| " + " | ".join(HEADINGS) + " |\n|" + "---|" * len(HEADINGS))
-    ratios, ends, means, took_ms = [], [], [], []
+    ratios, finals, areas, took_ms = [], [], [], []
     for key in both:
         ours, theirs = found[policy, key], found[other, key]
-        wanted = SHARE * theirs.curve[-1, 3]
+        wanted = SHARE * theirs.curve[-1, OBSERVABLE]
         steps, their_steps = ours.steps_to(wanted), theirs.steps_to(wanted)
         ratios.append(steps / their_steps)
-        ends.append((ours.curve[-1, 3], theirs.curve[-1, 3]))
-        means.append((_mean(ours), _mean(theirs)))
+        finals.append((ours.curve[-1, OBSERVABLE], theirs.curve[-1, OBSERVABLE]))
+        areas.append((ours.area_under_curve(OBSERVABLE), theirs.area_under_curve(OBSERVABLE)))
         decisions = read_json_lines(folder[policy, key] / "plans.jsonl")
         took_ms += [sum(line["ms"].values()) for line in decisions if line["ms"]]
         cells = (
             f"{key[0]}, {key[1]}",
             f"{key[2]}, {key[3]}",
-            "{:.1f} / {:.1f} %".format(*ends[-1]),
-            "{:.1f} / {:.1f} %".format(*means[-1]),
+            "{:.1f} / {:.1f} %".format(*finals[-1]),
+            "{:.1f} / {:.1f} %".format(*areas[-1]),
             f"{steps:.0f} / {their_steps:.0f} ({100 * ratios[-1]:.0f} %)" if np.isfinite(steps) else "never",
             _end(ours),
         )
         print("| " + " | ".join(cells) + " |")
     known = np.array(ratios)[np.isfinite(ratios)]
-    ahead = [sum(our > their for our, their in pairs) for pairs in (ends, means)]
-    print(f"\nAhead at the end in {ahead[0]} of {len(both)} runs, on average over the budget in {ahead[1]}.")
-    print(f"Steps to 90 % of the other's end: {100 * known.mean():.0f} % on average over {len(known)} runs.")
+    ahead = [sum(our > their for our, their in pairs) for pairs in (finals, areas)]
+    print(f"\nOf {len(both)} runs, {policy} has the higher final ratio in {ahead[0]}, the larger area in {ahead[1]}.")
+    print(f"Steps to 90 % of the other's final: {100 * known.mean():.0f} % on average over {len(known)} runs.")
     half, most = np.percentile(took_ms or [np.nan], [50, 99])
-    print(f"Decisions of {policy}: {len(took_ms)}, half within {half:.1f} ms and 99 of 100 within {most:.1f} ms.")
-
-
-def _mean(result: Result) -> float:
-    """Share of the observable surface covered, averaged over the budget; kept at its last value after an end [%]."""
-    budget = result.job["steps"]
-    steps, ratio = np.append(result.curve[:, 0], budget), np.append(result.curve[:, 3], result.curve[-1, 3])
-    return float(np.trapezoid(ratio, steps) / budget)
+    print(f"{len(took_ms)} decisions of {policy}: median {half:.1f} ms, 99th percentile {most:.1f} ms.")
 
 
 def _end(result: Result) -> str:
     """Why and when the run ended, and when it last saw something useful."""
-    last = result.steps_to(result.curve[-1, 3] - USEFUL)
+    last = result.steps_to(result.curve[-1, OBSERVABLE] - USEFUL)
     steps, collisions = result.metrics["steps"], result.metrics["collisions"]
     useful = f", last useful at {last:.0f} ({steps / max(last, 1.0):.2f})" if steps < result.job["steps"] else ""
-    return f"{result.metrics['stop_reason']} at {steps}{useful}, {collisions} contacts"
+    return f"{result.metrics['stop_reason']} at {steps}{useful}, {collisions} collisions"
 
 
 if __name__ == "__main__":

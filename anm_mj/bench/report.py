@@ -11,13 +11,13 @@ from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from anm_mj.bench.results_table import Result, variant
+from anm_mj.bench.results_table import COMPLETION, OBSERVABLE, Result, variant
 
 COLUMNS = (
-    ("completion_ratio", "ratio [%]", 1),
-    ("completion_cm", "completion [cm]", 2),
-    ("observable_ratio", "of observable [%]", 1),
-    ("mean_ratio", "mean ratio [%]", 1),
+    ("completion_ratio", "final ratio [%]", 1),
+    ("completion_cm", "final completion [cm]", 2),
+    ("observable_ratio", "final ratio, observable [%]", 1),
+    ("completion_ratio_auc", "ratio AUC [%]", 1),
     ("steps_to_90", "steps to 90 %", 0),
     ("steps_to_95", "steps to 95 %", 0),
     ("steps_to_99", "steps to 99 %", 0),
@@ -28,9 +28,9 @@ COLUMNS = (
     ("turns", "turns", 0),
     ("collisions", "collisions", 1),
     ("observed_f_score", "mesh F-score, observed [%]", 1),
-    ("heldout_psnr_db", "held-out PSNR [dB]", 1),
-    ("heldout_ssim", "held-out SSIM", 3),
-    ("heldout_depth_l1_cm", "held-out depth L1 [cm]", 1),
+    ("novel_view_psnr_db", "novel-view PSNR [dB]", 1),
+    ("novel_view_ssim", "novel-view SSIM", 3),
+    ("novel_view_depth_l1_cm", "novel-view depth L1 [cm]", 1),
     ("hz", "steps/s", 1),
 )
 """Name of a column of the tidy table, heading, decimals."""
@@ -68,8 +68,8 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
     """Coverage against steps for every policy and its settings: the mean over its runs, and a band of one deviation."""
     budget = max(result.job["steps"] for result in results)
     steps = np.linspace(0.0, budget, CURVE_POINTS)
-    known = all(np.isfinite(result.curve[:, 3]).all() for result in results)
-    column, label = (3, "observable surface covered [%]") if known else (1, "surface covered [%]")
+    known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
+    column, label = (OBSERVABLE, "completion ratio, observable [%]") if known else (COMPLETION, "completion ratio [%]")
     figure = Figure(figsize=(9.5, 4.5), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

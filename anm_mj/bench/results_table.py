@@ -15,12 +15,15 @@ from jaxtyping import Float
 from anm_mj.bench.engine import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.sweep import BenchError
+from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.io.read_run import read_json
-from anm_mj.io.to_json import jsonable
+from anm_mj.io.to_json import to_json
 from anm_mj.run import ORACLE
 
 USUAL_PRESET = "default"
 """Goes without saying in the name of what is compared."""
+COMPLETION, OBSERVABLE = 1, 3
+"""Columns of a curve: completion ratio, and completion ratio of the observable surface."""
 LEVELS = (90, 95, 99)
 """Shares of the observable surface whose first steps are reported [%]."""
 TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
@@ -46,14 +49,14 @@ class Result:
 
     def steps_to(self, level: float) -> float:
         """First step of the curve at which so much of the observable surface [%] is covered; NaN if none."""
-        reached = np.flatnonzero(self.curve[:, 3] >= level)
+        reached = np.flatnonzero(self.curve[:, OBSERVABLE] >= level)
         return float(self.curve[reached[0], 0]) if len(reached) else float("nan")
 
-    def mean_ratio(self) -> float:
-        """Completion ratio averaged over the budget [%]: a run that ends early keeps what it has."""
+    def area_under_curve(self, column: int) -> float:
+        """Mean of a column of the curve over the budget; a run that ends early keeps its final value."""
         budget = self.job["steps"]
-        steps, ratio = np.append(self.curve[:, 0], budget), np.append(self.curve[:, 1], self.curve[-1, 1])
-        return float(np.trapezoid(ratio, steps) / budget)
+        steps, values = np.append(self.curve[:, 0], budget), np.append(self.curve[:, column], self.curve[-1, column])
+        return float(np.trapezoid(values, steps) / budget)
 
 
 def variant(policy: str, preset: str, settings: str) -> str:
@@ -83,7 +86,7 @@ def read_result(folder: Path) -> Result:
     cells = [[float(cell) if cell else float("nan") for cell in line.split(",")[:4]] for line in lines]
     return Result(
         job=read_json(folder / RESULT),
-        metrics=read_json(folder / "metrics.json"),
+        metrics=read_metrics(folder / "metrics.json"),
         revision=git.get("revision", "")[:12] + ("+" if git.get("changed") else ""),
         curve=np.array(cells),
     )
@@ -117,7 +120,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             "settings": " ".join(job["settings"]),
             "budget": job["steps"],
             **metrics,
-            "mean_ratio": result.mean_ratio(),
+            "completion_ratio_auc": result.area_under_curve(COMPLETION),
         }
         for level in LEVELS:
             steps = result.steps_to(level)
@@ -136,5 +139,5 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(rows[0])
         for row in rows:
-            writer.writerow("" if cell is None else cell for cell in json.loads(json.dumps(jsonable(row))).values())
+            writer.writerow("" if cell is None else cell for cell in json.loads(json.dumps(to_json(row))).values())
     unfinished.replace(path)

@@ -21,16 +21,16 @@ EXPLORE = "anm_mj.bench.worker:explore"
 KEPT = (
     "config.json",
     "curve.csv",
-    "heldout.json",
     "manifest.json",
     "metrics.json",
+    "novel_views.json",
     "plans.jsonl",
     "steps.jsonl",
     "topdown.png",
 )
 """What is kept of a run folder: the numbers and how they came about, without frames, map and mesh."""
 WITHOUT_PICTURES = "mlp"
-"""The engine whose maps are not rendered from held-out views: they have no colours, a picture takes half a minute."""
+"""The engine whose maps are not evaluated on novel views: they have no colours, and an image takes half a minute."""
 FAILED = 2
 
 
@@ -40,14 +40,14 @@ def explore(job: Job, folder: Path) -> None:
     Raises:
         AnmError: The run cannot be made.
     """
-    from anm_mj.evaluation.evaluate import add_held_out
-    from anm_mj.evaluation.novel_views import measure_held_out
+    from anm_mj.evaluation.evaluate import add_novel_views
+    from anm_mj.evaluation.novel_views import evaluate_novel_views
     from anm_mj.run import run
 
     config = job.config()
     made, _ = run(config, out=folder)
     if config.mapping.engine != WITHOUT_PICTURES:
-        add_held_out(made.path, measure_held_out(made.path))
+        add_novel_views(made.path, evaluate_novel_views(made.path))
     for path in sorted(made.path.rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()

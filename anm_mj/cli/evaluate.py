@@ -1,4 +1,4 @@
-"""``anm-mj eval``: the numbers of a finished run."""
+"""``anm-mj eval``: the metrics of a finished run."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from rich.console import Console
 
 def add_evaluate(commands: Any) -> None:
     """Add ``eval`` to the commands of the program."""
-    evaluate = commands.add_parser("eval", help="compute the numbers of a run anew from its folder alone")
+    evaluate = commands.add_parser("eval", help="recompute the metrics of a run from its folder alone")
     evaluate.add_argument("run", type=Path, metavar="RUN", help="a run folder")
     evaluate.add_argument(
-        "--heldout", action="store_true", help="also compare the map with views from where the robot never stood"
+        "--novel-views", action="store_true", help="also evaluate the map on views from places the robot never visited"
     )
+    # Its former name.
+    evaluate.add_argument("--heldout", action="store_true", dest="novel_views", help=argparse.SUPPRESS)
     evaluate.add_argument(
-        "--scene", metavar="SCENE", help="with --heldout: the run's scene, where it lies now if it has moved"
+        "--scene",
+        metavar="SCENE",
+        help="with --novel-views: name or folder of the run's scene, if it has moved",
     )
     evaluate.set_defaults(command=_evaluate)
 
@@ -27,12 +31,12 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     from anm_mj.evaluation.evaluate import evaluate_run
 
     console = Console()
-    heldout = None
-    if parsed.heldout:
-        from anm_mj.evaluation.novel_views import measure_held_out
+    novel_views = None
+    if parsed.novel_views:
+        from anm_mj.evaluation.novel_views import evaluate_novel_views
 
-        heldout = measure_held_out(parsed.run, scene=parsed.scene)
+        novel_views = evaluate_novel_views(parsed.run, scene=parsed.scene)
     with ProgressLine(console) as line:
-        metrics = evaluate_run(parsed.run, line.surveying, heldout)
+        metrics = evaluate_run(parsed.run, line.surveying, novel_views)
     print_metrics(console, metrics, parsed.run)
     return 0

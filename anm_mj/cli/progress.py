@@ -1,4 +1,4 @@
-"""What a person sees of a run in the terminal: one live line while it goes, a table at its end."""
+"""A run in the terminal: one live line during the run, a table of metrics at its end."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from anm_mj.explore import Progress
 from anm_mj.io.recorder import RunRecorder
 
 PLAIN_EVERY = 50
-"""Without a terminal, a line is printed after this many steps."""
+"""Steps between two printed lines, if the output is no terminal."""
 
 
 class ProgressLine:
-    """One live line: step, rate, coverage, target, why, loss. In a file or a pipe, a plain line now and then."""
+    """One live line: step, rate, completion ratio, target, loss, reason. Without a terminal, plain lines."""
 
     def __init__(self, console: Console):
         """Nothing is shown before the first step."""
@@ -39,14 +39,14 @@ class ProgressLine:
             self._live.stop()
 
     def surveying(self, done: int, total: int) -> None:
-        """Show how much of the search for what can be seen at all is done."""
+        """Show the progress of the computation of the observable surface."""
         if self._live is not None:
-            self._live.update(Text(f"finding what of this scene can be seen (once per scene): {100 * done // total} %"))
+            self._live.update(Text(f"computing the observable surface (once per scene): {100 * done // total} %"))
         elif done == 1:
-            self._console.print("Finding what of this scene can be seen (once per scene).")
+            self._console.print("Computing the observable surface (once per scene).")
 
     def update(self, progress: Progress, recorder: RunRecorder, num_steps: int) -> None:
-        """Show how the run stands."""
+        """Show the state of the run."""
         if progress.update.num_iterations:  # Not every step trains.
             self._loss = progress.update.loss
         if self._live is None and progress.step % PLAIN_EVERY and progress.step != num_steps:
@@ -56,7 +56,7 @@ class ProgressLine:
         parts = [
             f"step {progress.step}/{num_steps}",
             f"{progress.step / max(progress.loop_s, 1e-9):.1f} Hz",
-            f"covered {row.completion_ratio:.1f} %" if row is not None else "",
+            f"completion {row.completion_ratio:.1f} %" if row is not None else "",
             f"target {target[0]:.1f},{target[1]:.1f}" if target is not None else "",
             f"loss {self._loss:.3g}",
             progress.plan.reason,
@@ -69,10 +69,10 @@ class ProgressLine:
 
 
 class Interrupt:
-    """The first Ctrl-C asks the run to end well, the second ends the program."""
+    """The first Ctrl-C ends the run after its present step, the second ends the program."""
 
     def __init__(self, console: Console):
-        """Nothing is asked for yet."""
+        """Nothing is requested yet."""
         self._console = console
         self._requested = False
 
@@ -84,36 +84,36 @@ class Interrupt:
         signal.signal(signal.SIGINT, self._former)
 
     def requested(self) -> bool:
-        """Whether the run is to end."""
+        """Whether Ctrl-C was pressed."""
         return self._requested
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if self._requested:
             signal.default_int_handler(number, frame)
         self._requested = True
-        self._console.print("Ending after this step and writing everything; Ctrl-C again to quit at once.")
+        self._console.print("RunSummary after this step and writing everything; Ctrl-C again to quit at once.")
 
 
 def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
-    """The result of a run and where it lies."""
+    """Print the metrics of a run and where its folder lies."""
     table = Table(box=None, show_header=False)
     for label, value, unit in (
-        ("surface seen to 5 cm", metrics.completion_ratio, "%"),
-        ("of what can be seen", metrics.observable_ratio, "%"),
-        ("mean distance to what was seen", metrics.completion_cm, "cm"),
+        ("completion ratio (< 5 cm)", metrics.completion_ratio, "%"),
+        ("completion ratio, observable", metrics.observable_ratio, "%"),
+        ("completion (capped at 1 m)", metrics.completion_cm, "cm"),
         ("mesh accuracy", metrics.accuracy_cm, "cm"),
-        ("surface within 5 cm of the mesh", metrics.mesh_completion_ratio, "%"),
-        ("F-score of the mesh where observed", metrics.observed_f_score, "%"),
-        ("PSNR of views from elsewhere", metrics.heldout_psnr_db, "dB"),
-        ("SSIM of views from elsewhere", metrics.heldout_ssim, ""),
-        ("depth error of views from elsewhere", metrics.heldout_depth_l1_cm, "cm"),
-        ("steps", metrics.steps, f"of which {metrics.turns} turns, {metrics.blocked} blocked"),
-        ("distance driven", metrics.path_m, "m"),
-        ("steps per second", metrics.hz, "Hz"),
-        ("largest memory", metrics.peak_rss_mib, "MiB"),
+        ("mesh completion ratio (< 5 cm)", metrics.mesh_completion_ratio, "%"),
+        ("mesh F-score, observed", metrics.observed_f_score, "%"),
+        ("novel-view PSNR", metrics.novel_view_psnr_db, "dB"),
+        ("novel-view SSIM", metrics.novel_view_ssim, ""),
+        ("novel-view depth L1", metrics.novel_view_depth_l1_cm, "cm"),
+        ("steps", metrics.steps, f"({metrics.turns} turns, {metrics.blocked} blocked)"),
+        ("path length", metrics.path_m, "m"),
+        ("rate", metrics.hz, "steps/s"),
+        ("peak RSS", metrics.peak_rss_mib, "MiB"),
     ):
         if value is not None:
             table.add_row(label, f"{value:.2f}" if isinstance(value, float) else str(value), unit)
-    table.add_row("ended because", metrics.stop_reason or "the program was killed", "")
+    table.add_row("stop reason", metrics.stop_reason or "killed", "")
     console.print(table)
-    console.print(f"Everything of this run lies in {folder}", highlight=False, soft_wrap=True)
+    console.print(f"Run folder: {folder}", highlight=False, soft_wrap=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from anm_mj.environments.reward import SampleGrid
-from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
+from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Observation, Pose2
 
@@ -28,8 +29,7 @@ def observable_surface(scene: Scene, footprint: Footprint, view: Observation, st
     Raises:
         SceneError: the scene has no surface, or next to no floor.
     """
-    camera = view.intrinsics
-    fov_y_rad = 2.0 * math.atan(camera.height / 2.0 / camera.fy)
-    mount = mount_of(Intrinsics.from_fov(_RUN_PX, _RUN_PX, fov_y_rad), view.T_world_camera, view.pose)
-    truth = scene_truth(scene, footprint, mount, start)
+    fov_y_rad = 2.0 * math.atan(view.intrinsics.height / 2.0 / view.intrinsics.fy)
+    camera = CameraExtrinsics.of_view(Intrinsics.from_fov(_RUN_PX, _RUN_PX, fov_y_rad), view.T_world_camera, view.pose)
+    truth = cached_ground_truth(scene, footprint, camera, start)
     return SampleGrid(truth.samples if truth.observable is None else truth.samples[truth.observable])

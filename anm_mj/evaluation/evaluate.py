@@ -1,9 +1,8 @@
-"""The numbers of a run from its folder alone."""
+"""Evaluates a finished run from its folder alone."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,17 +10,25 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError, SceneError
-from anm_mj.evaluation.coverage import COVERED_M
+from anm_mj.evaluation.coverage import COVERED_M, uncapped_completion_cm
 from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
+from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.mesh import mesh_quality
-from anm_mj.evaluation.metrics import Ending, Metrics, Travel, held_out_numbers, summarise
-from anm_mj.evaluation.novel_view_poses import HeldOut, ViewQuality
-from anm_mj.evaluation.uncapped import uncapped_mean_cm
+from anm_mj.evaluation.metrics import (
+    EpisodeStatistics,
+    Metrics,
+    RunSummary,
+    novel_view_metrics,
+    novel_view_result,
+    read_metrics,
+    summarise,
+)
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
+from anm_mj.evaluation.view_quality import NovelViewResult
 from anm_mj.io.mesh_file import read_mesh
-from anm_mj.io.read_run import Run, read_json, read_run
+from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import write_json
 from anm_mj.scene.folder import load_scene
@@ -29,44 +36,46 @@ from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.viz.plots import draw_curve
 
 OUR_ROBOT = "diff_drive"
-"""The robot that made runs whose manifest names none."""
+"""Robot of runs whose manifest names none."""
 
 
 def evaluate_run(
     path: Path,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-    heldout: HeldOut | None = None,
+    novel_views: NovelViewResult | None = None,
 ) -> Metrics:
-    """Compute a run's numbers again and rewrite ``metrics.json``, ``curve.csv`` and ``curve.png``.
+    """Recompute a run's metrics and rewrite ``metrics.json``, ``curve.csv`` and ``curve.png``.
 
-    What only the running program knew (why it ended, wall time, memory) is kept from ``metrics.json``, and so is what
-    was measured on held-out views unless they were measured anew; of a run that was killed the rest is computed as far
-    as it came. A run that was made where nothing could tell which part of the surface can be seen is told it now, if
-    its scene is there. What a camera saw counts from where it truly was, whatever the robot believed.
+    Facts that only the running program knew (stop reason, wall time, memory) are kept from ``metrics.json``; so are
+    the novel-view metrics unless given. A killed run is evaluated as far as it came. If the run could not compute the
+    observable surface, it is computed now, provided that the scene is available. Frames count from the true camera
+    pose, whatever pose the robot believed.
 
     Args:
         path: The run folder.
-        on_progress: Told how much of the search for what can be seen is done, where that is still to be found.
-        heldout: What was measured on held-out views (:func:`anm_mj.evaluation.novel_views.measure_held_out`).
+        on_progress: Called with done and total rounds while the observable surface is computed.
+        novel_views: Result of :func:`anm_mj.evaluation.novel_views.evaluate_novel_views`.
 
     Raises:
-        RunFolderError: The folder is not one of a run, or a file in it is damaged.
+        RunFolderError: The folder is no run, or a file in it is damaged.
     """
     run = read_run(path)
     truth = GroundTruth.load(run.folder.ground_truth)
     if truth.observable is None:
         truth = _with_observable(run, truth, on_progress)
-    curve, travel = _replay(run, truth)
-    return write_results(run.folder, truth, curve, travel, _ending(run.folder), heldout or _heldout(run.folder))
+    curve, statistics = _replay(run, truth)
+    known = read_metrics(run.folder.metrics) if run.folder.metrics.is_file() else {}
+    summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
+    return write_results(run.folder, truth, curve, statistics, summary, novel_views or novel_view_result(known))
 
 
 def write_results(
     folder: RunFolder,
     truth: GroundTruth,
     curve: CompletionCurve,
-    travel: Travel,
-    ending: Ending,
-    heldout: HeldOut | None = None,
+    statistics: EpisodeStatistics,
+    summary: RunSummary,
+    novel_views: NovelViewResult | None = None,
 ) -> Metrics:
     """Finish the curve and write ``metrics.json``, ``curve.csv`` and ``curve.png``.
 
@@ -74,10 +83,10 @@ def write_results(
         RunFolderError: A file of the run is damaged, or cannot be written.
     """
     curve.last()
-    uncapped_cm = uncapped_mean_cm(truth.samples, curve.distance_m, _clouds(read_run(folder.path)))
+    uncapped_cm = uncapped_completion_cm(truth.samples, curve.distance_m, _clouds(read_run(folder.path)))
     covered = curve.distance_m < COVERED_M
     mesh = mesh_quality(*read_mesh(folder.mesh), truth, covered) if folder.mesh.is_file() else None
-    metrics = summarise(travel, curve.rows, curve.path_m, uncapped_cm, truth, mesh, ending, heldout)
+    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, novel_views)
     try:
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         folder.curve.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
@@ -94,18 +103,28 @@ def write_results(
     return metrics
 
 
-def _replay(run: Run, truth: GroundTruth) -> tuple[CompletionCurve, Travel]:
-    travel = Travel()
+def add_novel_views(path: Path, result: NovelViewResult) -> None:
+    """Add novel-view metrics to the ``metrics.json`` of a finished run; everything else stays.
+
+    Raises:
+        RunFolderError: The file is missing or damaged, or cannot be written.
+    """
+    metrics = RunFolder(path).metrics
+    write_json(metrics, read_metrics(metrics) | novel_view_metrics(result))
+
+
+def _replay(run: Run, truth: GroundTruth) -> tuple[CompletionCurve, EpisodeStatistics]:
+    statistics = EpisodeStatistics()
     for step in run.steps:
-        travel = travel.after(step.action, step.collided, step.moved_m, step.stage_ms)
+        statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
     curve = CompletionCurve(truth)
     for frame in run.frames:
         curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose)
-    return curve, travel
+    return curve, statistics
 
 
 def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, int], None]) -> GroundTruth:
-    """The same truth with its observable part, where scene and robot are known and no others than then."""
+    """The same ground truth with its observable part, if robot and scene are still those of the run."""
     if not run.frames or run.manifest.get("robot", OUR_ROBOT) != OUR_ROBOT:
         return truth
     try:
@@ -115,37 +134,11 @@ def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, i
     first = run.frames[0]
     if scene.hash != run.manifest.get("scene_hash"):
         return truth
-    mount = mount_of(run.intrinsics, first.T_true_camera, first.true_pose)
-    found = scene_truth(scene, DEFAULT_FOOTPRINT, mount, first.true_pose, on_progress, len(truth.samples))
+    camera = CameraExtrinsics.of_view(run.intrinsics, first.T_true_camera, first.true_pose)
+    found = cached_ground_truth(scene, DEFAULT_FOOTPRINT, camera, first.true_pose, on_progress, len(truth.samples))
     return found if np.array_equal(found.samples, truth.samples) else truth
 
 
 def _clouds(run: Run) -> Iterator[Float[np.ndarray, "n 3"]]:
     for frame in run.frames:
         yield back_project_reduced(run.depth_mm(frame), run.intrinsics, frame.T_true_camera)
-
-
-def _ending(folder: RunFolder) -> Ending:
-    if not folder.metrics.is_file():
-        return Ending()
-    known = read_json(folder.metrics)
-    return Ending(**{field.name: known.get(field.name) for field in dataclasses.fields(Ending)})
-
-
-def add_held_out(path: Path, heldout: HeldOut) -> None:
-    """Put what was measured on held-out views into the ``metrics.json`` of a finished run; all else stays.
-
-    Raises:
-        RunFolderError: The file is missing or damaged, or cannot be written.
-    """
-    folder = RunFolder(path)
-    write_json(folder.metrics, read_json(folder.metrics) | held_out_numbers(heldout))
-
-
-def _heldout(folder: RunFolder) -> HeldOut | None:
-    known = read_json(folder.metrics) if folder.metrics.is_file() else {}
-    if known.get("heldout_views") is None:
-        return None
-    values = {field.name: known.get(f"heldout_{field.name}") for field in dataclasses.fields(ViewQuality)}
-    mean = ViewQuality(**{name: math.nan if value is None else value for name, value in values.items()})
-    return HeldOut(known["heldout_views"], mean if known["heldout_views"] else None)

@@ -19,13 +19,12 @@ from jaxtyping import Bool, Float32
 
 from anm_mj.evaluation import observable
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth
-from anm_mj.evaluation.observable import Floor, observable_samples
-from anm_mj.evaluation.pixel_rays import Mount
+from anm_mj.evaluation.observable import ReachableArea, observable_samples
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.evaluation.raycast import RayCaster, can_cast_rays
-from anm_mj.frames import pose_matrix
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import scene_area
-from anm_mj.types import Footprint, Intrinsics, Pose2
+from anm_mj.types import Footprint, Pose2
 
 _logger = logging.getLogger(__name__)
 
@@ -33,10 +32,10 @@ METHOD = 1
 """Raised when the search changes, so that what older versions kept is not used."""
 
 
-def scene_truth(
+def cached_ground_truth(
     scene: Scene,
     footprint: Footprint,
-    mount: Mount,
+    camera: CameraExtrinsics,
     start: Pose2,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
     num_samples: int = NUM_SAMPLES,
@@ -49,7 +48,7 @@ def scene_truth(
     Args:
         scene: The world.
         footprint: The cylinder that the robot needs.
-        mount: Its camera.
+        camera: Its camera.
         start: A place from which the robot gets to all others.
         on_progress: Told how much of the search is done; not called where the answer is known already.
         num_samples: How many.
@@ -64,16 +63,16 @@ def scene_truth(
             "it comes with pip install 'anm-mj[embree]'."
         )
         return truth
-    floor = reachable_floor(scene, footprint, start)
-    path = cache_folder() / f"{_key(scene, truth.samples, floor, mount)}.npy"
+    area = reachable_area(scene, footprint, start)
+    path = cache_folder() / f"{_key(scene, truth.samples, area, camera)}.npy"
     kept = _load(path, len(truth.samples))
     if kept is None:
-        kept = observable_samples(truth.samples, RayCaster(*scene.triangles()), floor, mount, on_progress)
+        kept = observable_samples(truth.samples, RayCaster(*scene.triangles()), area, camera, on_progress)
         _store(path, kept)
     return replace(truth, observable=kept)
 
 
-def reachable_floor(scene: Scene, footprint: Footprint, start: Pose2) -> Floor:
+def reachable_area(scene: Scene, footprint: Footprint, start: Pose2) -> ReachableArea:
     """Where a robot can get to from a start.
 
     Raises:
@@ -84,12 +83,7 @@ def reachable_floor(scene: Scene, footprint: Footprint, start: Pose2) -> Floor:
     # A start right at an obstacle may lie in a cell that counts as blocked; it belongs to the component nearest to it.
     nearest_m = [float(np.linalg.norm(xy - start.xy_m, axis=1).min()) for xy in places]
     reachable = area.component == 1 + int(np.argmin(nearest_m))
-    return Floor(reachable, area.grid.origin_xy_m, area.grid.resolution_m)
-
-
-def mount_of(intrinsics: Intrinsics, T_world_camera: np.ndarray, pose: Pose2) -> Mount:
-    """How a robot carries its camera, from one observation: ``T_world_camera`` (4, 4) seen from its base's pose."""
-    return Mount(intrinsics, np.linalg.inv(pose_matrix(pose)) @ T_world_camera)
+    return ReachableArea(reachable, area.grid.origin_xy_m, area.grid.resolution_m)
 
 
 def cache_folder() -> Path:
@@ -97,13 +91,13 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / "observable"
 
 
-def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], floor: Floor, mount: Mount) -> str:
+def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: ReachableArea, camera: CameraExtrinsics) -> str:
     """A name for everything that the answer depends on."""
-    digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{observable.NUM_ROUNDS}\0{mount.intrinsics}\0".encode())
+    digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{observable.NUM_ROUNDS}\0{camera.intrinsics}\0".encode())
     digest.update(samples.tobytes())
-    digest.update(np.packbits(floor.reachable).tobytes())
+    digest.update(np.packbits(area.reachable).tobytes())
     # The same camera read off two poses differs in the last digits.
-    digest.update((np.round(mount.T_base_camera, 6) + 0.0).tobytes())
+    digest.update((np.round(camera.T_base_camera, 6) + 0.0).tobytes())
     return digest.hexdigest()[:32]
 
 

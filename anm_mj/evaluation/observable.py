@@ -25,7 +25,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.depth import MAX_DEPTH_M
-from anm_mj.evaluation.pixel_rays import NUM_YAWS, Mount, PixelRays
+from anm_mj.evaluation.pixel_rays import NUM_YAWS, CameraExtrinsics, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
 
 NUM_ROUNDS = 288
@@ -52,7 +52,7 @@ NOWHERE = -1
 
 
 @dataclass(frozen=True)
-class Floor:
+class ReachableArea:
     """Where the robot's axis can get to, on a grid."""
 
     reachable: Bool[np.ndarray, "rows cols"]
@@ -77,8 +77,8 @@ class Floor:
 def observable_samples(
     samples: Float32[np.ndarray, "n 3"],
     caster: RayCaster,
-    floor: Floor,
-    mount: Mount,
+    area: ReachableArea,
+    camera: CameraExtrinsics,
     on_round: Callable[[int, int], None] = lambda done, total: None,
 ) -> Bool[np.ndarray, " n"]:
     """Which samples of a surface a frame from somewhere on the floor could cover.
@@ -86,13 +86,13 @@ def observable_samples(
     Args:
         samples: On the surface, world [m].
         caster: The surface.
-        floor: Where the robot can get to.
-        mount: The camera, and how the robot carries it.
+        area: Where the robot can get to.
+        camera: The camera, and how the robot carries it.
         on_round: Told how much of the search is done.
     """
-    if len(samples) <= NUM_NEIGHBOURS or not floor.reachable.any():
+    if len(samples) <= NUM_NEIGHBOURS or not area.reachable.any():
         return np.zeros(len(samples), bool)
-    search = _Search(samples, PixelRays(caster, mount), floor)
+    search = _Search(samples, PixelRays(caster, camera), area)
     for count in range(NUM_ROUNDS):
         if not search.round(count):
             break
@@ -104,12 +104,12 @@ def observable_samples(
 class _Search:
     """From which cell each sample was first seen, found round by round."""
 
-    def __init__(self, samples: Float32[np.ndarray, "n 3"], rays: PixelRays, floor: Floor) -> None:
+    def __init__(self, samples: Float32[np.ndarray, "n 3"], rays: PixelRays, area: ReachableArea) -> None:
         self.seen_from = np.full(len(samples), NOWHERE, np.int32)
         self._found_in = self.seen_from.copy()
         self._samples = samples
         self._rays = rays
-        self._floor = floor
+        self._area = area
         self._rng = np.random.default_rng(SEED)
         _, near = KDTree(samples).query(samples, k=NUM_NEIGHBOURS + 1)
         self._neighbours = np.asarray(near)[:, 1:].astype(np.int32)
@@ -138,7 +138,7 @@ class _Search:
         unseen = unseen[self.seen_from[unseen] == NOWHERE]
         seen_from = self.seen_from[self._neighbours[unseen, count % NUM_NEIGHBOURS]]
         known = seen_from != NOWHERE
-        places_m = self._floor.centres(seen_from[known])
+        places_m = self._area.centres(seen_from[known])
         spread_m = np.float32(SPREADS_M[count // NUM_NEIGHBOURS % len(SPREADS_M)])
         self._look(unseen[known], places_m + spread_m * self._rng.standard_normal(places_m.shape, np.float32))
         self._found_in[(self._found_in == NOWHERE) & (self.seen_from != NOWHERE)] = count
@@ -158,10 +158,10 @@ class _Search:
 
     def _look(self, which: Int32[np.ndarray, " n"], places_m: Float32[np.ndarray, "n 2"]) -> None:
         """Look at samples from places, where these can be reached: at one yaw, and at all where that nearly hits."""
-        cell = self._floor.cells(places_m)
+        cell = self._area.cells(places_m)
         reachable = cell != NOWHERE
         which, cell = which[reachable], cell[reachable]
-        places_m = self._floor.centres(cell)
+        places_m = self._area.centres(cell)
         towards = self._rays.yaw_towards(self._samples[which, :2] - places_m)
         aside = self._rays.yaws_aside
         yaw = (towards + self._rng.choice(aside, len(which))) % NUM_YAWS

@@ -18,13 +18,24 @@ NUM_YAWS = round(math.tau / TURN_STEP_RAD)
 
 
 @dataclass(frozen=True)
-class Mount:
-    """The camera that looks, and how the robot carries it."""
+class CameraExtrinsics:
+    """A camera and its pose on the robot's base."""
 
     intrinsics: Intrinsics
     """Of the original, unreduced image."""
     T_base_camera: Float[np.ndarray, "4 4"]
     """Camera to base; camera axes x right, y down, z forward."""
+
+    @classmethod
+    def of_view(cls, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"], pose: Pose2) -> CameraExtrinsics:
+        """Extrinsics from one observation.
+
+        Args:
+            intrinsics: Of the original, unreduced image.
+            T_world_camera: Camera to world, CV axes.
+            pose: Of the base.
+        """
+        return cls(intrinsics, np.linalg.inv(pose_matrix(pose)) @ T_world_camera)
 
 
 class PixelRays:
@@ -32,16 +43,16 @@ class PixelRays:
 
     Args:
         caster: The surface that is looked at.
-        mount: The camera.
+        camera: The camera.
         yaw_rad: Yaw number 0; the others follow from it by the robot's turns.
     """
 
-    def __init__(self, caster: RayCaster, mount: Mount, yaw_rad: float = 0.0) -> None:
+    def __init__(self, caster: RayCaster, camera: CameraExtrinsics, yaw_rad: float = 0.0) -> None:
         self._caster = caster
-        self._camera = mount.intrinsics
-        self._rows, self._cols = kept_pixels(mount.intrinsics.height), kept_pixels(mount.intrinsics.width)
+        self._camera = camera.intrinsics
+        self._rows, self._cols = kept_pixels(camera.intrinsics.height), kept_pixels(camera.intrinsics.width)
         at_origin = [
-            pose_matrix(Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD)) @ mount.T_base_camera for k in range(NUM_YAWS)
+            pose_matrix(Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD)) @ camera.T_base_camera for k in range(NUM_YAWS)
         ]
         T_world_camera = np.stack(at_origin).astype(np.float32)
         self._rotation = np.ascontiguousarray(T_world_camera[:, :3, :3])

@@ -1,8 +1,8 @@
-"""Observations of a finished run, taken once more from where its camera stood: for measuring maps on equal input."""
+"""Renders the simulator's view at given poses of a scene, such as those of a finished run, outside of any run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from anm_mj.errors import RunFolderError
@@ -12,7 +12,7 @@ from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Observation, Pose2
 
 ROBOT_PREFIX = "robot/"
-"""What the names of the robot's joints begin with in a scene."""
+"""Prefix of the robot's joint names in a scene."""
 
 
 def explored_scene(record: Run, scene: str | None = None) -> Scene:
@@ -20,11 +20,11 @@ def explored_scene(record: Run, scene: str | None = None) -> Scene:
 
     Args:
         record: The run.
-        scene: Its name or folder now, if it has moved since.
+        scene: Present name or folder of the scene, if it has moved.
 
     Raises:
         SceneError: There is no such scene.
-        RunFolderError: It is not the one that the run explored.
+        RunFolderError: The run explored another scene.
     """
     world = load_scene(scene or record.manifest["scene"])
     if world.hash != record.manifest["scene_hash"]:
@@ -34,19 +34,19 @@ def explored_scene(record: Run, scene: str | None = None) -> Scene:
     return world
 
 
-def observe_at(world: Scene, poses: list[Pose2], image_px: int) -> Iterator[Observation]:
-    """What the simulated robot sees from each of the poses; nothing is asked about obstacles.
+def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int) -> Iterator[Observation]:
+    """The simulated robot's view at each pose, obstacles or not; the observation's step is the pose's index.
 
     Args:
         world: The scene.
-        poses: Where the robot stands, in this order; their place in it is the observation's step.
-        image_px: Width and height of the pictures [px].
+        poses: Where the robot stands; read one at a time.
+        image_px: Width and height of the images [px].
 
     Raises:
-        RenderError: If no GL back-end works.
+        RenderError: No GL back-end works.
     """
     with make_robot(world, image_px=image_px) as robot:
-        # Imports mujoco, which it may do only once the robot's maker has chosen a GL back-end.
+        # Imports mujoco, and make_robot chooses the GL back-end before that.
         from anm_mj.control.simulated_base import SimulatedBase
 
         base = SimulatedBase(robot.model, robot.data, ROBOT_PREFIX)
@@ -56,9 +56,9 @@ def observe_at(world: Scene, poses: list[Pose2], image_px: int) -> Iterator[Obse
 
 
 def observations_of(record: Run, world: Scene) -> Iterator[Observation]:
-    """All observations of a run with exact drives, in their order: the same pictures as then.
+    """All observations of a run with exact drives, in order: the same images as in the run.
 
     Raises:
-        RenderError: If no GL back-end works.
+        RenderError: No GL back-end works.
     """
     return observe_at(world, [frame.pose for frame in record.frames], record.intrinsics.width)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.to_json import jsonable
+from anm_mj.io.to_json import to_json
 
 
 class LineWriter:
@@ -34,7 +34,7 @@ class LineWriter:
 
     def json(self, value: object) -> None:
         """Append a value as one line of JSON."""
-        self.line(json.dumps(jsonable(value)))
+        self.line(json.dumps(to_json(value)))
 
     def close(self) -> None:
         """Close the file; a second time does nothing."""

@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from anm_mj.io.to_json import jsonable
+from anm_mj.io.to_json import to_json
 
 PACKAGES = ("anm-mj", "mujoco", "dm-control", "torch", "pin", "mink", "numpy", "scipy", "scikit-image", "trimesh")
 """Packages whose version can change a run."""
@@ -51,7 +51,7 @@ def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
         command: The command line.
     """
     return {
-        **jsonable(facts),
+        **to_json(facts),
         "command": command,
         "packages": {name: _version(name) for name in PACKAGES},
         "git": git_revision(Path(__file__).parent),

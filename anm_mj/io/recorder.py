@@ -22,7 +22,7 @@ from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import write_results
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.metrics import Ending, Metrics, Travel
+from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.run_folder import RunFolder
@@ -98,7 +98,7 @@ class RunRecorder:
         self._curve_file = LineWriter(folder.curve)
         self._curve_file.line(CURVE_HEADER)
         self._curve = CompletionCurve(truth)
-        self._travel = Travel()
+        self._statistics = EpisodeStatistics()
         self._evaluation_s = 0.0
         self._poses: list[Pose2] = []
         self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
@@ -148,7 +148,7 @@ class RunRecorder:
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """An action has been executed; ``pose`` is where the robot stands after it."""
-        self._travel = self._travel.after(result.action, result.collided, result.moved_m, stage_ms)
+        self._statistics = self._statistics.after(result.action, result.collided, result.moved_m, stage_ms)
         self._steps.json(
             {
                 "step": step,
@@ -201,20 +201,20 @@ class RunRecorder:
             wall_s: Wall time from the start of the program to the end of the loop [s].
             loop_s: Wall time of the loop itself, without set-up [s].
         """
-        ending = Ending(
+        summary = RunSummary(
             stop_reason=stop_reason.value,
             wall_s=wall_s,
-            hz=self._travel.steps / loop_s if loop_s > 0.0 else None,
+            hz=self._statistics.steps / loop_s if loop_s > 0.0 else None,
             evaluation_s=self._evaluation_s,
             peak_rss_mib=peak_rss_mib(),
         )
         self.close()
         # First what nobody could compute again, then what may take long: a run killed in between has lost nothing.
-        write_json(self._folder.metrics, ending)
+        write_json(self._folder.metrics, summary)
         with _writing(self._folder.map):
             finished.save(self._folder.map)
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
-        metrics = write_results(self._folder, self._truth, self._curve, self._travel, ending)
+        metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
         with _writing(self._folder.topdown_picture):
             draw_topdown(
                 self._folder.topdown_picture,

@@ -13,16 +13,16 @@ def comparison(tmp_path):
     return tmp_path / "out"
 
 
-def test_two_policies_are_held_against_each_other_start_by_start(comparison, capsys):
+def test_two_policies_are_compared_run_by_run(comparison, capsys):
     main(comparison, "gvg", "random")
 
     lines = capsys.readouterr().out.splitlines()
 
     assert lines[0] == "`gvg` / `random`"
     assert [line.split("|")[1:3] for line in lines[4:6]] == [[" home, 300 ", " 0, 0 "], [" home, 300 ", " 1, 0 "]]
-    assert lines[-3].startswith("Ahead at the end in ")
+    assert lines[-3].startswith("Of 2 runs, gvg has the higher final ratio in ")
     assert lines[-2].endswith("on average over 2 runs.")
-    assert lines[-1] == "Decisions of gvg: 2, half within 12.0 ms and 99 of 100 within 12.0 ms."
+    assert lines[-1] == "2 decisions of gvg: median 12.0 ms, 99th percentile 12.0 ms."
 
 
 def test_policies_without_common_runs_cannot_be_compared(comparison):

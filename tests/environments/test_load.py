@@ -15,7 +15,8 @@ from anm_mj.environments.task import sensed_depth
 from anm_mj.errors import SceneError, TaskError
 from anm_mj.evaluation.coverage import Coverage
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth_cache import mount_of, scene_truth
+from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.types import Action, Intrinsics
@@ -63,8 +64,8 @@ def test_stop_ends_the_episode_with_discount_0(environment):
 def test_the_rewards_add_up_to_what_the_evaluation_counts(environment):
     environment.reset()
     view = environment.task.view
-    mount = mount_of(Intrinsics.from_fov(256, 256, math.radians(90.0)), view.T_world_camera, view.pose)
-    truth = scene_truth(load_scene("home"), FOOTPRINT, mount, view.pose)
+    camera = CameraExtrinsics.of_view(Intrinsics.from_fov(256, 256, math.radians(90.0)), view.T_world_camera, view.pose)
+    truth = cached_ground_truth(load_scene("home"), FOOTPRINT, camera, view.pose)
     evaluation = Coverage(truth.samples, truth.observable)
     total = environment.task.coverage
     assert total > 0.0

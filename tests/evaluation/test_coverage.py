@@ -4,9 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.coverage import Coverage
+from anm_mj.evaluation.coverage import Coverage, uncapped_completion_cm
 from anm_mj.evaluation.depth import back_project_reduced, reduce_depth
-from anm_mj.evaluation.uncapped import uncapped_mean_cm
 from anm_mj.types import Pose2
 from tests.box_room import CAMERA, camera_pose, room_depth, room_truth
 
@@ -58,7 +57,7 @@ def test_scattered_clouds_and_any_checkpoints_give_the_same_distances(seed, chec
             coverage.completion()
     slow = slow_distance(samples, clouds)
     assert np.array_equal(coverage.distance_m, np.where(slow < 1.0, slow, np.inf))
-    uncapped = uncapped_mean_cm(samples, coverage.distance_m, iter(clouds))
+    uncapped = uncapped_completion_cm(samples, coverage.distance_m, iter(clouds))
     assert uncapped == (None if np.isinf(slow).any() else 100.0 * float(np.mean(slow)))
 
 
@@ -66,7 +65,7 @@ def test_nothing_seen_is_nothing_complete():
     coverage = Coverage(room_truth(100).samples)
     assert coverage.completion().ratio_percent == 0.0
     assert coverage.completion().completion_cm == 100.0
-    assert uncapped_mean_cm(room_truth(100).samples, coverage.distance_m, iter([])) is None
+    assert uncapped_completion_cm(room_truth(100).samples, coverage.distance_m, iter([])) is None
 
 
 def test_samples_that_were_hit_are_complete():

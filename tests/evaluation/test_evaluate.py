@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.evaluate import add_held_out, evaluate_run
-from anm_mj.evaluation.novel_view_poses import HeldOut, ViewQuality
+from anm_mj.evaluation.evaluate import add_novel_views, evaluate_run
+from anm_mj.evaluation.view_quality import NovelViewResult, ViewQuality
 from anm_mj.frames import pose_matrix
 from anm_mj.types import Pose2, StopReason
 from tests.box_room import FakeMap, new_recorder, observe, record_steps, room_plan
@@ -141,11 +141,27 @@ def test_what_a_camera_saw_counts_from_where_it_truly_was(tmp_path, finished):
     assert rows[0] != rows[2]
 
 
-def test_what_was_measured_on_held_out_views_is_kept(run):
-    assert evaluate_run(run).heldout_views is None
-    add_held_out(run, HeldOut(3, ViewQuality(20.0, 21.0, 0.7, math.nan, 90.0)))
+def test_novel_view_metrics_are_kept(run):
+    assert evaluate_run(run).novel_views is None
+    add_novel_views(run, NovelViewResult(3, ViewQuality(20.0, 21.0, 0.7, math.nan, 90.0)))
 
     metrics = evaluate_run(run)
 
-    assert (metrics.heldout_views, metrics.heldout_psnr_db, metrics.heldout_depth_l1_cm) == (3, 20.0, None)
-    assert evaluate_run(run, heldout=HeldOut(0, None)).heldout_psnr_db is None
+    assert (metrics.novel_views, metrics.novel_view_psnr_db, metrics.novel_view_depth_l1_cm) == (3, 20.0, None)
+    assert evaluate_run(run, novel_views=NovelViewResult(0, None)).novel_view_psnr_db is None
+
+
+FORMER = {"look_arounds": 2, "heldout_views": 3, "heldout_psnr_db": 20.0, "heldout_depth_l1_cm": None}
+
+
+def test_former_keys_of_metrics_are_read(run):
+    path = run / "metrics.json"
+    present = json.loads(path.read_text())
+    kept = {key: value for key, value in present.items() if "novel_view" not in key and key != "full_rotations"}
+    path.write_text(json.dumps(kept | FORMER))
+
+    metrics = evaluate_run(run)
+
+    assert (metrics.novel_views, metrics.novel_view_psnr_db, metrics.novel_view_depth_l1_cm) == (3, 20.0, None)
+    assert (metrics.stop_reason, metrics.full_rotations) == ("COMPLETE", present["full_rotations"])
+    assert json.loads(path.read_text()).keys() == present.keys()

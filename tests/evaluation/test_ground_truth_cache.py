@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation import ground_truth_cache as module
-from anm_mj.evaluation.ground_truth_cache import cache_folder, mount_of, reachable_floor
-from anm_mj.evaluation.pixel_rays import Mount
+from anm_mj.evaluation.ground_truth_cache import cache_folder, reachable_area
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.frames import pose_matrix
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Pose2
@@ -14,7 +14,7 @@ from tests.evaluation.test_observable import CAMERA, T_BASE_CAMERA, box, joined
 
 FOOTPRINT = Footprint(radius_m=0.2, z_min_m=0.05, z_max_m=1.35)
 START = Pose2(-1.0, 0.0, 0.0)
-scene_truth = functools.partial(module.scene_truth, num_samples=2_000)
+cached_ground_truth = functools.partial(module.cached_ground_truth, num_samples=2_000)
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +37,7 @@ def scene(tmp_path_factory):
 
 
 def test_only_the_room_of_the_start_is_observable(scene):
-    truth = scene_truth(scene, FOOTPRINT, Mount(CAMERA, T_BASE_CAMERA), START)
+    truth = cached_ground_truth(scene, FOOTPRINT, CameraExtrinsics(CAMERA, T_BASE_CAMERA), START)
 
     assert truth.observable is not None
     here = truth.samples[:, 0] < 0.44
@@ -46,8 +46,8 @@ def test_only_the_room_of_the_start_is_observable(scene):
 
 
 def test_a_start_beyond_the_wall_reaches_the_other_room(scene):
-    here = reachable_floor(scene, FOOTPRINT, START)
-    there = reachable_floor(scene, FOOTPRINT, Pose2(1.2, 0.0, 0.0))
+    here = reachable_area(scene, FOOTPRINT, START)
+    there = reachable_area(scene, FOOTPRINT, Pose2(1.2, 0.0, 0.0))
 
     assert not (here.reachable & there.reachable).any()
     assert there.centres(np.flatnonzero(there.reachable.ravel()).astype(np.int32))[:, 0].min() > 0.5
@@ -55,11 +55,11 @@ def test_a_start_beyond_the_wall_reaches_the_other_room(scene):
 
 def test_the_second_call_reads_what_the_first_one_kept(scene):
     told = []
-    mount = Mount(CAMERA, T_BASE_CAMERA)
-    first = scene_truth(scene, FOOTPRINT, mount, START, lambda done, total: told.append(done))
+    camera = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
+    first = cached_ground_truth(scene, FOOTPRINT, camera, START, lambda done, total: told.append(done))
     computed = len(told)
 
-    again = scene_truth(scene, FOOTPRINT, mount, START, lambda done, total: told.append(done))
+    again = cached_ground_truth(scene, FOOTPRINT, camera, START, lambda done, total: told.append(done))
 
     assert computed > 0
     assert len(told) == computed
@@ -68,46 +68,47 @@ def test_the_second_call_reads_what_the_first_one_kept(scene):
 
 
 def test_a_damaged_file_is_computed_anew(scene):
-    mount = Mount(CAMERA, T_BASE_CAMERA)
-    first = scene_truth(scene, FOOTPRINT, mount, START)
+    camera = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
+    first = cached_ground_truth(scene, FOOTPRINT, camera, START)
     (kept,) = cache_folder().iterdir()
     kept.write_bytes(kept.read_bytes()[:100])
 
-    again = scene_truth(scene, FOOTPRINT, mount, START)
+    again = cached_ground_truth(scene, FOOTPRINT, camera, START)
 
     assert np.array_equal(first.observable, again.observable)
     assert kept.stat().st_size > 100
 
 
 def test_another_camera_or_start_is_another_answer(scene):
-    floor = reachable_floor(scene, FOOTPRINT, START)
+    area = reachable_area(scene, FOOTPRINT, START)
     samples = np.zeros((5, 3), np.float32)
     low = T_BASE_CAMERA.copy()
     low[2, 3] = 0.4
+    other = reachable_area(scene, FOOTPRINT, Pose2(1.2, 0.0, 0.0))
     keys = {
-        module._key(scene, samples, floor, Mount(CAMERA, T_BASE_CAMERA)),
-        module._key(scene, samples, floor, Mount(CAMERA, low)),
-        module._key(scene, samples, floor, Mount(Intrinsics.from_fov(64, 64, math.pi / 2.0), T_BASE_CAMERA)),
-        module._key(scene, samples, reachable_floor(scene, FOOTPRINT, Pose2(1.2, 0.0, 0.0)), Mount(CAMERA, low)),
+        module._key(scene, samples, area, CameraExtrinsics(CAMERA, T_BASE_CAMERA)),
+        module._key(scene, samples, area, CameraExtrinsics(CAMERA, low)),
+        module._key(scene, samples, area, CameraExtrinsics(Intrinsics.from_fov(64, 64, math.pi / 2.0), T_BASE_CAMERA)),
+        module._key(scene, samples, other, CameraExtrinsics(CAMERA, low)),
     }
 
     assert len(keys) == 4
 
 
-def test_the_mount_is_the_same_from_every_pose(scene):
-    floor = reachable_floor(scene, FOOTPRINT, START)
+def test_extrinsics_are_the_same_from_every_pose(scene):
+    area = reachable_area(scene, FOOTPRINT, START)
     samples = np.zeros((5, 3), np.float32)
     poses = (Pose2(0.0, 0.0, 0.0), Pose2(1.3, -0.7, 2.1), Pose2(-20.0, 3.0, -3.0))
-    mounts = [mount_of(CAMERA, pose_matrix(pose) @ T_BASE_CAMERA, pose) for pose in poses]
+    cameras = [CameraExtrinsics.of_view(CAMERA, pose_matrix(pose) @ T_BASE_CAMERA, pose) for pose in poses]
 
-    assert np.allclose(mounts[1].T_base_camera, T_BASE_CAMERA)
-    assert len({module._key(scene, samples, floor, mount) for mount in mounts}) == 1
+    assert np.allclose(cameras[1].T_base_camera, T_BASE_CAMERA)
+    assert len({module._key(scene, samples, area, camera) for camera in cameras}) == 1
 
 
 def test_without_embree_it_is_said_and_left_open(scene, monkeypatch, caplog):
     monkeypatch.setattr(module, "can_cast_rays", lambda: False)
 
-    truth = scene_truth(scene, FOOTPRINT, Mount(CAMERA, T_BASE_CAMERA), START)
+    truth = cached_ground_truth(scene, FOOTPRINT, CameraExtrinsics(CAMERA, T_BASE_CAMERA), START)
 
     assert truth.observable is None
     assert "embreex" in caplog.text

@@ -1,11 +1,11 @@
-from anm_mj.evaluation.metrics import Travel
+from anm_mj.evaluation.metrics import EpisodeStatistics
 from anm_mj.types import Action
 
 L, R, F = Action.TURN_LEFT, Action.TURN_RIGHT, Action.MOVE_FORWARD
 
 
 def travelled(steps):
-    travel = Travel()
+    travel = EpisodeStatistics()
     for action, moved_m in steps:
         travel = travel.after(action, action is F and moved_m == 0.0, moved_m, {"map": 50.0, "plan": 0.0})
     return travel
@@ -19,13 +19,13 @@ def test_every_step_is_a_forward_a_turn_or_blocked():
 
 
 def test_a_look_around_is_a_full_turn_to_one_side():
-    assert travelled([(L, 0.0)] * 35).look_arounds == 0
-    assert travelled([(L, 0.0)] * 36).look_arounds == 1
-    assert travelled([(R, 0.0)] * 73).look_arounds == 2
-    assert travelled([(L, 0.0)] * 35 + [(R, 0.0)] * 35).look_arounds == 0
-    assert travelled([(L, 0.0)] * 20 + [(F, 0.065)] + [(L, 0.0)] * 20).look_arounds == 0
+    assert travelled([(L, 0.0)] * 35).full_rotations == 0
+    assert travelled([(L, 0.0)] * 36).full_rotations == 1
+    assert travelled([(R, 0.0)] * 73).full_rotations == 2
+    assert travelled([(L, 0.0)] * 35 + [(R, 0.0)] * 35).full_rotations == 0
+    assert travelled([(L, 0.0)] * 20 + [(F, 0.065)] + [(L, 0.0)] * 20).full_rotations == 0
 
 
 def test_a_stage_alone_would_run_at_its_own_rate():
     assert travelled([(F, 0.065)] * 4).stage_hz == {"map": 20.0}
-    assert Travel().stage_hz == {}
+    assert EpisodeStatistics().stage_hz == {}

@@ -6,15 +6,15 @@ import pytest
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import sample_surface
-from anm_mj.evaluation.observable import Floor, observable_samples
-from anm_mj.evaluation.pixel_rays import Mount, PixelRays
+from anm_mj.evaluation.observable import ReachableArea, observable_samples
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import pixel_directions, pose_matrix
 from anm_mj.types import Intrinsics, Pose2
 
 CAMERA = Intrinsics.from_fov(32, 32, math.pi / 2.0)
 T_BASE_CAMERA = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.25], [0.0, 0.0, 0.0, 1.0]])
-MOUNT = Mount(CAMERA, T_BASE_CAMERA)
+CAMERA_ON_BASE = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
 
 
 def box(low, high):
@@ -44,7 +44,7 @@ def world():
     # Two parts of the floor; the robot gets to one of them.
     reachable = np.zeros((5, 7), bool)
     reachable[1:4, 1:4] = True
-    floor = Floor(reachable, np.array([-1.75, -1.25]), 0.5)
+    floor = ReachableArea(reachable, np.array([-1.75, -1.25]), 0.5)
     return vertices, faces, floor
 
 
@@ -84,7 +84,7 @@ def test_what_every_pose_covers_is_found_and_nothing_else(world, slowly_covered)
     vertices, faces, floor = world
     samples, covered = slowly_covered
 
-    found = observable_samples(samples, RayCaster(vertices, faces), floor, MOUNT)
+    found = observable_samples(samples, RayCaster(vertices, faces), floor, CAMERA_ON_BASE)
 
     assert 0.3 < covered.mean() < 0.9
     assert np.count_nonzero(found & ~covered) == 0
@@ -96,9 +96,9 @@ def test_the_same_call_gives_the_same_samples(world):
     samples = sample_surface(vertices, faces, 500)
     caster = RayCaster(vertices, faces)
 
-    first = observable_samples(samples, caster, floor, MOUNT)
+    first = observable_samples(samples, caster, floor, CAMERA_ON_BASE)
 
-    assert np.array_equal(first, observable_samples(samples, caster, floor, MOUNT))
+    assert np.array_equal(first, observable_samples(samples, caster, floor, CAMERA_ON_BASE))
 
 
 def test_progress_is_told_and_ends_at_the_whole(world):
@@ -106,7 +106,11 @@ def test_progress_is_told_and_ends_at_the_whole(world):
     told = []
 
     observable_samples(
-        sample_surface(vertices, faces, 100), RayCaster(vertices, faces), floor, MOUNT, lambda a, b: told.append((a, b))
+        sample_surface(vertices, faces, 100),
+        RayCaster(vertices, faces),
+        floor,
+        CAMERA_ON_BASE,
+        lambda a, b: told.append((a, b)),
     )
 
     assert [done for done, _ in told] == sorted(done for done, _ in told)
@@ -115,15 +119,15 @@ def test_progress_is_told_and_ends_at_the_whole(world):
 
 def test_without_floor_nothing_can_be_seen(world):
     vertices, faces, floor = world
-    nowhere = Floor(np.zeros_like(floor.reachable), floor.origin_xy_m, floor.resolution_m)
+    nowhere = ReachableArea(np.zeros_like(floor.reachable), floor.origin_xy_m, floor.resolution_m)
 
     assert not observable_samples(
-        sample_surface(vertices, faces, 100), RayCaster(vertices, faces), nowhere, MOUNT
+        sample_surface(vertices, faces, 100), RayCaster(vertices, faces), nowhere, CAMERA_ON_BASE
     ).any()
 
 
 def test_a_cell_and_its_centre_belong_together():
-    floor = Floor(np.array([[True, False, True], [True, True, True]]), np.array([-1.0, 2.0]), 0.5)
+    floor = ReachableArea(np.array([[True, False, True], [True, True, True]]), np.array([-1.0, 2.0]), 0.5)
     cells = np.flatnonzero(floor.reachable.ravel()).astype(np.int32)
 
     centres = floor.centres(cells)
@@ -136,7 +140,7 @@ def test_a_cell_and_its_centre_belong_together():
 
 def test_a_pixel_hits_what_a_frame_of_the_same_pose_shows(world):
     vertices, faces, _ = world
-    rays = PixelRays(RayCaster(vertices, faces), MOUNT)
+    rays = PixelRays(RayCaster(vertices, faces), CAMERA_ON_BASE)
     rng = np.random.default_rng(3)
     targets = rng.uniform((-2.0, -1.5, 0.0), (2.0, 1.5, 2.5), (40, 3)).astype(np.float32)
     place, k = np.array([-0.5, -0.25], np.float32), 7
@@ -155,7 +159,7 @@ def test_a_pixel_hits_what_a_frame_of_the_same_pose_shows(world):
 
 def test_the_camera_turns_towards_what_it_is_told(world):
     vertices, faces, _ = world
-    rays = PixelRays(RayCaster(vertices, faces), MOUNT)
+    rays = PixelRays(RayCaster(vertices, faces), CAMERA_ON_BASE)
     delta = np.array([[1.0, 0.0], [0.0, 2.0], [-1.0, 0.0], [0.0, -1.0]], np.float32)
 
     assert rays.yaw_towards(delta).tolist() == [0, 9, 18, 27]

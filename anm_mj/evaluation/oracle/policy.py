@@ -24,7 +24,7 @@ from anm_mj.errors import PlanError
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.observable import Floor
+from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.cache import load_tour, store_tour
 from anm_mj.evaluation.oracle.discretize import shorter, turned, walk
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, finer_places
@@ -32,7 +32,7 @@ from anm_mj.evaluation.oracle.roadmap import Ways, num_places
 from anm_mj.evaluation.oracle.segments import NO_YAW, Pieces
 from anm_mj.evaluation.oracle.tour import MISSING_STEPS, WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
-from anm_mj.evaluation.pixel_rays import NUM_YAWS, Mount, PixelRays
+from anm_mj.evaluation.pixel_rays import NUM_YAWS, CameraExtrinsics, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import move_pose
 from anm_mj.protocols import Mapper
@@ -81,8 +81,8 @@ class Oracle:
     def __init__(
         self,
         truth: GroundTruth,
-        floor: Floor,
-        mount: Mount,
+        floor: ReachableArea,
+        camera: CameraExtrinsics,
         rounds: int = ROUNDS,
         on_progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
@@ -91,7 +91,7 @@ class Oracle:
         Args:
             truth: The true surface, with its observable part.
             floor: Where the robot can get to.
-            mount: Its camera.
+            camera: Its camera.
             rounds: Changes tried of the first tour.
             on_progress: Told how much of the search is done.
 
@@ -109,7 +109,7 @@ class Oracle:
         self._kept = np.concatenate([self._samples, observable[np.sort(chosen[planned:MAX_KEPT])]])
         """Samples that account is kept of, those that the first tour is planned with before the others."""
         self._coverage = Coverage(self._kept)
-        self._truth, self._floor, self._mount = truth, floor, mount
+        self._truth, self._floor, self._camera = truth, floor, camera
         self._rounds = rounds
         self._on_progress = on_progress
         self._yaw_rad: float | None = None
@@ -275,17 +275,17 @@ class Oracle:
     @cached_property
     def _rays(self) -> PixelRays:
         assert self._yaw_rad is not None
-        return PixelRays(RayCaster(self._truth.vertices, self._truth.faces), self._mount, self._yaw_rad)
+        return PixelRays(RayCaster(self._truth.vertices, self._truth.faces), self._camera, self._yaw_rad)
 
     @cached_property
     def _key(self) -> str:
         """A name for what all tours depend on."""
-        digest = hashlib.sha256(f"{METHOD}\0{self._mount.intrinsics}\0{self._yaw_rad:.6f}\0".encode())
+        digest = hashlib.sha256(f"{METHOD}\0{self._camera.intrinsics}\0{self._yaw_rad:.6f}\0".encode())
         for part in (self._samples, self._truth.vertices, self._truth.faces, self._floor.reachable):
             digest.update(np.ascontiguousarray(part).tobytes())
         digest.update(np.array([*self._floor.origin_xy_m, self._floor.resolution_m]).tobytes())
         # The same camera read off two poses differs in the last digits.
-        digest.update((np.round(self._mount.T_base_camera, 6) + 0.0).tobytes())
+        digest.update((np.round(self._camera.T_base_camera, 6) + 0.0).tobytes())
         return digest.hexdigest()
 
 

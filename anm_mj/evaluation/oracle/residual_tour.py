@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.coverage import COVERED_M
-from anm_mj.evaluation.observable import Floor
+from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.roadmap import spread_places
 from anm_mj.evaluation.oracle.visibility import ASIDE_M, FAR_M, WORD, aimed, pack
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
@@ -35,17 +35,17 @@ CHUNK = 1 << 16
 SEED = 0
 
 
-def finer_places(samples: Float32[np.ndarray, "n 3"], floor: Floor, rays: PixelRays) -> Float[np.ndarray, "k 2"]:
+def finer_places(samples: Float32[np.ndarray, "n 3"], area: ReachableArea, rays: PixelRays) -> Float[np.ndarray, "k 2"]:
     """Places that show samples, few of them, those that show the most first [m].
 
     Args:
         samples: On the surface, world [m].
-        floor: Where the robot can get to.
+        area: Where the robot can get to.
         rays: Its camera.
     """
-    edge_m = np.asarray(distance_transform_edt(np.pad(floor.reachable, 1)))[1:-1, 1:-1]
-    cells = spread_places(floor.reachable, max(1, round(FINE_M / floor.resolution_m)), edge_m)
-    places_m = floor.origin_xy_m + (cells[:, ::-1] + 0.5) * floor.resolution_m
+    edge_m = np.asarray(distance_transform_edt(np.pad(area.reachable, 1)))[1:-1, 1:-1]
+    cells = spread_places(area.reachable, max(1, round(FINE_M / area.resolution_m)), edge_m)
+    places_m = area.origin_xy_m + (cells[:, ::-1] + 0.5) * area.resolution_m
     place, sample = _pairs(samples, places_m)
     shown = _shown(samples, places_m.astype(np.float32), place, sample, rays)
     shows = csr_array(

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.observable import Floor
+from anm_mj.evaluation.observable import ReachableArea
 
 ROOM_M = 0.1
 """Ways keep this distance to the edge of the reachable floor where they can [m]."""
@@ -36,7 +36,7 @@ class Ways:
         more_m: Further places, as far as there is a way to them [m].
     """
 
-    def __init__(self, floor: Floor, spacing_m: float, more_m: Float[np.ndarray, "k 2"] | None = None) -> None:
+    def __init__(self, floor: ReachableArea, spacing_m: float, more_m: Float[np.ndarray, "k 2"] | None = None) -> None:
         self._floor = floor
         edge_m = np.asarray(distance_transform_edt(np.pad(floor.reachable, 1)))[1:-1, 1:-1] * floor.resolution_m
         self._edge_m: Float[np.ndarray, "rows cols"] = edge_m
@@ -150,7 +150,7 @@ class Ways:
         return self._floor.origin_xy_m + (cells[:, ::-1] + 0.5) * self._floor.resolution_m
 
 
-def num_places(floor: Floor, spacing_m: float) -> int:
+def num_places(floor: ReachableArea, spacing_m: float) -> int:
     """How many places there are at a spacing."""
     return len(spread_places(floor.reachable, max(1, round(spacing_m / floor.resolution_m)), floor.reachable * 1.0))
 

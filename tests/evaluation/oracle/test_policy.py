@@ -9,7 +9,7 @@ from anm_mj.errors import PlanError
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.observable import Floor, observable_samples
+from anm_mj.evaluation.observable import ReachableArea, observable_samples
 from anm_mj.evaluation.oracle.discretize import turned, walk
 from anm_mj.evaluation.oracle.policy import Oracle
 from anm_mj.evaluation.oracle.roadmap import Ways, num_places
@@ -30,7 +30,7 @@ from anm_mj.types import (
     VoxelGrid,
     WheelSpeeds,
 )
-from tests.evaluation.test_observable import CAMERA, MOUNT, T_BASE_CAMERA, box, joined
+from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 ROUNDS = 40
 """Changes tried of a tour."""
@@ -53,9 +53,9 @@ def rooms():
     reachable[3:27, 3:57] = True
     reachable[:22, 27:33] = False
     reachable[:10, 1:13] = False
-    floor = Floor(reachable, np.array([-3.0, -1.5]), 0.1)
+    floor = ReachableArea(reachable, np.array([-3.0, -1.5]), 0.1)
     truth = GroundTruth.sample(vertices, faces, 3_000)
-    observable = observable_samples(truth.samples, RayCaster(vertices, faces), floor, MOUNT)
+    observable = observable_samples(truth.samples, RayCaster(vertices, faces), floor, CAMERA_ON_BASE)
     return GroundTruth(truth.samples, truth.vertices, truth.faces, observable), floor
 
 
@@ -110,7 +110,7 @@ class NoMap:
 def test_the_oracle_sees_nearly_all_there_is_in_few_steps(rooms):
     truth, floor = rooms
     robot = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0))
-    oracle, follower = Oracle(truth, floor, MOUNT, ROUNDS), Follower()
+    oracle, follower = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS), Follower()
     coverage = Coverage(truth.samples[truth.observable])
     plan, collisions, at_first = None, 0, 0
 
@@ -143,7 +143,7 @@ def test_the_oracle_sees_nearly_all_there_is_in_few_steps(rooms):
 
 def test_the_oracle_ends_when_all_that_is_left_has_been_given_up(rooms):
     truth, floor = rooms
-    oracle = Oracle(truth, floor, MOUNT, ROUNDS)
+    oracle = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS)
     here = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
     oracle.plan(NoMap(), here)
     oracle._stops = []
@@ -154,7 +154,7 @@ def test_the_oracle_ends_when_all_that_is_left_has_been_given_up(rooms):
 
 def first_plan(rooms):
     truth, floor = rooms
-    oracle = Oracle(truth, floor, MOUNT, ROUNDS)
+    oracle = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS)
     seen = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
     oracle.observe(seen)
     return oracle.plan(NoMap(), seen)
@@ -177,7 +177,7 @@ def test_a_damaged_tour_in_the_cache_is_found_anew(rooms, tmp_path):
 
 def test_a_stop_whose_way_was_blocked_is_gone_to_once_more(rooms):
     truth, floor = rooms
-    oracle = Oracle(truth, floor, MOUNT, ROUNDS)
+    oracle = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS)
     seen = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
     oracle.observe(seen)
     first = oracle.plan(NoMap(), seen)
@@ -190,7 +190,7 @@ def test_a_stop_whose_way_was_blocked_is_gone_to_once_more(rooms):
 def test_without_the_observable_surface_there_is_no_oracle(rooms):
     truth, floor = rooms
     with pytest.raises(PlanError, match="embree"):
-        Oracle(GroundTruth(truth.samples, truth.vertices, truth.faces), floor, MOUNT)
+        Oracle(GroundTruth(truth.samples, truth.vertices, truth.faces), floor, CAMERA_ON_BASE)
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +199,7 @@ def views(rooms):
     truth, floor = rooms
     ways = Ways(floor, 0.4)
     samples = truth.samples[truth.observable][:640]
-    bits = frame_bits(samples, ways.places_m, PixelRays(RayCaster(truth.vertices, truth.faces), MOUNT))
+    bits = frame_bits(samples, ways.places_m, PixelRays(RayCaster(truth.vertices, truth.faces), CAMERA_ON_BASE))
     return ways, samples, bits
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.observable import Floor
+from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, finer_places
 from anm_mj.evaluation.oracle.roadmap import Ways
 from anm_mj.evaluation.oracle.visibility import count, unpack
@@ -11,7 +11,7 @@ from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import pose_matrix
 from anm_mj.types import TURN_STEP_RAD, Pose2
-from tests.evaluation.test_observable import CAMERA, MOUNT, T_BASE_CAMERA, box, joined
+from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 RNG_SEED = 5
 
@@ -29,7 +29,7 @@ def room():
     reachable = np.zeros((80, 80), bool)
     reachable[6:74, 6:74] = True
     reachable[22:58, 54:] = False
-    floor = Floor(reachable, np.array([-2.0, -2.0]), 0.05)
+    floor = ReachableArea(reachable, np.array([-2.0, -2.0]), 0.05)
     rng = np.random.default_rng(RNG_SEED)
     inside = np.stack([np.full(90, 1.6), rng.uniform(-0.5, 0.5, 90), rng.uniform(0.05, 0.95, 90)], axis=1)
     hidden = np.stack([np.full(10, 3.0), np.zeros(10), np.ones(10)], axis=1)
@@ -51,7 +51,7 @@ def covered_by_a_frame(samples, caster, x_m, y_m, yaw):
 
 def test_few_places_show_all_that_can_be_seen_and_nothing_else(room):
     floor, samples, caster = room
-    rays = PixelRays(caster, MOUNT)
+    rays = PixelRays(caster, CAMERA_ON_BASE)
 
     places_m = finer_places(samples, floor, rays)
 
@@ -64,7 +64,7 @@ def test_few_places_show_all_that_can_be_seen_and_nothing_else(room):
 
 def test_what_a_view_promises_its_frame_covers(room):
     floor, samples, caster = room
-    rays = PixelRays(caster, MOUNT)
+    rays = PixelRays(caster, CAMERA_ON_BASE)
     places_m = finer_places(samples, floor, rays)[:3]
 
     bits = exact_bits(samples, places_m, rays)
@@ -83,23 +83,23 @@ def test_what_a_view_promises_its_frame_covers(room):
 def test_what_cannot_be_seen_asks_for_no_places(room):
     floor, samples, caster = room
 
-    assert finer_places(samples[90:], floor, PixelRays(caster, MOUNT)).shape == (0, 2)
+    assert finer_places(samples[90:], floor, PixelRays(caster, CAMERA_ON_BASE)).shape == (0, 2)
 
 
 def test_places_are_the_same_each_time(room):
     floor, samples, caster = room
-    rays = PixelRays(caster, MOUNT)
+    rays = PixelRays(caster, CAMERA_ON_BASE)
 
     assert np.array_equal(finer_places(samples, floor, rays), finer_places(samples, floor, rays))
 
 
 def test_ways_lead_to_the_places_asked_for(room):
     floor, samples, caster = room
-    more_m = finer_places(samples, floor, PixelRays(caster, MOUNT))
+    more_m = finer_places(samples, floor, PixelRays(caster, CAMERA_ON_BASE))
 
     ways = Ways(floor, 0.25, more_m)
 
     assert len(ways.places_m) == len(Ways(floor, 0.25).places_m) + len(more_m)
     assert np.linalg.norm(ways.places_m[ways.nearest(more_m)] - more_m, axis=1).max() < 0.06
     assert np.isfinite(ways.distance_m).all()
-    assert int(count(exact_bits(samples, ways.places_m, PixelRays(caster, MOUNT))).max()) > 10
+    assert int(count(exact_bits(samples, ways.places_m, PixelRays(caster, CAMERA_ON_BASE))).max()) > 10

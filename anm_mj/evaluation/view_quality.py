@@ -1,0 +1,93 @@
+"""Quality of rendered views: PSNR and SSIM of colour, mean absolute error (L1) of depth.
+
+The map renders unknown pixels black and without depth. PSNR and SSIM over whole images count them as wrong; the known
+share, and PSNR over known pixels alone, complement them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, UInt8
+from skimage.metrics import structural_similarity
+
+from anm_mj.evaluation.depth import MAX_DEPTH_M
+
+MAX_PSNR_DB = 100.0
+"""PSNR of identical images."""
+
+
+@dataclass(frozen=True)
+class ViewQuality:
+    """Quality of one rendered view against the true one."""
+
+    psnr_db: float
+    """Peak signal-to-noise ratio of colour over the whole image [dB]."""
+    psnr_known_db: float
+    """PSNR over pixels where the map has a surface [dB]; NaN without any."""
+    ssim: float
+    """Structural similarity of colour over the whole image (Wang et al., 2004), at most 1."""
+    depth_l1_cm: float
+    """Mean absolute error of planar depth over pixels where both have one within 10 m [cm]; NaN without any."""
+    known_percent: float
+    """Share of the pixels with a true depth within 10 m where the map has a surface [%]."""
+
+
+@dataclass(frozen=True)
+class NovelViewResult:
+    """Quality of a map on novel views."""
+
+    num_views: int
+    """Views evaluated; fewer than requested if the scene has not as many."""
+    mean: ViewQuality | None
+    """Means over the views; None without any."""
+
+
+def compare_view(
+    rgb: UInt8[np.ndarray, "h w 3"],
+    depth_m: Float32[np.ndarray, "h w"],
+    true_rgb: UInt8[np.ndarray, "h w 3"],
+    true_depth_m: Float32[np.ndarray, "h w"],
+) -> ViewQuality:
+    """Compare a rendered view with the true one.
+
+    Args:
+        rgb: Colour that the map renders.
+        depth_m: Planar depth that the map renders [m]; NaN without a surface.
+        true_rgb: Colour of the simulator.
+        true_depth_m: Planar depth of the simulator [m]; NaN without a surface.
+    """
+    known = np.isfinite(depth_m)
+    in_range = true_depth_m <= MAX_DEPTH_M
+    both = known & in_range
+    # structural_similarity returns a tuple for some options, hence the array.
+    ssim = np.asarray(structural_similarity(rgb, true_rgb, channel_axis=2, data_range=255))
+    return ViewQuality(
+        psnr_db=psnr_db(rgb, true_rgb, np.ones(known.shape, bool)),
+        psnr_known_db=psnr_db(rgb, true_rgb, known),
+        ssim=ssim.item(),
+        depth_l1_cm=100.0 * float(np.abs(depth_m[both] - true_depth_m[both]).mean()) if both.any() else float("nan"),
+        known_percent=100.0 * float(both.sum() / in_range.sum()) if in_range.any() else float("nan"),
+    )
+
+
+def psnr_db(
+    rgb: UInt8[np.ndarray, "h w 3"], true_rgb: UInt8[np.ndarray, "h w 3"], where: Bool[np.ndarray, "h w"]
+) -> float:
+    """Peak signal-to-noise ratio of 8-bit colours [dB], at most ``MAX_PSNR_DB``; NaN over no pixels."""
+    if not where.any():
+        return float("nan")
+    mean_square = float(np.mean((rgb[where].astype(float) - true_rgb[where]) ** 2))
+    return min(10.0 * np.log10(255.0**2 / mean_square), MAX_PSNR_DB) if mean_square > 0.0 else MAX_PSNR_DB
+
+
+def mean_quality(views: Sequence[ViewQuality]) -> ViewQuality:
+    """Mean of each field over the views where it is finite; NaN if there are none."""
+    values = np.array([list(vars(view).values()) for view in views], float).reshape(len(views), -1)
+    finite = np.isfinite(values)
+    count = finite.sum(axis=0)
+    total = np.where(finite, values, 0.0).sum(axis=0)
+    means = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
+    return ViewQuality(*means.tolist())
