@@ -1,37 +1,37 @@
-"""What can go wrong by a user's doing: each error says what is wrong, with the value, and what to do.
+"""Errors that a user can cause and fix; each message names the problem, the value and the remedy.
 
-The command line turns every :class:`AnmError` into one sentence and exit status 2. Expected endings of a run are not
-errors but values (:class:`anm_mj.types.StopReason`).
+The command line turns every :class:`AnmError` into one sentence and exit status 2. The expected ends of a run are values
+(:class:`anm_mj.types.StopReason`), not errors.
 """
 
 
 class AnmError(Exception):
-    """Root of all errors that a user can cause and mend."""
+    """Base class of all errors that a user can cause and fix."""
 
 
 class SceneError(AnmError):
-    """A scene cannot be read, imported, built or started in."""
+    """A scene cannot be read, imported or built, or the robot cannot start in it."""
 
 
 class RenderError(AnmError):
-    """No picture can be made: no GL back-end works, or a camera is missing."""
+    """No image can be rendered: no GL back-end works, or a camera is missing."""
 
 
 class MapError(AnmError):
-    """The neural map cannot be trained or queried (a non-finite loss, an unknown device, a foreign checkpoint)."""
+    """The neural map cannot be trained, queried or loaded (non-finite loss, unknown device, foreign checkpoint)."""
 
 
 class PlanError(AnmError):
-    """A policy cannot be made (an unknown name, a class that is not a policy)."""
+    """A policy cannot be made (unknown name, a class that is no policy), or its plan is invalid."""
 
 
 class RobotError(AnmError):
-    """A robot model lacks a part, or a drive cannot be made from it."""
+    """A robot model lacks a part, or a drive refuses it or a motion."""
 
 
 class TaskError(AnmError):
-    """An environment's task cannot be made, or is asked for what it does not offer (an unknown option, no action)."""
+    """An environment's task gets an unknown option, an invalid value or an invalid action."""
 
 
 class RunFolderError(AnmError):
-    """A run folder cannot be written or read."""
+    """A run folder or a recorded sequence cannot be written or read."""

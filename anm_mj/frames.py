@@ -1,4 +1,4 @@
-"""The only place that converts between frames: SE(2), SE(3), camera axes, world and grid."""
+"""Conversions between frames: SE(2), SE(3), camera axes, world and grid; all of them live here."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def move_pose(pose: Pose2, forward_m: float, turn_rad: float) -> Pose2:
-    """The pose after rolling ``forward_m`` while turning ``turn_rad``: the exact SE(2) exponential of a constant twist.
+    """The pose after moving ``forward_m`` while turning ``turn_rad``: the exact SE(2) exponential of a constant twist.
 
     Source: Lynch and Park, Modern Robotics, 2017, section 13.4 (odometry).
     """
@@ -34,18 +34,28 @@ def move_pose(pose: Pose2, forward_m: float, turn_rad: float) -> Pose2:
 
 
 def pose_matrix(pose: Pose2) -> Float[np.ndarray, "4 4"]:
-    """``T_world_base`` of a base that stands on the floor."""
+    """``T_world_base`` of a base on the floor."""
     c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     return np.array([[c, -s, 0.0, pose.x_m], [s, c, 0.0, pose.y_m], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
+def rigid_transform(
+    rotation: Float[np.ndarray, "9"], translation_m: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "4 4"]:
+    """A pose of MuJoCo (row-major rotation matrix and position [m]) as a homogeneous transform."""
+    T = np.eye(4)
+    T[:3, :3] = rotation.reshape(3, 3)
+    T[:3, 3] = translation_m
+    return T
+
+
 def transform_points(T_a_b: Float[np.ndarray, "4 4"], points_b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Points of frame ``b`` in frame ``a``."""
+    """Coordinates in frame ``a`` of points in frame ``b``."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
 def pixel_directions(intrinsics: Intrinsics) -> Float[np.ndarray, "h w 3"]:
-    """Rays through all pixel centres in camera axes, scaled to z = 1, so that depth times ray is the point."""
+    """Rays through all pixel centres in camera axes, scaled to z = 1: planar depth times ray is the point."""
     u = (np.arange(intrinsics.width) + 0.5 - intrinsics.cx) / intrinsics.fx
     v = (np.arange(intrinsics.height) + 0.5 - intrinsics.cy) / intrinsics.fy
     uu, vv = np.meshgrid(u, v)
@@ -55,7 +65,7 @@ def pixel_directions(intrinsics: Intrinsics) -> Float[np.ndarray, "h w 3"]:
 def back_project(
     depth_m: Float[np.ndarray, "h w"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "n 3"]:
-    """World points of all pixels with depth, row by row [m]."""
+    """World points of all pixels with finite depth, row by row [m]."""
     valid = np.isfinite(depth_m)
     points_camera = pixel_directions(intrinsics)[valid] * depth_m[valid].astype(float)[:, None]
     return transform_points(T_world_camera, points_camera)
@@ -64,7 +74,7 @@ def back_project(
 def world_to_cell(
     xy_m: Float[np.ndarray, "n 2"], origin_xy_m: Float[np.ndarray, "2"], resolution_m: float
 ) -> Int[np.ndarray, "n 2"]:
-    """``[row, col]`` of the cells that hold world points; may lie outside the grid."""
+    """``[row, col]`` of the cells that contain world points; may lie outside the grid."""
     col_row = np.floor((xy_m - origin_xy_m) / resolution_m).astype(np.int64)
     return col_row[:, ::-1]
 

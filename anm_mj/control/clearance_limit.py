@@ -1,8 +1,7 @@
-"""Obstacles in mink's model of the robot, and a limit that keeps the robot's body off them.
+"""Adds a scene's obstacles to mink's model of the robot and limits the robot's speed towards them.
 
-mink takes pairs of geoms of which the one hangs on the world and the other on the world's child for parent and child,
-and drops them without a word: every obstacle beside every robot. Here the obstacles hang on a mocap body instead, and a
-pair that is missing all the same is an error.
+mink silently drops pairs of geoms of parent and child bodies: a geom of the world and one of the robot's root body form
+such a pair. Therefore the obstacles hang on a mocap body here, and a missing pair is an error.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.geom_extent import support_m
 
 BODY = "body"
-"""Name of the cylinder that stands for the robot in mink's model."""
+"""Name of the cylinder that represents the robot in mink's model."""
 _OBSTACLE = "obstacle_"
 _SHAPES = {"SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX"}
 _GAIN = 0.25
-"""Share of the free distance that may be used up in one period: the body slows down over the last centimetres, at no
-more than the wheels can brake on the floor."""
+"""Largest fraction of the free distance covered in one period: the body slows down over the last centimetres, within
+the braking power of the wheels."""
 _NEAR_M = 0.08
-"""Obstacles farther from the body than this are no matter of the next servo period [m]."""
+"""Obstacles farther from the body cannot matter within one servo period [m]."""
 _GRAZING = math.sin(math.radians(0.25))
-"""Sine of the angle to an obstacle's face below which the robot drives along it, and is not stopped for the rounding of
-its heading."""
+"""Sine of the angle to an obstacle's face below which the robot drives along the face; a rounding error of its heading
+does not stop it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,7 @@ class Obstacle:
 
 
 def static_obstacles(model: mujoco.MjModel) -> list[Obstacle]:
-    """The geoms that can be bumped into and never move: boxes, mostly; the floor is not among them."""
+    """Solid geoms that never move, without the floor (a plane)."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     found = []
@@ -59,7 +58,7 @@ def static_obstacles(model: mujoco.MjModel) -> list[Obstacle]:
 
 
 def add_obstacles(spec: mujoco.MjSpec, robot: RobotDescription, obstacles: list[Obstacle]) -> None:
-    """Put the obstacles into a skeleton's spec, and the cylinder that must keep clear of them on its base."""
+    """Add the obstacles to a reduced model's spec, and to its base the cylinder that keeps clear of them."""
     low, high = robot.footprint.z_min_m, robot.footprint.z_max_m
     spec.body("base").add_geom(
         name=BODY,
@@ -80,15 +79,15 @@ def add_obstacles(spec: mujoco.MjSpec, robot: RobotDescription, obstacles: list[
 
 
 class ClearanceLimit(mink.CollisionAvoidanceLimit):
-    """Limits the speed at which the body may near obstacles, so that it stops at a distance from them."""
+    """Limits the body's speed towards obstacles, so that it stops at a distance from them."""
 
-    def __init__(self, model: mujoco.MjModel, num_obstacles: int, *, keep_m: float):
+    def __init__(self, model: mujoco.MjModel, num_obstacles: int, *, min_distance_m: float):
         """Pair the body with every obstacle.
 
         Args:
             model: mink's, with :func:`add_obstacles`.
-            num_obstacles: so many are in it.
-            keep_m: the distance to stop at [m].
+            num_obstacles: number of obstacles in it.
+            min_distance_m: distance at which the body stops [m].
 
         Raises:
             RobotError: if mink has dropped a pair.
@@ -98,25 +97,25 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
             model,
             [([BODY], names)],
             gain=_GAIN,
-            minimum_distance_from_collisions=keep_m,
+            minimum_distance_from_collisions=min_distance_m,
             collision_detection_distance=_NEAR_M,
             broadphase=False,
         )
         require_all_pairs(self.geom_id_pairs, model.geom(BODY).id, [model.geom(name).id for name in names])
         self._all_pairs = np.array(sorted(self.geom_id_pairs))
         self._body = model.geom(BODY).id
-        self._boxes = _boxes_seen_from_above(model, self._all_pairs[:, 1])
+        self._boxes = _bounding_rectangles(model, self._all_pairs[:, 1])
         self._reach_m = float(model.geom_size[self._body, 0]) + _NEAR_M
 
     def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
-        """One row per obstacle near the body, on the displacement within ``dt`` [s]."""
+        """One inequality per obstacle near the body, on the displacement within ``dt`` [s]."""
         x, y = configuration.data.geom_xpos[self._body, :2]
         low, high = self._boxes[:, :2], self._boxes[:, 2:]
         away = np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0)
         near = self._all_pairs[np.einsum("ij,ij->i", away, away) < self._reach_m**2]
         if not len(near):
             return mink.Constraint()
-        # mink makes a row for each of these pairs; the far ones would only lengthen its problem by rows without effect.
+        # mink makes a row for each of these pairs; rows of distant obstacles would have no effect.
         self.geom_id_pairs, self.max_num_contacts = near.tolist(), len(near)
         rows = super().compute_qp_inequalities(configuration, dt)
         assert rows.G is not None
@@ -124,7 +123,7 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
         # The first two columns are the base's displacement in the world.
         ahead = configuration.data.geom_xmat[self._body].reshape(3, 3)[:2, 0]
         nearing = np.abs(rows.G[:, :2] @ ahead) > _GRAZING
-        # mink bounds the displacement by a speed, which would let the body run on for 1 / dt times as far.
+        # mink bounds the displacement by a speed, which would allow 1 / dt times the distance.
         return mink.Constraint(rows.G[nearing], rows.h[nearing] * dt)
 
 
@@ -138,8 +137,8 @@ def require_all_pairs(pairs: list[tuple[int, int]], body: int, obstacles: list[i
         )
 
 
-def _boxes_seen_from_above(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
-    """x_min, y_min, x_max, y_max of geoms that do not move [m]."""
+def _bounding_rectangles(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
+    """x_min, y_min, x_max, y_max of static geoms [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     directions = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -1,4 +1,4 @@
-"""A plan as discrete actions: forward when the way ahead is near enough to the heading, else a turn towards it."""
+"""Converts a plan to discrete actions: forward if the heading error is small, else a turn towards the path."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from jaxtyping import Float
 from anm_mj.frames import wrap_angle
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Plan, Pose2
 
-CARROT_M = 0.5
-"""The point steered for lies this far ahead on the path [m]: the farther, the fewer small turns."""
+LOOKAHEAD_M = 0.5
+"""Distance of the steering point along the path [m]; a longer one causes fewer small turns."""
 CORNER_M = 0.15
-"""A corner farther than this is steered for itself [m]: a point beyond would cut it, and what stands there."""
+"""The robot steers for a corner farther away than this [m]; a point beyond would cut the corner."""
 TURN_ABOVE_RAD = 0.55 * TURN_STEP_RAD
-"""Heading errors above this are turned away [rad]: just over half a turn, so that a turn never makes them larger."""
+"""Heading errors above this cause a turn [rad]: just over half a turn step, so that no turn increases the error."""
 
 
 class Follower:
@@ -29,22 +29,18 @@ class Follower:
         self._headings: list[float] = []
 
     def start(self, plan: Plan) -> None:
-        """Take a plan up, dropping the one before."""
+        """Replace the present plan."""
         self._plan = plan
         self._steps = 0
         self._leg = 0
         self._headings = list(plan.headings_rad)
 
     def drop(self) -> None:
-        """Give the plan up: the next call of ``next_action`` returns None."""
+        """Abandon the plan: the next call of ``next_action`` returns None."""
         self._plan = None
 
     def next_action(self, pose: Pose2) -> Action | None:
-        """The next action of the plan; None when it is done, outdated or dropped, so that a new one is needed.
-
-        Args:
-            pose: where the robot stands.
-        """
+        """The next action of the plan from a pose; None once the plan is done, outdated or dropped."""
         plan = self._plan
         if plan is None:
             return None
@@ -64,12 +60,12 @@ class Follower:
             self._leg = len(path_xy_m)
         if self._leg >= len(path_xy_m):
             return None
-        towards = self._carrot(pose.xy_m, path_xy_m) - pose.xy_m
+        towards = self._lookahead_point(pose.xy_m, path_xy_m) - pose.xy_m
         error = wrap_angle(math.atan2(towards[1], towards[0]) - pose.yaw_rad)
         return _turn(error) or Action.MOVE_FORWARD
 
-    def _carrot(self, xy_m: Float[np.ndarray, 2], path_xy_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, 2]:
-        """The point ``CARROT_M`` further on than the path's point nearest to the robot; never moves backwards."""
+    def _lookahead_point(self, xy_m: Float[np.ndarray, 2], path_xy_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, 2]:
+        """The point ``LOOKAHEAD_M`` along the path from the point nearest to the robot; it never moves backwards."""
         best, best_leg, best_t = math.inf, self._leg, 0.0
         for leg in range(self._leg, min(self._leg + 3, len(path_xy_m) - 1)):
             start, along = path_xy_m[leg], path_xy_m[leg + 1] - path_xy_m[leg]
@@ -78,14 +74,14 @@ class Follower:
             if distance < best - 1e-9:
                 best, best_leg, best_t = distance, leg, t
         self._leg = best_leg
-        left = CARROT_M
+        left = LOOKAHEAD_M
         point = path_xy_m[best_leg] + best_t * (path_xy_m[min(best_leg + 1, len(path_xy_m) - 1)] - path_xy_m[best_leg])
         for corner in path_xy_m[best_leg + 1 :]:
             length = float(np.linalg.norm(corner - point))
             if length >= left:
                 return point + (corner - point) * (left / length)
             left -= length
-            if CARROT_M - left > CORNER_M:
+            if LOOKAHEAD_M - left > CORNER_M:
                 return corner
             point = corner
         return point

@@ -1,4 +1,4 @@
-"""What a discrete action asks of the base: how far, and how fast."""
+"""Motion of the base for a discrete action: distance, angle and velocity profile."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _MOTIONS = {
 
 
 def action_motion(action: Action) -> tuple[float, float]:
-    """Distance to roll forward [m] and angle to turn [rad] of an action; one of the two is 0."""
+    """Forward distance [m] and turn [rad] of an action; one of the two is 0."""
     return _MOTIONS[action]
 
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """How fast the base moves. At these accelerations the wheels of the robot in ``models/diff_drive`` do not slip."""
+    """Speeds and accelerations of the base. At the defaults the wheels of ``models/diff_drive`` do not slip."""
 
     forward_mps: float = 0.5
     """Highest forward speed [m/s]."""
@@ -41,13 +41,13 @@ class MotionLimits:
 
 
 class Trapezoid:
-    """Progress of a motion from rest to rest that accelerates, cruises and decelerates.
+    """Trapezoidal velocity profile from rest to rest.
 
     Source: Lynch and Park, Modern Robotics, 2017, section 9.2.2.2 (trapezoidal time scaling).
     """
 
     def __init__(self, length: float, max_speed: float, acceleration: float):
-        """All in one unit and positive: m, m/s and m/s², or rad, rad/s and rad/s²."""
+        """All positive and in one unit: m, m/s and m/s², or rad, rad/s and rad/s²."""
         self._length, self._acceleration = length, acceleration
         # A short motion never reaches the highest speed.
         self._speed = min(max_speed, math.sqrt(length * acceleration))
@@ -55,7 +55,7 @@ class Trapezoid:
         self.duration_s = length / self._speed + self._ramp_s
 
     def fraction(self, time_s: float) -> float:
-        """Share of the length that is done at a time after the start, in [0, 1]."""
+        """Fraction of the length covered at a time after the start [s], in [0, 1]."""
         t = min(max(time_s, 0.0), self.duration_s)
         if t < self._ramp_s:
             return 0.5 * self._acceleration * t**2 / self._length
@@ -65,7 +65,7 @@ class Trapezoid:
 
 
 def action_profile(action: Action, limits: MotionLimits) -> Trapezoid:
-    """The profile of an action that moves (not STOP)."""
+    """Velocity profile of an action other than STOP."""
     forward_m, turn_rad = action_motion(action)
     if forward_m:
         return Trapezoid(forward_m, limits.forward_mps, limits.forward_mps2)

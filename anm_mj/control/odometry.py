@@ -1,4 +1,4 @@
-"""Where the wheels' encoders say that the robot is: what a real robot would know without a map."""
+"""Wheel odometry: the pose that a robot infers from its wheel encoders, without a map."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from anm_mj.types import Pose2
 
 
 class Odometer:
-    """Adds up what the wheels have rolled, as SE(2) exponentials of :meth:`RobotKinematics.odometry`.
+    """Integrates wheel rotations by the SE(2) exponentials of :meth:`RobotKinematics.odometry`.
 
-    Its error grows without bound: by slip where physics lets the wheels slip, and by the encoders' noise, if any. The
-    noise of one wheel's rotation has a variance in proportion to the rotation, so that it does not matter how often the
-    encoders are read.
+    The error grows without bound: by slip, which only physics simulates, and by encoder noise. The variance of the noise
+    is proportional to the rotation of the wheel, so its effect does not depend on the reading rate.
 
     Source: Siegwart, Nourbakhsh and Scaramuzza, Introduction to Autonomous Mobile Robots, 2011, section 5.2.4.
     """
 
-    def __init__(self, robot: RobotKinematics, *, noise: float = 0.0, seed: int = 0):
+    def __init__(self, kinematics: RobotKinematics, *, noise: float = 0.0, seed: int = 0):
         """Start at the origin.
 
         Args:
-            robot: its kinematics.
-            noise: standard deviation of a wheel's measured rotation after one radian of it [rad].
+            kinematics: of the robot.
+            noise: standard deviation of a wheel's measured rotation after one radian [rad].
             seed: of the noise.
         """
-        self._robot = robot
+        self._kinematics = kinematics
         self._noise = noise
         self._generator = np.random.default_rng(seed)
         self._angles_rad = np.zeros(2)
@@ -37,20 +36,20 @@ class Odometer:
 
     @property
     def pose(self) -> Pose2:
-        """The estimate."""
+        """The estimated pose."""
         return self._pose
 
-    def restart(self, pose: Pose2, angles_rad: Float[np.ndarray, "2"]) -> None:
-        """Forget the past: the robot is known to stand at a pose, its wheels at these angles."""
+    def reset(self, pose: Pose2, angles_rad: Float[np.ndarray, "2"]) -> None:
+        """Restart at a known pose with these wheel angles."""
         self._pose = pose
         self._angles_rad = angles_rad.copy()
 
-    def read(self, angles_rad: Float[np.ndarray, "2"]) -> None:
-        """Take the encoders' new angles in; between two readings the wheels turn at a constant ratio."""
+    def update(self, angles_rad: Float[np.ndarray, "2"]) -> None:
+        """Integrate new wheel angles; between two readings the wheel speeds keep their ratio."""
         left, right = (angles_rad - self._angles_rad).tolist()
         self._angles_rad = angles_rad.copy()
         if self._noise:
             spread = self._noise * self._generator.standard_normal(2)
             left += spread[0] * math.sqrt(abs(left))
             right += spread[1] * math.sqrt(abs(right))
-        self._pose = self._robot.odometry(self._pose, left, right)
+        self._pose = self._kinematics.odometry(self._pose, left, right)

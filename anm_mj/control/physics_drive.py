@@ -1,4 +1,4 @@
-"""A drive by wheel torque and contact: the base goes where the wheels take it, and obstacles stop it."""
+"""A drive by wheel torque and contact: the wheels move the base, and obstacles stop it."""
 
 from __future__ import annotations
 
@@ -10,56 +10,54 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.clearance_limit import static_obstacles
-from anm_mj.control.kinematic_drive import require_motion
-from anm_mj.control.look_at import LookAt
+from anm_mj.control.drive import STILL, WheelDrive, require_motion
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
-from anm_mj.control.simulated_base import SimulatedBase
+from anm_mj.control.simulated_base import element_id
 from anm_mj.control.wheel_servo import WheelServo
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.kinematics import RobotKinematics
-from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist, WheelSpeeds
+from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist
 
 _STANDING = Twist(0.0, 0.0)
 _TURN_LAG_RAD = math.radians(5.0)
-"""A robot that stays behind its turning reference by this is held fast."""
+"""A robot that lags its turning reference by more is held fast."""
 
 
 @dataclass(frozen=True)
 class PhysicsDriveConfig:
-    """How the simulated motors are driven."""
+    """Servo periods, tolerances and contact thresholds of the physics drive."""
 
     substep_s: float = 0.002
-    """Physics step [s]. From 0.004 on the wheels' contact costs accuracy, at 0.010 they slip."""
+    """Physics step [s]. From 0.004 on the wheel contacts lose accuracy, at 0.010 the wheels slip."""
     servo_period_s: float = 0.02
     """Time between two commands to the wheels [s]; a multiple of the substep."""
     max_wheel_radps: float = 12.0
-    """Neither wheel is asked to turn faster [rad/s]."""
+    """Highest commanded speed of either wheel [rad/s]."""
     keep_clear_m: float = 0.005
-    """Distance between the robot's body and the obstacle boxes at which the servo stops it [m]."""
+    """Distance to the obstacle boxes at which the servo stops the robot's body [m]."""
     settle_s: float = 0.3
-    """Longest time after the planned end of an action to come to rest at the reference [s]."""
+    """Longest time from the planned end of an action until the base rests at the reference [s]."""
     settled_m: float = 0.0005
-    """Distance to the reference, along the heading, at which an action is done [m]."""
+    """Distance to the reference along the heading at which an action is done [m]."""
     settled_rad: float = math.radians(0.02)
     """Angle to the reference at which an action is done [rad]."""
     rest_mps: float = 0.005
-    """Speed below which the base counts as standing [m/s]."""
+    """Speed below which the base counts as at rest [m/s]."""
     rest_radps: float = 0.02
-    """Turn rate below which the base counts as standing [rad/s]."""
+    """Turn rate below which the base counts as at rest [rad/s]."""
     blocked_m: float = 0.005
-    """Distance to the reference, along the heading, that means an obstacle when it is left after settling [m]."""
+    """A larger distance to the reference along the heading after settling means a collision [m]."""
     blocked_rad: float = math.radians(0.5)
-    """Angle to the reference that means an obstacle when it is left after settling [rad]."""
+    """A larger angle to the reference after settling means a collision [rad]."""
     lag_m: float = 0.02
-    """Distance to the reference that means an obstacle, or a push, while driving at a velocity [m]."""
+    """A larger distance to the reference while driving at a velocity means a collision or a push [m]."""
     pushed_m: float = 0.005
-    """Sideways distance to the reference that means that something has pushed the robot aside [m]."""
-    bump_cos: float = 0.25
-    """Cosine between the heading and the direction to a touched obstacle above which the obstacle is in the way; what
-    is touched with the robot's side is glided along."""
+    """A larger sideways distance to the reference means a push from the side [m]."""
+    contact_cos: float = 0.25
+    """A contact blocks a forward motion if the cosine between the heading and its outward normal is larger; along
+    contacts at its side the robot slides."""
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -73,11 +71,11 @@ class PhysicsDriveConfig:
             )
 
 
-class PhysicsDrive:
-    """Executes motions by a servo on the base's true pose.
+class PhysicsDrive(WheelDrive):
+    """Executes motions by a servo on the true pose of the base.
 
-    The servo follows the pose that has been commanded, which is carried over from motion to motion, so errors of single
-    actions do not add up. After a collision, or a push from the side, the commanded pose is where the robot stands.
+    The servo follows a reference pose. The reference carries over from motion to motion, so errors of single actions do
+    not add up. After a collision, or a push from the side, it restarts at the true pose.
     """
 
     def __init__(
@@ -90,165 +88,143 @@ class PhysicsDrive:
         odometer: Odometer | None = None,
         prefix: str = "",
     ):
-        """Drive ``data`` from where its base stands.
+        """Drive ``data`` from the present pose of its base.
 
         Args:
-            model: the robot in a scene; its time step, integrator and friction cone are set to the ones driven with.
-                Its static geoms are the obstacles that the servo keeps clear of.
+            model: the robot in a scene; the drive sets its time step, integrator and friction cone. Its static geoms
+                are the obstacles that the servo keeps clear of.
             data: of that model.
             description: the robot.
-            config: how the motors are driven.
-            limits: how fast the base moves.
+            config: servo settings; None = the defaults.
+            limits: speeds and accelerations of the base; None = the defaults.
             odometer: reads the wheels; None = one without noise.
-            prefix: what the robot's names got before them when it was attached to the scene.
+            prefix: stands before the robot's names in the scene.
 
         Raises:
             RobotError: if the model lacks a joint, an actuator or a geom of the robot, or mink drops an obstacle.
         """
-        self._model, self._data = model, data
+        self._model = model
         self._config = config or PhysicsDriveConfig()
-        self._limits = limits or MotionLimits()
-        self._description = description
-        self._base = SimulatedBase(model, data, prefix, description)
-        self._robot = RobotKinematics.of(description)
-        self._odometer = odometer or Odometer(self._robot)
+        super().__init__(model, data, description, limits, odometer, prefix, period_s=self._config.servo_period_s)
         self._servo = WheelServo(
             description,
-            self._robot,
-            period_s=self._config.servo_period_s,
+            self._kinematics,
+            period_s=self._period_s,
             max_wheel_radps=self._config.max_wheel_radps,
             obstacles=static_obstacles(model),
-            keep_m=self._config.keep_clear_m,
+            min_distance_m=self._config.keep_clear_m,
         )
         self._signs = np.array(description.wheel_signs)
-        self._motors = np.array([_id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, prefix + n) for n in description.motors])
+        self._motors = np.array(
+            [element_id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, prefix + n) for n in description.motors]
+        )
         self._is_shell = np.zeros(model.ngeom, dtype=bool)
-        self._is_shell[[_id(model, mujoco.mjtObj.mjOBJ_GEOM, prefix + name) for name in description.shell]] = True
-        self._substeps = round(self._config.servo_period_s / self._config.substep_s)
+        self._is_shell[[element_id(model, mujoco.mjtObj.mjOBJ_GEOM, prefix + name) for name in description.shell]] = (
+            True
+        )
+        self._substeps = round(self._period_s / self._config.substep_s)
         self._reference = self._base.pose
-        self._odometer.restart(self._base.pose, self._base.wheel_angles_rad)
         self._twist = _STANDING
-        self._look: LookAt | None = None
 
         model.opt.timestep = self._config.substep_s
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
 
     @property
-    def pose(self) -> Pose2:
-        """Where the base stands now."""
-        return self._base.pose
-
-    @property
-    def odometry(self) -> Pose2:
-        """Where the base stands as far as the wheels tell, slip included."""
-        return self._odometer.pose
-
-    @property
     def reference(self) -> Pose2:
-        """Where the base has been commanded to stand."""
+        """Commanded pose of the base."""
         return self._reference
 
     def place(self, pose: Pose2) -> None:
-        """Put the robot somewhere, at rest."""
+        """Move the robot to a pose without driving, at rest, and restart its odometry there."""
         self._base.place(pose)
         self._data.qvel[:] = 0.0
         self._data.ctrl[self._motors] = 0.0
         self._reference, self._twist = pose, _STANDING
-        self._odometer.restart(pose, self._base.wheel_angles_rad)
+        self._odometer.reset(pose, self._base.wheel_angles_rad)
 
     def act(self, action: Action) -> ActionResult:
-        """Execute an action until the robot stands at the commanded pose, or an obstacle has stopped it."""
-        if self._twist != _STANDING:
-            self.drive(_STANDING, self._braking_s())
+        """Execute an action until the robot rests at the commanded pose or an obstacle stops it."""
+        self._brake()
         if action == Action.STOP:
-            return ActionResult(action, collided=False, wheel_speeds=WheelSpeeds(0.0, 0.0), moved_m=0.0)
+            return ActionResult(action, collided=False, wheel_speeds=STILL, moved_m=0.0)
         start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
-        blocked = self._follow(action)
-        if blocked:
+        collided = self._execute(action)
+        if collided:
             self._halt()
-        # No wheel can undo a push from the side, and the next turn would take it for a distance to be driven.
+        # No wheel can undo a push from the side, and after the next turn the servo would drive it as a distance.
         elif abs(self._offset_m()[1]) > self._config.pushed_m:
             self._reference = self._base.pose
         end = self._base.pose
         return ActionResult(
             action,
-            collided=blocked,
+            collided=collided,
             wheel_speeds=self._mean_speeds(start_s, start_angles),
-            moved_m=math.hypot(end.x_m - start.x_m, end.y_m - start.y_m),
+            moved_m=_distance_m(start, end),
         )
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s], rounded up to servo periods.
 
-        The velocity is neared at the limits' accelerations, and what the wheels cannot do is scaled down on the same
-        arc. Afterwards the robot may still be moving: the next call of ``drive`` goes on from there, and an action, or
-        ``Twist(0, 0)`` for long enough, brings it to rest first.
+        The velocity changes at the accelerations of the limits; one beyond the wheels' limits is scaled down along the
+        same arc. Afterwards the robot may still move: the next call of ``drive`` continues from there, and an action
+        first brings it to rest.
 
         Raises:
             RobotError: if the duration is not positive, or the velocity not finite.
         """
         require_motion(twist, duration_s)
-        period_s = self._config.servo_period_s
-        wanted = self._possible(twist)
+        period_s, wanted = self._period_s, self._saturate(twist)
         start_s, start_angles, moved_m, turned_rad = self._data.time, self._base.wheel_angles_rad, 0.0, 0.0
-        blocked = False
+        collided = False
         for _ in range(math.ceil(duration_s / period_s - 1e-9)):
             before = self._base.pose
-            self._twist = self._nearer(wanted)
+            self._twist = self._slew_limit(wanted)
             forward_m, turn_rad = self._twist.forward_mps * period_s, self._twist.turn_radps * period_s
             self._reference = move_pose(self._reference, forward_m, turn_rad)
-            blocked = self._servo_period(self._reference, self._twist.forward_mps > 0.0)
+            collided = self._servo_period(self._reference, self._twist.forward_mps > 0.0)
             after = self._base.pose
-            moved_m += math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+            moved_m += _distance_m(before, after)
             turned_rad += abs(wrap_angle(after.yaw_rad - before.yaw_rad))
-            if blocked or math.hypot(*self._offset_m()) > self._config.lag_m:
-                blocked = True
+            if collided or math.hypot(*self._offset_m()) > self._config.lag_m:
+                collided = True
                 self._halt()
                 break
-        return MotionResult(
-            blocked, self._mean_speeds(start_s, start_angles), moved_m, turned_rad, self._data.time - start_s
-        )
+        speeds = self._mean_speeds(start_s, start_angles)
+        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
-        """Turn on the spot until the camera's axis lies in one vertical plane with a point of the world."""
-        if self._twist != _STANDING:
-            self.drive(_STANDING, self._braking_s())
-        period_s = self._config.servo_period_s
-        if self._look is None:
-            self._look = LookAt(self._description, self._robot, self._limits, period_s=period_s)
-        start, start_s, start_angles, turned_rad = self._base.pose, self._data.time, self._base.wheel_angles_rad, 0.0
-        self._look.begin()
-        while (following := self._look.next_pose(self._reference, point_m)) is not None:
+        """Turn on the spot until the camera's axis and a point of the world share a vertical plane."""
+        self._brake()
+        controller, turned_rad = self._look_at_controller(), 0.0
+        start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
+        while (following := controller.next_pose(self._reference, point_m)) is not None:
             turned_rad += abs(wrap_angle(following.yaw_rad - self._reference.yaw_rad))
             self._reference = following
             self._servo_period(following, forward=False)
             if abs(wrap_angle(following.yaw_rad - self._base.pose.yaw_rad)) > _TURN_LAG_RAD:
                 break
-        blocked = not self._settles(forward=False)
-        if blocked:
+        collided = not self._settle(forward=False)
+        if collided:
             self._halt()
-        end = self._base.pose
-        moved_m = math.hypot(end.x_m - start.x_m, end.y_m - start.y_m)
-        return MotionResult(
-            blocked, self._mean_speeds(start_s, start_angles), moved_m, turned_rad, self._data.time - start_s
-        )
+        moved_m, speeds = _distance_m(start, self._base.pose), self._mean_speeds(start_s, start_angles)
+        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s)
 
-    def _follow(self, action: Action) -> bool:
-        """Move the reference through the action, and the base after it; True when something is in the way."""
+    def _execute(self, action: Action) -> bool:
+        """Move the reference through the action and the base after it; True if something is in the way."""
         forward_m, turn_rad = action_motion(action)
         profile = action_profile(action, self._limits)
         start, start_s = self._reference, self._data.time
         self._reference = move_pose(start, forward_m, turn_rad)
         fraction = 0.0
         while fraction < 1.0:
-            fraction = profile.fraction(self._data.time + self._config.servo_period_s - start_s)
+            fraction = profile.fraction(self._data.time + self._period_s - start_s)
             if self._servo_period(move_pose(start, forward_m * fraction, turn_rad * fraction), bool(forward_m)):
                 return True
-        return not self._settles(bool(forward_m))
+        return not self._settle(bool(forward_m))
 
-    def _settles(self, forward: bool) -> bool:
-        """Wait until the base stands at the reference; False if it does not get there."""
+    def _settle(self, forward: bool) -> bool:
+        """Wait until the base rests at the reference; False if it does not arrive."""
         config = self._config
         last_s = self._data.time + config.settle_s
         while True:
@@ -261,33 +237,27 @@ class PhysicsDrive:
                 return False
 
     def _servo_period(self, reference: Pose2, forward: bool) -> bool:
-        """One command to the wheels and the substeps it holds for; True as soon as a forward move is in the way."""
+        """Command the wheels for one period; True as soon as a contact blocks a forward motion."""
         speeds = self._servo.wheel_speeds(self._base.pose, reference)
         self._data.ctrl[self._motors] = self._signs * (speeds.left_radps, speeds.right_radps)
         for _ in range(self._substeps):
             mujoco.mj_step(self._model, self._data)
-            if forward and self._bumps():
+            if forward and self._contact_ahead():
                 return True
-        self._odometer.read(self._base.wheel_angles_rad)
+        self._odometer.update(self._base.wheel_angles_rad)
         return False
 
     def _halt(self) -> None:
-        """Brake until the base stands, and take that for where it should be."""
+        """Brake to rest and make the reached pose the reference."""
         self._data.ctrl[self._motors] = 0.0
-        for _ in range(math.ceil(self._config.settle_s / self._config.servo_period_s)):
+        for _ in range(math.ceil(self._config.settle_s / self._period_s)):
             mujoco.mj_step(self._model, self._data, nstep=self._substeps)
-            self._odometer.read(self._base.wheel_angles_rad)
+            self._odometer.update(self._base.wheel_angles_rad)
         self._reference, self._twist = self._base.pose, _STANDING
 
-    def _mean_speeds(self, start_s: float, start_angles: Float[np.ndarray, "2"]) -> WheelSpeeds:
-        """Mean speeds of the wheels since a time and angles before."""
-        took_s = max(self._data.time - start_s, self._config.servo_period_s)
-        speeds = (self._base.wheel_angles_rad - start_angles) / took_s
-        return WheelSpeeds(float(speeds[0]), float(speeds[1]))
-
-    def _possible(self, twist: Twist) -> Twist:
-        """The same arc at a speed that wheels and limits allow, with some wheel speed left for the servo."""
-        limits, speeds = self._limits, self._robot.wheel_speeds(twist.forward_mps, twist.turn_radps)
+    def _saturate(self, twist: Twist) -> Twist:
+        """The same arc within the limits of base and wheels, with a reserve of wheel speed for the servo."""
+        limits, speeds = self._limits, self._kinematics.wheel_speeds(twist.forward_mps, twist.turn_radps)
         wheel_radps = max(abs(speeds.left_radps), abs(speeds.right_radps))
         too_fast = max(
             abs(twist.forward_mps) / limits.forward_mps,
@@ -297,34 +267,37 @@ class PhysicsDrive:
         )
         return Twist(twist.forward_mps / too_fast, twist.turn_radps / too_fast)
 
-    def _nearer(self, wanted: Twist) -> Twist:
-        """The velocity of the next servo period on the way to the one that is wanted."""
-        period_s, limits, now = self._config.servo_period_s, self._limits, self._twist
-        most_mps, most_radps = limits.forward_mps2 * period_s, limits.turn_radps2 * period_s
+    def _slew_limit(self, wanted: Twist) -> Twist:
+        """The velocity of the next servo period, within the acceleration limits, on the way to a wanted one."""
+        limits, now = self._limits, self._twist
+        max_mps, max_radps = limits.forward_mps2 * self._period_s, limits.turn_radps2 * self._period_s
         return Twist(
-            now.forward_mps + min(max(wanted.forward_mps - now.forward_mps, -most_mps), most_mps),
-            now.turn_radps + min(max(wanted.turn_radps - now.turn_radps, -most_radps), most_radps),
+            now.forward_mps + min(max(wanted.forward_mps - now.forward_mps, -max_mps), max_mps),
+            now.turn_radps + min(max(wanted.turn_radps - now.turn_radps, -max_radps), max_radps),
         )
 
-    def _braking_s(self) -> float:
-        """Time until the base stands when it brakes now, with a period to spare [s]."""
+    def _brake(self) -> None:
+        """Brake a base in motion to rest; the time includes one period in reserve."""
+        if self._twist == _STANDING:
+            return
         forward_s = abs(self._twist.forward_mps) / self._limits.forward_mps2
-        return max(forward_s, abs(self._twist.turn_radps) / self._limits.turn_radps2) + self._config.servo_period_s
+        turn_s = abs(self._twist.turn_radps) / self._limits.turn_radps2
+        self.drive(_STANDING, max(forward_s, turn_s) + self._period_s)
 
     def _is_at_reference(self, along_m: float, angle_rad: float) -> bool:
-        """Whether the base is as near to the reference as it can drive: sideways it cannot."""
+        """Whether the base is at the reference, apart from the sideways offset that no wheel can undo."""
         angle_off_rad = wrap_angle(self._reference.yaw_rad - self._base.pose.yaw_rad)
         return abs(self._offset_m()[0]) < along_m and abs(angle_off_rad) < angle_rad
 
     def _offset_m(self) -> tuple[float, float]:
-        """How far the reference lies ahead of the base, and how far to its left."""
+        """Offset of the reference from the base: ahead and to the left [m]."""
         pose, reference = self._base.pose, self._reference
         dx, dy = reference.x_m - pose.x_m, reference.y_m - pose.y_m
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         return dx * c + dy * s, dy * c - dx * s
 
-    def _bumps(self) -> bool:
-        """Whether the robot's shell touches something in the direction of its heading."""
+    def _contact_ahead(self) -> bool:
+        """Whether the robot's shell touches something ahead of it."""
         touching = self._is_shell[self._data.contact.geom]
         if not touching.any():
             return False
@@ -334,15 +307,11 @@ class PhysicsDrive:
                 continue
             # The contact's normal points from its first geom to its second.
             outwards = contact.frame[:2] if first_is_robot else -contact.frame[:2]
-            if outwards[0] * math.cos(yaw) + outwards[1] * math.sin(yaw) > self._config.bump_cos:
+            if outwards[0] * math.cos(yaw) + outwards[1] * math.sin(yaw) > self._config.contact_cos:
                 return True
         return False
 
 
-def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
-    """Raises RobotError if the simulated robot lacks a part."""
-    found = mujoco.mj_name2id(model, kind, name)
-    if found < 0:
-        what = kind.name.removeprefix("mjOBJ_").lower()
-        raise RobotError(f'The simulated robot has no {what} "{name}"; see models/diff_drive/diff_drive.xml.')
-    return found
+def _distance_m(a: Pose2, b: Pose2) -> float:
+    """Distance between two positions [m]."""
+    return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)

@@ -1,4 +1,4 @@
-"""A path as velocities: pure pursuit of a point ahead, for robots that are driven continuously."""
+"""Converts a path to velocities by pure pursuit, for robots under continuous control (scripts/continuous_control.py)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from jaxtyping import Float
 from anm_mj.frames import wrap_angle
 from anm_mj.types import ARRIVED_M, Pose2, Twist
 
-AHEAD_M = 0.25
-"""The point pursued lies this far ahead on the path [m]."""
+LOOKAHEAD_M = 0.25
+"""Distance from the robot to the pursued point of the path [m]."""
 TURN_FIRST_RAD = math.radians(35.0)
-"""Headings farther off than this are turned to on the spot before driving on [rad]."""
+"""Larger heading errors cause a turn on the spot first [rad]."""
 SPEED_MPS = 0.4
+"""Forward speed [m/s]; lower in tight curves."""
 TURN_RADPS = 1.2
-"""Turn rate on the spot, and the highest while driving [rad/s]."""
+"""Turn rate on the spot, and the highest one while driving [rad/s]."""
 
 
 class Pursuit:
@@ -26,16 +27,12 @@ class Pursuit:
     """
 
     def __init__(self, path_xy_m: Float[np.ndarray, "k 2"]):
-        """Start at the path's beginning.
-
-        Args:
-            path_xy_m: two points or more.
-        """
+        """Start at the path's first point; it has two points or more, world [m]."""
         self._points = path_xy_m
         self._leg = 0
 
     def twist(self, pose: Pose2) -> Twist | None:
-        """The velocity to drive at now; None at the end of the path."""
+        """The velocity at a pose; None at the end of the path."""
         if math.dist(self._points[-1], pose.xy_m) < ARRIVED_M:
             return None
         ahead = self._pursued(pose.xy_m) - pose.xy_m
@@ -47,10 +44,10 @@ class Pursuit:
         return Twist(speed_mps, speed_mps * curvature)
 
     def _pursued(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-        """The first point on the path, from the leg reached so far on, that is as far away as it should be."""
+        """The first point of the path at the lookahead distance, from the present segment on."""
         for leg in range(self._leg, len(self._points) - 1):
             start, end = self._points[leg], self._points[leg + 1]
-            if math.dist(end, xy_m) > AHEAD_M:
+            if math.dist(end, xy_m) > LOOKAHEAD_M:
                 self._leg = leg
                 return _at_distance(start, end, xy_m)
         return self._points[-1]
@@ -59,10 +56,10 @@ class Pursuit:
 def _at_distance(
     start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"], xy_m: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "2"]:
-    """Where a leg leaves the circle of AHEAD_M about a place; the leg's point nearest to it when it lies outside."""
+    """Where a segment leaves the lookahead circle about a place; outside of the circle, its nearest point."""
     along, from_place = end - start, start - xy_m
     a, b = float(along @ along), float(from_place @ along)
-    c = float(from_place @ from_place) - AHEAD_M**2
+    c = float(from_place @ from_place) - LOOKAHEAD_M**2
     root = b * b - a * c
     t = (-b + math.sqrt(root)) / a if root > 0.0 else -b / a
     return start + float(np.clip(t, 0.0, 1.0)) * along

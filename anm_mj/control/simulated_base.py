@@ -1,4 +1,4 @@
-"""The joints of a differential-drive base in a MuJoCo simulation: the free joint, seen in the plane, and the wheels."""
+"""Planar access to a differential-drive base in a MuJoCo simulation: its free joint and its wheel hinges."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from anm_mj.frames import wrap_angle
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.types import Pose2
+
+_JOINT = mujoco.mjtObj.mjOBJ_JOINT
 
 
 class SimulatedBase:
@@ -30,21 +32,22 @@ class SimulatedBase:
         Args:
             model: the robot, alone or in a scene.
             data: of that model.
-            prefix: what the robot's names got before them when it was attached to the scene.
-            robot: what its joints are called; None = as in a skeleton (:mod:`anm_mj.robot.reduced_model`), whose root
-                body is the base.
+            prefix: stands before the robot's names in the scene.
+            robot: names its joints; None = a reduced model (:mod:`anm_mj.robot.reduced_model`), whose root body is the
+                base.
 
         Raises:
-            RobotError: if one is missing, or the base's is not a free joint.
+            RobotError: if a joint is missing, or the base has no free joint.
         """
         base_joint, wheel_joints = (robot.base_joint, robot.wheel_joints) if robot else (BASE_JOINT, WHEEL_JOINTS)
         self._data = data
-        base = _joint_id(model, prefix + base_joint)
+        base = element_id(model, _JOINT, prefix + base_joint)
         if model.jnt_type[base] != mujoco.mjtJoint.mjJNT_FREE:
             raise RobotError(f'The joint "{prefix}{base_joint}" of the simulated robot must be a <freejoint>.')
         self._base_qpos = int(model.jnt_qposadr[base])
         self._base_qvel = int(model.jnt_dofadr[base])
-        self._wheel_qpos = np.array([model.jnt_qposadr[_joint_id(model, prefix + name)] for name in wheel_joints])
+        wheels = [element_id(model, _JOINT, prefix + name) for name in wheel_joints]
+        self._wheel_qpos = np.array([model.jnt_qposadr[wheel] for wheel in wheels])
         self._signs = np.array(robot.wheel_signs if robot else (1.0, 1.0))
         self._T_root_base = robot.T_root_base if robot else np.eye(4)
         T_base_root = np.linalg.inv(self._T_root_base)
@@ -55,7 +58,7 @@ class SimulatedBase:
 
     @property
     def pose(self) -> Pose2:
-        """Where the base stands in the plane; a tilt is left out."""
+        """Pose of the base in the plane, without its tilt."""
         q = self._data.qpos[self._base_qpos : self._base_qpos + 7]
         mujoco.mju_rotVecQuat(self._offset, self._T_root_base[:3, 3], q[3:])
         mujoco.mju_rotVecQuat(self._ahead, self._T_root_base[:3, 0], q[3:])
@@ -63,7 +66,7 @@ class SimulatedBase:
         return Pose2(float(x), float(y), wrap_angle(math.atan2(self._ahead[1], self._ahead[0])))
 
     def place(self, pose: Pose2) -> None:
-        """Stand the base upright on the floor at a pose."""
+        """Put the base upright on the floor at a pose."""
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         x, y, z = self._root_xyz_m.tolist()
         half = pose.yaw_rad / 2.0
@@ -74,22 +77,22 @@ class SimulatedBase:
 
     @property
     def speed_mps(self) -> float:
-        """Speed of the base over the floor."""
+        """Speed of the base over the floor [m/s]."""
         v = self._data.qvel[self._base_qvel : self._base_qvel + 6]
-        # MuJoCo gives a free joint's angular velocity in the body's own axes, its linear velocity in the world's.
+        # A free joint has its angular velocity in body axes and its linear velocity in world axes.
         moved = np.cross(v[3:], self._T_root_base[:3, 3])
         mujoco.mju_rotVecQuat(self._offset, moved, self._data.qpos[self._base_qpos + 3 : self._base_qpos + 7])
         return math.hypot(v[0] + self._offset[0], v[1] + self._offset[1])
 
     @property
     def turn_rate_radps(self) -> float:
-        """Turn rate of the base, counter-clockwise."""
+        """Turn rate of the base, counter-clockwise [rad/s]."""
         omega = self._data.qvel[self._base_qvel + 3 : self._base_qvel + 6]
         return float(omega @ self._T_root_base[:3, 2])
 
     @property
     def wheel_angles_rad(self) -> Float[np.ndarray, "2"]:
-        """How far the left and the right wheel have turned, positive when rolling forward."""
+        """Rotation of the left and the right wheel, positive when rolling forward."""
         return self._signs * self._data.qpos[self._wheel_qpos]
 
     def turn_wheels(self, left_rad: float, right_rad: float) -> None:
@@ -97,11 +100,16 @@ class SimulatedBase:
         self._data.qpos[self._wheel_qpos] += self._signs * (left_rad, right_rad)
 
 
-def _joint_id(model: mujoco.MjModel, name: str) -> int:
-    """Raises RobotError if there is no such joint."""
-    joint_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-    if joint_id < 0:
+def element_id(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
+    """Index of a named element of the simulated robot.
+
+    Raises:
+        RobotError: if there is none.
+    """
+    found = mujoco.mj_name2id(model, kind, name)
+    if found < 0:
+        what = kind.name.removeprefix("mjOBJ_").lower()
         raise RobotError(
-            f'The simulated robot has no joint "{name}"; see models/diff_drive/diff_drive.xml for one that has.'
+            f'The simulated robot has no {what} "{name}"; see models/diff_drive/diff_drive.xml for one that has.'
         )
-    return joint_id
+    return found

@@ -1,7 +1,7 @@
-"""From where the base should be next to wheel speeds: one step of differential inverse kinematics by mink.
+"""Converts a reference pose to wheel speeds: one step of differential inverse kinematics by mink.
 
-The base is asked to reach a pose within one period; that it rolls and does not slip is an equality that always holds,
-the wheels' highest speed and the distance to obstacles are inequalities.
+The task is to reach the reference within one period. Rolling without slip is an equality constraint; the highest wheel
+speed and the distance to obstacles are inequality constraints.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ _logger = logging.getLogger(__name__)
 
 SOLVER = "daqp"
 _TASK_COST = 30.0
-"""Weight of the pose that is asked for. Motions of one period are small (mm), so at a weight of 1 the solver's own
-regularisation takes a quarter of a percent off the wheel speeds; at this weight it takes nothing."""
+"""Weight of the pose task. Motions of one period are millimetres: at a weight of 1 the solver's regularisation lowers
+the wheel speeds by a quarter of a percent; at this weight the loss vanishes."""
 
 
 class NoSlip(mink.Task):
-    """The base moves as its wheels roll: forward and in yaw by their Jacobian, in no other direction.
+    """Rolling without slip: the wheels' Jacobian moves the base forward and in yaw, and nothing else moves it.
 
-    Passed to mink as a constraint, its six rows are (twist of the base) - (twist from the wheels) = 0, in base axes.
+    As a constraint, its six rows are (twist of the base) - (twist from the wheels) = 0, in base axes.
     """
 
-    def __init__(self, robot: RobotKinematics, model: mujoco.MjModel):
-        """For mink's model of the robot."""
+    def __init__(self, kinematics: RobotKinematics, model: mujoco.MjModel):
+        """``model``: mink's, of the same robot."""
         super().__init__(cost=np.ones(6))
         self._wheels_to_twist = np.zeros((6, model.nv))
         wheel_dofs = [model.joint(name).dofadr[0] for name in WHEEL_JOINTS]
-        self._wheels_to_twist[np.ix_([0, 5], wheel_dofs)] = robot.wheel_jacobian
+        self._wheels_to_twist[np.ix_([0, 5], wheel_dofs)] = kinematics.wheel_jacobian
 
     def compute_error(self, configuration: mink.Configuration) -> Float[np.ndarray, "6"]:
-        """Zero: only velocities are constrained."""
+        """Zero: the constraint is on velocities only."""
         return np.zeros(6)
 
     def compute_jacobian(self, configuration: mink.Configuration) -> Float[np.ndarray, "6 nv"]:
@@ -51,32 +51,32 @@ class NoSlip(mink.Task):
 
 
 class WheelServo:
-    """Computes wheel speeds; holds mink's own model of the robot, apart from the simulated one."""
+    """Computes wheel speeds on mink's own model of the robot, apart from the simulated one."""
 
     def __init__(
         self,
         description: RobotDescription,
-        robot: RobotKinematics,
+        kinematics: RobotKinematics,
         *,
         period_s: float,
         max_wheel_radps: float,
         obstacles: list[Obstacle] | None = None,
-        keep_m: float = 0.0,
+        min_distance_m: float = 0.0,
     ):
         """Set the problem up.
 
         Args:
             description: the robot.
-            robot: its kinematics.
-            period_s: time from one call to the next [s].
-            max_wheel_radps: neither wheel is asked to turn faster [rad/s].
-            obstacles: what the robot's body keeps clear of; nothing when None.
-            keep_m: the distance that it keeps [m].
+            kinematics: of the robot.
+            period_s: time between two calls [s].
+            max_wheel_radps: highest speed of either wheel [rad/s].
+            obstacles: the robot's body keeps clear of them; None = no obstacles.
+            min_distance_m: distance to keep from them [m].
 
         Raises:
             RobotError: if mink drops an obstacle.
         """
-        spec = mujoco.MjSpec.from_string(description.skeleton)
+        spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
         if obstacles:
             add_obstacles(spec, description, obstacles)
         model = spec.compile()
@@ -84,20 +84,23 @@ class WheelServo:
         self._configuration = mink.Configuration(model)
         self._base = SimulatedBase(model, self._configuration.data)
         self._wheel_dofs = [model.joint(name).dofadr[0] for name in WHEEL_JOINTS]
-        # Heights and tilts follow from the no-slip rows; asking for them as well would only add rounding.
+        # Height and tilt follow from the no-slip rows; a cost on them would only add rounding errors.
         self._reach = mink.FrameTask(
             "base",
             "site",
             position_cost=[_TASK_COST, _TASK_COST, 0.0],
             orientation_cost=[0.0, 0.0, _TASK_COST],
         )
-        self._no_slip = NoSlip(robot, model)
+        self._no_slip = NoSlip(kinematics, model)
         self._limits: list[mink.Limit] = [mink.VelocityLimit(model, dict.fromkeys(WHEEL_JOINTS, max_wheel_radps))]
         if obstacles:
-            self._limits.append(ClearanceLimit(model, len(obstacles), keep_m=keep_m))
+            self._limits.append(ClearanceLimit(model, len(obstacles), min_distance_m=min_distance_m))
 
     def wheel_speeds(self, pose: Pose2, reference: Pose2) -> WheelSpeeds:
-        """Wheel speeds that bring the base as near to the reference as possible within one period."""
+        """Wheel speeds that bring the base as close to the reference as possible within one period.
+
+        Zero if the solver finds no solution.
+        """
         self._base.place(pose)
         self._configuration.update()
         self._reach.set_target(mink.SE3.from_matrix(pose_matrix(reference)))
@@ -111,9 +114,9 @@ class WheelServo:
                 constraints=[self._no_slip],
             )
         except mink.NoSolutionFound:
-            # Standing still keeps every limit, so there always is a solution; the solver may miss it where a push has
-            # pressed the robot into several obstacles at once.
-            _logger.debug("no wheel speeds found at %s for %s; the wheels stand for a period", pose, reference)
+            # Standing still satisfies every limit, so a solution exists; the solver can miss it after a push into
+            # several obstacles at once.
+            _logger.debug("No wheel speeds found at %s for %s; the wheels stop for one period", pose, reference)
             return WheelSpeeds(0.0, 0.0)
         left, right = velocity[self._wheel_dofs].tolist()
         return WheelSpeeds(left, right)

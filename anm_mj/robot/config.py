@@ -1,4 +1,4 @@
-"""Which robot drives, and what it is told about where it stands; read without loading a simulator."""
+"""Settings of the robot and the location of its MJCF; loads no simulator."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 from anm_mj.errors import RobotError
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
-"""One folder per robot of our own."""
+"""One folder per builtin robot."""
 DEFAULT_ROBOT = "diff_drive"
 
 
 @dataclass(frozen=True)
 class RobotConfig:
-    """Names in the robot's MJCF, where they are not the usual ones, and the quality of its wheel encoders."""
+    """Names of the robot's parts in its MJCF, where they differ from the usual ones, and the noise of its encoders."""
 
     left_wheel: str = ""
     """Name of the left wheel's hinge; empty = one of the usual names (``wheel_left``, ``left_wheel``, …)."""
@@ -23,11 +23,11 @@ class RobotConfig:
     camera: str = ""
     """Name of the camera; empty = ``camera``, or the only one in the file."""
     wheel_noise: float = 0.0
-    """Standard deviation of a wheel's measured rotation after one radian of it [rad], growing with the root of the
-    rotation; seen by wheel odometry alone. 0.02 makes about 2 degrees in a hundred actions."""
+    """Standard deviation of a wheel's measured rotation after one radian [rad]; it grows with the square root of the
+    rotation and affects wheel odometry only. 0.02 causes about 2 degrees of drift in a hundred actions."""
 
     def __post_init__(self) -> None:
-        """Refuse what no encoder does.
+        """Check the noise.
 
         Raises:
             RobotError: the noise is not within [0, 0.5].
@@ -37,16 +37,18 @@ class RobotConfig:
 
 
 def robot_path(name_or_file: str) -> Path:
-    """The MJCF of a robot of our own, by its name, or of the user's, by its path.
+    """The MJCF file of a builtin robot, by its name, or of the user's robot, by its path.
 
     Raises:
-        RobotError: if there is neither.
+        RobotError: if neither exists.
     """
-    own = MODELS / name_or_file / f"{name_or_file}.xml"
-    if Path(name_or_file).name == name_or_file and own.is_file():
-        return own
+    builtin = MODELS / name_or_file / f"{name_or_file}.xml"
+    if Path(name_or_file).name == name_or_file and builtin.is_file():
+        return builtin
     path = Path(name_or_file)
     if not path.is_file():
         known = ", ".join(sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir()))
-        raise RobotError(f"There is no robot file {name_or_file}; give an MJCF file, or one of our own: {known}.")
+        raise RobotError(
+            f"There is no robot file {name_or_file}; give an MJCF file or the name of a builtin robot: {known}."
+        )
     return path

@@ -1,4 +1,4 @@
-"""How far geoms reach, exactly for MuJoCo's primitive shapes and by their vertices for meshes."""
+"""Extents of geoms by their support functions: exact for MuJoCo's primitives and for meshes."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ import numpy as np
 from jaxtyping import Float
 
 _NUM_DIRECTIONS = 720
-"""Directions about the vertical axis: half a degree apart, so that a corner is missed by 1e-5 of its distance."""
+"""Directions about the vertical axis, half a degree apart: the error is 1e-5 of a corner's distance."""
 
 
 def support_m(
     model: mujoco.MjModel, data: mujoco.MjData, geom: int, directions: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, " n"]:
-    """How far a geom reaches along unit directions of the world, measured from the world's origin [m].
+    """Support function of a geom: its extent along unit directions of the world, from the world's origin [m].
 
     Args:
-        model: holds the geom's shape.
+        model: of the robot or scene.
         data: with geom poses up to date.
-        geom: its index.
-        directions: unit vectors.
+        geom: index of the geom.
+        directions: unit vectors, world.
     """
     local = directions @ data.geom_xmat[geom].reshape(3, 3)
     return directions @ data.geom_xpos[geom] + _local_support(model, geom, local)
 
 
-def reach_about_axis_m(model: mujoco.MjModel, data: mujoco.MjData, geom: int, xy_m: Float[np.ndarray, "2"]) -> float:
-    """Largest horizontal distance of a geom from the vertical axis through a place [m]."""
+def radius_about_axis_m(model: mujoco.MjModel, data: mujoco.MjData, geom: int, xy_m: Float[np.ndarray, "2"]) -> float:
+    """Largest horizontal distance of a geom from the vertical axis through a world position [m]."""
     angles = np.arange(_NUM_DIRECTIONS) * (math.tau / _NUM_DIRECTIONS)
     directions = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     return float((support_m(model, data, geom, directions) - directions[:, :2] @ xy_m).max())
@@ -41,7 +41,7 @@ def height_range_m(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tup
 
 
 def _local_support(model: mujoco.MjModel, geom: int, d: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Support function in the geom's own axes."""
+    """Support function in the axes of the geom [m]."""
     size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.full(len(d), size[0])
@@ -55,6 +55,6 @@ def _local_support(model: mujoco.MjModel, geom: int, d: Float[np.ndarray, "n 3"]
         mesh = model.geom_dataid[geom]
         first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
         return (d @ model.mesh_vert[first : first + count].T.astype(float)).max(axis=1)
-    # A box; of other kinds, which no robot is made of, the bounding box.
+    # A box; for planes, height fields and SDFs, which no robot has, the bounding box.
     centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     return d @ centre + np.abs(d) @ half

@@ -1,8 +1,8 @@
-"""The robot's own kinematic model, read by pinocchio from the MJCF that the simulator reads.
+"""Kinematics of a differential-drive robot, read by pinocchio from the MJCF that the simulator reads.
 
-It is what a real robot would run: it knows nothing of a simulator. pinocchio's MJCF reader leaves out silently what it
-does not know (``<frame>``, masses in defaults, all but the first body of the world), so every part is asked for by
-name.
+A real robot could run this module: it knows nothing of a simulator. pinocchio's MJCF reader silently ignores elements
+that it does not know (``<frame>``, masses in defaults, all but the first body of the world), so the constructor requires
+every part by name.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ BASE_JOINT = "base"
 WHEEL_JOINTS = ("wheel_left", "wheel_right")
 """Left, right."""
 CAMERA = "camera"
-"""Name of the MJCF camera, and of the site that has its place and the axes x right, y down, z forward."""
+"""Name of the MJCF camera, and of the site at its pose with the axes x right, y down, z forward."""
 SAME_ROBOT = 1e-9
 """Largest difference between pinocchio's and MuJoCo's figures of a robot [m, kg]."""
 
 
 class RobotKinematics:
-    """A differential-drive base with a camera: where things are on it, and how wheels move it."""
+    """Camera pose, and the relation between wheel and body motion, of a differential-drive base."""
 
     def __init__(self, mjcf_path: Path):
         """Read the model.
 
         Args:
-            mjcf_path: a robot, or the skeleton of one, with a free joint "base", hinges "wheel_left" and "wheel_right",
-                and a site "camera".
+            mjcf_path: a robot or a reduced model, with a free joint "base", hinges "wheel_left" and "wheel_right", and a
+                site "camera".
 
         Raises:
             RobotError: if the file cannot be read, or is not such a robot.
@@ -58,15 +58,15 @@ class RobotKinematics:
 
     @classmethod
     def of(cls, robot: RobotDescription) -> RobotKinematics:
-        """The model of a robot of any make, from its skeleton.
+        """The kinematics of any robot, from its reduced model.
 
         Raises:
-            RobotError: if pinocchio reads another robot than MuJoCo.
+            RobotError: if the figures of pinocchio and MuJoCo differ.
         """
         with tempfile.TemporaryDirectory() as folder:
             # pinocchio reads MJCF from files only.
             path = Path(folder) / f"{robot.name}.xml"
-            path.write_text(robot.skeleton, encoding="utf-8")
+            path.write_text(robot.reduced_mjcf, encoding="utf-8")
             model = cls(path)
         ours = np.array([model.mass_kg, model.wheel_radius_m, model.track_m, *model.T_base_camera.ravel()])
         theirs = np.array([robot.mass_kg, robot.wheel_radius_m, robot.track_m, *robot.T_base_camera.ravel()])
@@ -79,22 +79,22 @@ class RobotKinematics:
 
     @property
     def pinocchio_model(self) -> pin.Model:
-        """The model as pinocchio has it; configurations are x, y, z, quaternion xyzw, left and right wheel angle."""
+        """Pinocchio's model; a configuration is x, y, z, quaternion xyzw, left and right wheel angle."""
         return self._model
 
     @property
     def wheel_radius_m(self) -> float:
-        """Height of the wheels' axis above the floor: the radius that they roll with."""
+        """Rolling radius of the wheels: the height of their axle above the floor [m]."""
         return self._wheel_radius_m
 
     @property
     def track_m(self) -> float:
-        """Distance between the wheels' planes."""
+        """Distance between the planes of the wheels [m]."""
         return self._track_m
 
     @property
     def mass_kg(self) -> float:
-        """Mass of the whole robot."""
+        """Mass of the whole robot [kg]."""
         return float(pin.computeTotalMass(self._model))
 
     @property
@@ -104,7 +104,7 @@ class RobotKinematics:
 
     @property
     def wheel_jacobian(self) -> Float[np.ndarray, "2 2"]:
-        """Forward speed and turn rate per left and right wheel speed, rolling without slip.
+        """Forward speed and turn rate (rows) per left and right wheel speed (columns), rolling without slip.
 
         Source: Lynch and Park, Modern Robotics, 2017, section 13.3.1 (differential drive).
         """
@@ -112,33 +112,36 @@ class RobotKinematics:
         return np.array([[r / 2.0, r / 2.0], [-r / track, r / track]])
 
     def T_world_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
-        """Camera to world by forward kinematics of a base that stands on the floor."""
+        """Camera to world, for a base on the floor."""
         return pose_matrix(pose) @ self._T_base_camera
 
     def body_motion(self, left: float, right: float) -> tuple[float, float]:
-        """Forward motion and turn from the wheels': m and rad from rad, or m/s and rad/s from rad/s."""
+        """Forward motion and turn from wheel motions: m and rad from rad, or m/s and rad/s from rad/s."""
         forward = self._wheel_radius_m * (right + left) / 2.0
         turn = self._wheel_radius_m * (right - left) / self._track_m
         return forward, turn
 
     def wheel_motion(self, forward: float, turn: float) -> tuple[float, float]:
-        """Left and right wheel motion from the body's: the inverse of :meth:`body_motion`."""
+        """Left and right wheel motion from forward motion and turn: the inverse of :meth:`body_motion`."""
         half_track = self._track_m / 2.0
         return (forward - turn * half_track) / self._wheel_radius_m, (
             forward + turn * half_track
         ) / self._wheel_radius_m
 
     def wheel_speeds(self, forward_mps: float, turn_radps: float) -> WheelSpeeds:
-        """Wheel speeds that roll the base forward and turn it."""
+        """Wheel speeds for a forward speed and a turn rate."""
         return WheelSpeeds(*self.wheel_motion(forward_mps, turn_radps))
 
     def odometry(self, pose: Pose2, left_rad: float, right_rad: float) -> Pose2:
-        """The pose after the wheels have turned by these angles at a constant ratio: the SE(2) exponential."""
+        """The pose after these wheel rotations at a constant speed ratio: the SE(2) exponential.
+
+        Source: Lynch and Park, Modern Robotics, 2017, section 13.4 (odometry).
+        """
         return move_pose(pose, *self.body_motion(left_rad, right_rad))
 
 
 def _require_parts(model: pin.Model, path: Path) -> None:
-    """Raises RobotError unless all joints and the camera's site are there."""
+    """Raises RobotError unless the model has all joints and the camera's site."""
     missing = [name for name in (BASE_JOINT, *WHEEL_JOINTS) if not model.existJointName(name)]
     if missing:
         raise RobotError(
@@ -151,7 +154,7 @@ def _require_parts(model: pin.Model, path: Path) -> None:
 
 
 def _require_differential_drive(left: pin.SE3, right: pin.SE3, path: Path) -> None:
-    """Raises RobotError unless the wheels mirror each other on an axle through the base's origin."""
+    """Raises RobotError unless the wheels are symmetric on an axle through the base's origin."""
     (xl, yl, zl), (xr, yr, zr) = left.translation, right.translation
     if not (np.allclose([xl, xr, yl + yr, zl - zr], 0.0, atol=1e-9) and yl > 0.0 and zl > 0.0):
         raise RobotError(

@@ -1,4 +1,4 @@
-"""Finds a robot's wheels and camera by name in its MJCF, and takes away all that is not the robot."""
+"""Finds a robot's wheels and camera by name in its MJCF and removes everything else from the spec."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from anm_mj.errors import RobotError
 from anm_mj.robot.config import RobotConfig
 
 LEFT_WHEELS = ("wheel_left", "left_wheel", "wheel_left_joint", "left_wheel_joint")
-"""Names that a left wheel's hinge may have without being told."""
+"""Default names of a left wheel's hinge."""
 RIGHT_WHEELS = tuple(name.replace("left", "right") for name in LEFT_WHEELS)
 CAMERA = "camera"
 ROBOT_GROUP = 1
-"""Group of the robot's geoms: drawn by viewers, hidden from the robot's own camera."""
+"""Group of the robot's geoms: visible in viewers, hidden from the robot's own camera."""
 
 
 @dataclass(frozen=True)
-class Parts:
+class RobotParts:
     """Names of a robot's parts."""
 
     root: str
-    """The body below the world that everything hangs on."""
+    """The robot's top-level body."""
     base_joint: str
     wheels: tuple[str, str]
     """Left, right."""
     camera: str
 
 
-def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> Parts:
-    """Look the parts up; bodies and the free joint get names where they have none, and a free joint is added.
+def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> RobotParts:
+    """Look up the parts, name unnamed bodies, and give the base a named free joint.
 
-    Joints that moved the base otherwise go, and the actuators on them.
+    A free joint replaces other joints of the base, together with their actuators.
 
     Raises:
-        RobotError: if one is missing, or they are parts of different robots.
+        RobotError: if a part is missing, or the parts belong to different robots.
     """
     _name_all(spec.bodies, "body")
     left = _wheel(spec, config.left_wheel, LEFT_WHEELS, "left", path)
@@ -52,7 +52,7 @@ def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> Parts:
         )
     free = next((joint for joint in roots[0].joints if joint.type == mujoco.mjtJoint.mjJNT_FREE), None)
     if free is None:
-        # Slides and a hinge that move a base over the floor do what the free joint does.
+        # Slide joints and a hinge that move a base over the floor have the role of the free joint.
         others = {joint.name: joint for joint in roots[0].joints}
         for actuator in [actuator for actuator in spec.actuators if actuator.target in others]:
             spec.delete(actuator)
@@ -61,11 +61,11 @@ def find_parts(spec: mujoco.MjSpec, config: RobotConfig, path: Path) -> Parts:
         free = roots[0].add_freejoint()
     if not free.name:
         free.name = unused_name("base", spec.joint)
-    return Parts(roots[0].name, free.name, (left.name, right.name), camera.name)
+    return RobotParts(roots[0].name, free.name, (left.name, right.name), camera.name)
 
 
-def robot_alone(spec: mujoco.MjSpec, parts: Parts) -> None:
-    """Remove the world around the robot, its lights, keyframes and settings, and hide it from its own camera."""
+def isolate_robot(spec: mujoco.MjSpec, parts: RobotParts) -> None:
+    """Remove the world around the robot, lights, keyframes and global settings; hide the robot from its own camera."""
     world = spec.worldbody
     for element in [*world.geoms, *world.sites, *world.lights, *world.cameras]:
         spec.delete(element)
@@ -73,7 +73,7 @@ def robot_alone(spec: mujoco.MjSpec, parts: Parts) -> None:
         spec.delete(body)
     for element in [*spec.lights, *spec.keys]:
         spec.delete(element)
-    # A scene keeps its own time step, gravity and light, whatever the robot's file says of them.
+    # The scene sets time step, gravity and light.
     spec.option, spec.visual, spec.stat = (empty := mujoco.MjSpec()).option, empty.visual, empty.stat
     _name_all(spec.geoms, "geom")
     _name_all(spec.actuators, "actuator")
@@ -83,14 +83,14 @@ def robot_alone(spec: mujoco.MjSpec, parts: Parts) -> None:
 
 
 def unused_name(wanted: str, find: Callable[[str], Any]) -> str:
-    """A name, or one alike, under which ``find`` (such as ``spec.geom``) finds nothing."""
+    """The wanted name, extended until ``find`` (such as ``spec.geom``) does not know it."""
     while find(wanted) is not None:
         wanted += "_"
     return wanted
 
 
 def _name_all(elements: Iterable[Any], kind: str) -> None:
-    """Give a name to each element that has none: all that is asked for later is asked for by name."""
+    """Name all unnamed elements; later look-ups go by name."""
     elements = list(elements)
     taken = {element.name for element in elements}
     for number, element in enumerate(elements):
@@ -129,7 +129,7 @@ def _camera(spec: mujoco.MjSpec, given: str, path: Path) -> mujoco._specs.MjsCam
 
 
 def _root(body: mujoco._specs.MjsBody) -> mujoco._specs.MjsBody:
-    """The ancestor of a body that hangs on the world."""
+    """The top-level ancestor of a body."""
     while body.parent is not None and body.parent.name != "world":
         body = body.parent
     return body

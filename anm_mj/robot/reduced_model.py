@@ -1,8 +1,8 @@
-"""A robot reduced to what kinematics and control need, as an MJCF that MuJoCo, mink and pinocchio read alike.
+"""Reduces a robot to the parts that kinematics and control need: an MJCF that MuJoCo, mink and pinocchio read alike.
 
-One root body ``base`` with a free joint, its origin on the floor midway between the wheels (x forward, y left, z up),
-two hinges ``wheel_left`` and ``wheel_right`` about +y, sites ``base``, ``camera`` and ``look_ahead``, every mass in an
-explicit inertia, and no geoms: nothing that pinocchio's reader would leave out silently.
+The reduced model has one root body ``base`` with a free joint (origin on the floor midway between the wheels, x forward,
+y left, z up), two hinges ``wheel_left`` and ``wheel_right`` about +y, the sites ``base``, ``camera`` and ``look_ahead``,
+and explicit inertias. It has no geoms and nothing else that pinocchio's reader silently ignores.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 LOOK_AHEAD_M = 0.15
-"""Distance of the site ``look_ahead`` before the axle [m]."""
+"""Distance of the site ``look_ahead`` in front of the axle [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,16 +22,16 @@ class WheelMount:
     """One wheel of a compiled robot."""
 
     name: str
-    """What it is called in the skeleton."""
+    """Its name in the reduced model."""
     body: int
-    """Its body in the compiled robot; whatever hangs on that turns with the wheel."""
+    """Its body in the compiled robot; descendants of that body turn with the wheel."""
     centre_m: Float[np.ndarray, "3"]
-    """Where it touches its axle, in the base."""
+    """Its centre on the axle, in the base [m]."""
     armature: float
     """Inertia of its motor [kg m²]."""
 
 
-def skeleton_mjcf(
+def reduced_mjcf(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     root: int,
@@ -39,19 +39,19 @@ def skeleton_mjcf(
     T_base_camera: Float[np.ndarray, "4 4"],
     wheels: tuple[WheelMount, WheelMount],
 ) -> str:
-    """The skeleton of a compiled robot that stands as its ``data`` says; other joints than the wheels are held still.
+    """The reduced model of a compiled robot, as MJCF text; all joints but the wheels keep the positions in ``data``.
 
     Args:
         model: the robot.
         data: with positions up to date.
         root: index of its root body.
-        T_world_base: where the base is, as the robot stands now.
-        T_base_camera: camera axes x right, y down, z forward.
+        T_world_base: base to world, for the positions in ``data``.
+        T_base_camera: camera to base; camera axes x right, y down, z forward.
         wheels: left, right.
     """
     T_base_world = np.linalg.inv(T_world_base)
     on_robot = [body for body in range(model.nbody) if model.body_rootid[body] == root]
-    on_wheels = [[body for body in on_robot if _hangs_on(model, body, wheel.body)] for wheel in wheels]
+    on_wheels = [[body for body in on_robot if _is_descendant(model, body, wheel.body)] for wheel in wheels]
     on_base = [body for body in on_robot if not any(body in group for group in on_wheels)]
     hinges = "".join(
         f'<body name="{wheel.name}" pos="{_text(wheel.centre_m)}">'
@@ -62,14 +62,14 @@ def skeleton_mjcf(
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T_base_camera[:3, :3]).ravel())
     return (
-        '<mujoco model="skeleton"><compiler angle="radian"/><worldbody><body name="base"><freejoint name="base"/>'
+        '<mujoco model="reduced"><compiler angle="radian"/><worldbody><body name="base"><freejoint name="base"/>'
         f"{_inertial(model, data, on_base, T_base_world, np.zeros(3))}"
         f'<site name="base"/><site name="camera" pos="{_text(T_base_camera[:3, 3])}" quat="{_text(quaternion)}"/>'
         f'<site name="look_ahead" pos="{LOOK_AHEAD_M} 0 0"/>{hinges}</body></worldbody></mujoco>'
     )
 
 
-def _hangs_on(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
+def _is_descendant(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
     while body not in (0, ancestor):
         body = int(model.body_parentid[body])
     return body == ancestor
@@ -82,7 +82,7 @@ def _inertial(
     T_base_world: Float[np.ndarray, "4 4"],
     origin_m: Float[np.ndarray, "3"],
 ) -> str:
-    """Mass, centre and inertia of some bodies together, in base axes about a place in the base."""
+    """Combined mass, centre and inertia of bodies, in base axes; the centre is relative to a point of the base [m]."""
     mass = model.body_mass[bodies]
     centres = data.xipos[bodies] @ T_base_world[:3, :3].T + T_base_world[:3, 3]
     centre = mass @ centres / mass.sum()
@@ -96,5 +96,5 @@ def _inertial(
 
 
 def _text(values: Float[np.ndarray, " n"]) -> str:
-    """Numbers with all their digits."""
+    """Numbers at full precision."""
     return " ".join(repr(float(value)) for value in values)

@@ -1,4 +1,4 @@
-"""The wheels of a robot: how they roll, as their geoms say, and what is changed so that a simulation lets them roll."""
+"""Reads the wheels of a robot from its geoms and adapts their contacts so that they roll in simulation."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from anm_mj.robot.geom_extent import height_range_m, support_m
 from anm_mj.robot.parts import unused_name
 
 ALIKE_M = 1e-3
-"""Largest difference of the two wheels' radii and of their axles' heights [m]."""
-_LEAST_ARMATURE = 0.04
-"""Inertia of wheel motors per mass and squared wheel radius; with less, wheels of light robots chatter at 2 ms."""
+"""Largest difference between the radii of the wheels and between the heights of their axles [m]."""
+_MIN_ARMATURE = 0.04
+"""Least motor inertia per mass and squared wheel radius; with less, wheels of light robots chatter at 2 ms."""
 _ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 
 
 @dataclass(frozen=True, eq=False)
 class Wheel:
-    """One wheel of a compiled robot, in the world."""
+    """One wheel of a compiled robot, in world coordinates."""
 
     joint: str
     body: int
     geoms: tuple[int, ...]
-    """What of it touches the floor."""
+    """Geoms that touch the floor."""
     centre_m: Float[np.ndarray, "3"]
-    """Middle of those geoms, on the axle."""
+    """Centre of those geoms, on the axle."""
     axis: Float[np.ndarray, "3"]
-    """The hinge's unit axis."""
+    """Unit axis of the hinge."""
     radius_m: float
     half_width_m: float
     centre_in_body_m: Float[np.ndarray, "3"]
-    """The same middle, in the axes of the wheel's body."""
+    """The same centre, in the axes of the wheel's body."""
 
 
 def read_wheels(model: mujoco.MjModel, data: mujoco.MjData, joints: tuple[str, str], path: Path) -> tuple[Wheel, Wheel]:
-    """The two wheels of a robot that stands as its ``data`` says.
+    """The left and the right wheel of a robot at the positions in ``data``.
 
     Raises:
-        RobotError: if a wheel has no geom, its hinge ends somewhere, or the two are not alike.
+        RobotError: if a wheel has no geom, its hinge has a range, or the radii differ.
     """
     left, right = (_wheel(model, data, joint, path) for joint in joints)
     if left.radius_m <= 0.0 or abs(left.radius_m - right.radius_m) > ALIKE_M:
@@ -54,7 +54,7 @@ def read_wheels(model: mujoco.MjModel, data: mujoco.MjData, joints: tuple[str, s
 
 
 def base_frame(left: Wheel, right: Wheel, path: Path) -> tuple[Float[np.ndarray, "4 4"], float, tuple[float, float]]:
-    """The base in the world (on the floor, midway between the wheels, x forward), the track [m], and each hinge's sign.
+    """``T_world_base`` (on the floor midway between the wheels, x forward), the track [m], and the sign of each hinge.
 
     Raises:
         RobotError: if the wheels do not share one level axle.
@@ -76,16 +76,16 @@ def base_frame(left: Wheel, right: Wheel, path: Path) -> tuple[Float[np.ndarray,
     return T_world_base, track_m, (float(np.sign(signs[0])), float(np.sign(signs[1])))
 
 
-def let_wheels_roll(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[Wheel, Wheel]) -> None:
-    """Give every wheel a contact in one point, and its motor some inertia.
+def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[Wheel, Wheel]) -> None:
+    """Give every wheel a point contact, and its motor a minimal inertia.
 
-    A cylinder touches the floor along a line whose two ends scrub in every turn; it stays to be seen, and an ellipsoid
-    of its size touches in its place. Ellipsoids and spheres stay as they are.
+    A cylinder touches the floor along a line, whose two ends scrub in every turn. An ellipsoid of the same size replaces
+    its contact; the cylinder stays visible. Ellipsoids and spheres stay unchanged.
     """
     mass_kg = float(model.body_mass.sum())
     for wheel in wheels:
         joint = spec.joint(wheel.joint)
-        joint.armature = max(joint.armature, _LEAST_ARMATURE * mass_kg * wheel.radius_m**2)
+        joint.armature = max(joint.armature, _MIN_ARMATURE * mass_kg * wheel.radius_m**2)
         if all(model.geom_type[geom] in _ROUND for geom in wheel.geoms):
             continue
         for geom in wheel.geoms:
@@ -108,8 +108,8 @@ def let_wheels_roll(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[Wh
         )
 
 
-def let_casters_slide(spec: mujoco.MjSpec, model: mujoco.MjModel, casters: list[int]) -> None:
-    """Take the friction from geoms that touch the floor and are no wheels, whatever the floor's own friction is."""
+def disable_caster_friction(spec: mujoco.MjSpec, model: mujoco.MjModel, casters: list[int]) -> None:
+    """Remove the friction of caster geoms, whatever the friction of the floor."""
     for caster in casters:
         geom = spec.geom(model.geom(caster).name)
         geom.condim, geom.priority = 1, max(geom.priority, 1)

@@ -30,7 +30,7 @@ def box(x, y, half_x, half_y, yaw_rad=0.0) -> Obstacle:
 
 def servo_among(description, kinematics, obstacles):
     return WheelServo(
-        description, kinematics, period_s=_PERIOD_S, max_wheel_radps=12.0, obstacles=obstacles, keep_m=0.005
+        description, kinematics, period_s=_PERIOD_S, max_wheel_radps=12.0, obstacles=obstacles, min_distance_m=0.005
     )
 
 
@@ -47,10 +47,10 @@ def test_every_obstacle_of_a_scene_is_paired_with_the_robot(compile_scene, descr
     obstacles = static_obstacles(model)
     # Neither the floor, nor what nothing can touch, nor the robot itself.
     assert len(obstacles) == 40
-    spec = mujoco.MjSpec.from_string(description.skeleton)
+    spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
     add_obstacles(spec, description, obstacles)
     compiled = spec.compile()
-    limit = ClearanceLimit(compiled, 40, keep_m=0.005)
+    limit = ClearanceLimit(compiled, 40, min_distance_m=0.005)
     body = compiled.geom(BODY).id
     assert {pair for pair in limit.geom_id_pairs if body in pair} == set(limit.geom_id_pairs)
     assert len(set(limit.geom_id_pairs)) == 40
@@ -58,13 +58,13 @@ def test_every_obstacle_of_a_scene_is_paired_with_the_robot(compile_scene, descr
 
 def test_a_pair_that_mink_drops_is_an_error(description):
     # Obstacles of the world itself and the robot's root body are parent and child: mink takes none of these pairs.
-    spec = mujoco.MjSpec.from_string(description.skeleton)
+    spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
     add_obstacles(spec, description, [])
     spec.worldbody.add_geom(name="obstacle_0", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 1.0, 0.7], pos=[1, 0, 0.7])
     model = spec.compile()
     assert mink.CollisionAvoidanceLimit(model, [([BODY], ["obstacle_0"])]).geom_id_pairs == []
     with pytest.raises(RobotError, match="mink leaves 1 of 1 obstacles out"):
-        ClearanceLimit(model, 1, keep_m=0.005)
+        ClearanceLimit(model, 1, min_distance_m=0.005)
 
 
 def test_missing_pairs_are_counted():

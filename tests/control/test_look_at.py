@@ -36,7 +36,7 @@ def look(description, kinematics):
 def test_any_point_is_turned_to_on_the_spot_under_the_limits(look, bearing, away_m, up_m, yaw):
     start = pose = Pose2(0.5, -0.3, yaw)
     point = np.array([0.5 + away_m * math.cos(yaw + bearing), -0.3 + away_m * math.sin(yaw + bearing), 1.25 + up_m])
-    look.begin()
+    look.reset()
     rates, turned = [0.0, 0.0], 0.0
     while (following := look.next_pose(pose, point)) is not None:
         rates.append(wrap_angle(following.yaw_rad - pose.yaw_rad) / _PERIOD_S)
@@ -51,7 +51,7 @@ def test_any_point_is_turned_to_on_the_spot_under_the_limits(look, bearing, away
 
 
 def test_a_point_right_above_is_looked_at_already(look):
-    look.begin()
+    look.reset()
     assert look.next_pose(Pose2(1.0, 2.0, 0.7), np.array([1.0, 2.0, 2.5])) is None
 
 

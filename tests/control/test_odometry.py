@@ -39,9 +39,9 @@ def test_noise_has_the_spread_that_was_asked_for_however_often_it_is_read(kinema
         ends = []
         for seed in range(150):
             odometer = Odometer(kinematics, noise=0.02, seed=seed)
-            odometer.restart(Pose2(0.0, 0.0, 0.0), np.zeros(2))
+            odometer.reset(Pose2(0.0, 0.0, 0.0), np.zeros(2))
             for k in range(1, readings + 1):
-                odometer.read(np.full(2, 20.0 * k / readings))
+                odometer.update(np.full(2, 20.0 * k / readings))
             ends.append(odometer.pose)
         spread_rad = 0.02 * math.sqrt(2 * 20.0) * 0.05 / 0.30
         assert np.std([end.yaw_rad for end in ends]) == pytest.approx(spread_rad, rel=0.2)
@@ -52,7 +52,7 @@ def test_the_same_seed_drifts_the_same_way(kinematics):
     def end(seed):
         odometer = Odometer(kinematics, noise=0.05, seed=seed)
         for k in range(20):
-            odometer.read(np.array([0.3 * k, 0.2 * k]))
+            odometer.update(np.array([0.3 * k, 0.2 * k]))
         return odometer.pose
 
     assert end(3) == end(3) != end(4)
@@ -60,8 +60,8 @@ def test_the_same_seed_drifts_the_same_way(kinematics):
 
 def test_a_restart_forgets_what_was_rolled(kinematics):
     odometer = Odometer(kinematics)
-    odometer.read(np.array([1.0, 2.0]))
-    odometer.restart(Pose2(3.0, 4.0, 1.0), np.array([1.0, 2.0]))
-    odometer.read(np.array([2.0, 3.0]))
+    odometer.update(np.array([1.0, 2.0]))
+    odometer.reset(Pose2(3.0, 4.0, 1.0), np.array([1.0, 2.0]))
+    odometer.update(np.array([2.0, 3.0]))
     expected = move_pose(Pose2(3.0, 4.0, 1.0), 0.05, 0.0)
     assert (odometer.pose.x_m, odometer.pose.y_m) == pytest.approx((expected.x_m, expected.y_m), abs=1e-12)

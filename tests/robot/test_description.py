@@ -93,15 +93,15 @@ def test_pinocchio_and_mink_read_the_robot_that_is_simulated(request, name, tmp_
     centre = pin.centerOfMass(kinematics.pinocchio_model, kinematics.pinocchio_model.createData(), np.eye(9)[6])
     in_world = (pose_matrix(pose) @ [*centre, 1.0])[:3]
     np.testing.assert_allclose(in_world, data.subtree_com[0], atol=_EXACT)
-    path = tmp_path / "skeleton.xml"
-    path.write_text(robot.skeleton)
+    path = tmp_path / "reduced.xml"
+    path.write_text(robot.reduced_mjcf)
     found = differences(path)
     assert len(found) == 10
     assert max(found.values()) < _EXACT, found
 
 
 def test_a_robot_that_pinocchio_reads_differently_is_refused(rover):
-    lighter = replace(rover, skeleton=rover.skeleton.replace('<inertial mass="', '<inertial mass="1', 1))
+    lighter = replace(rover, reduced_mjcf=rover.reduced_mjcf.replace('<inertial mass="', '<inertial mass="1', 1))
     with pytest.raises(RobotError, match="pinocchio reads the robot rover differently"):
         RobotKinematics.of(lighter)
 
@@ -215,5 +215,7 @@ def test_a_robot_is_found_by_its_name_or_by_its_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert robot_path("diff_drive").name == "diff_drive.xml"
     assert robot_path(str(ROVER_XML)) == ROVER_XML
-    with pytest.raises(RobotError, match="no robot file nobody; give an MJCF file, or one of our own: diff_drive"):
+    with pytest.raises(
+        RobotError, match="no robot file nobody; give an MJCF file, or the name of a builtin robot: diff_drive"
+    ):
         robot_path("nobody")
