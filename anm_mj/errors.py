@@ -1,7 +1,7 @@
 """Errors that a user can cause and fix; each message names the problem, the value and the remedy.
 
-The command line turns every :class:`AnmError` into one sentence and exit status 2. The expected ends of a run are values
-(:class:`anm_mj.types.StopReason`), not errors.
+The command line turns every :class:`AnmError` into one sentence and exit status 2. The expected ends of a run are
+values (:class:`anm_mj.types.StopReason`), not errors.
 """
 
 

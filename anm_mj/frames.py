@@ -39,13 +39,11 @@ def pose_matrix(pose: Pose2) -> Float[np.ndarray, "4 4"]:
     return np.array([[c, -s, 0.0, pose.x_m], [s, c, 0.0, pose.y_m], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def rigid_transform(
-    rotation: Float[np.ndarray, "9"], translation_m: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "4 4"]:
+def rigid_transform(rotation: Float[np.ndarray, "9"], position_m: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
     """A pose of MuJoCo (row-major rotation matrix and position [m]) as a homogeneous transform."""
     T = np.eye(4)
     T[:3, :3] = rotation.reshape(3, 3)
-    T[:3, 3] = translation_m
+    T[:3, 3] = position_m
     return T
 
 

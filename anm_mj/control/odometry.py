@@ -14,8 +14,8 @@ from anm_mj.types import Pose2
 class Odometer:
     """Integrates wheel rotations by the SE(2) exponentials of :meth:`RobotKinematics.odometry`.
 
-    The error grows without bound: by slip, which only physics simulates, and by encoder noise. The variance of the noise
-    is proportional to the rotation of the wheel, so its effect does not depend on the reading rate.
+    The error grows without bound: by slip, which only physics simulates, and by encoder noise. The variance of the
+    noise is proportional to the rotation of the wheel, so its effect does not depend on the reading rate.
 
     Source: Siegwart, Nourbakhsh and Scaramuzza, Introduction to Autonomous Mobile Robots, 2011, section 5.2.4.
     """

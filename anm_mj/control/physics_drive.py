@@ -115,13 +115,10 @@ class PhysicsDrive(WheelDrive):
             min_distance_m=self._config.keep_clear_m,
         )
         self._signs = np.array(description.wheel_signs)
-        self._motors = np.array(
-            [element_id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, prefix + n) for n in description.motors]
-        )
+        actuator, geom = mujoco.mjtObj.mjOBJ_ACTUATOR, mujoco.mjtObj.mjOBJ_GEOM
+        self._motors = np.array([element_id(model, actuator, prefix + name) for name in description.motors])
         self._is_shell = np.zeros(model.ngeom, dtype=bool)
-        self._is_shell[[element_id(model, mujoco.mjtObj.mjOBJ_GEOM, prefix + name) for name in description.shell]] = (
-            True
-        )
+        self._is_shell[[element_id(model, geom, prefix + name) for name in description.shell]] = True
         self._substeps = round(self._period_s / self._config.substep_s)
         self._reference = self._base.pose
         self._twist = _STANDING

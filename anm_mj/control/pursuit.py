@@ -1,4 +1,4 @@
-"""Converts a path to velocities by pure pursuit, for robots under continuous control (scripts/continuous_control.py)."""
+"""Converts a path to velocities by pure pursuit, for continuous control (see scripts/continuous_control.py)."""
 
 from __future__ import annotations
 

@@ -48,7 +48,5 @@ def robot_path(name_or_file: str) -> Path:
     path = Path(name_or_file)
     if not path.is_file():
         known = ", ".join(sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir()))
-        raise RobotError(
-            f"There is no robot file {name_or_file}; give an MJCF file or the name of a builtin robot: {known}."
-        )
+        raise RobotError(f"There is no robot file {name_or_file}; give an MJCF file or a builtin name: {known}.")
     return path

@@ -1,8 +1,8 @@
 """Kinematics of a differential-drive robot, read by pinocchio from the MJCF that the simulator reads.
 
 A real robot could run this module: it knows nothing of a simulator. pinocchio's MJCF reader silently ignores elements
-that it does not know (``<frame>``, masses in defaults, all but the first body of the world), so the constructor requires
-every part by name.
+that it does not know (``<frame>``, masses in defaults, all but the first body of the world), so the constructor
+requires every part by name.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class RobotKinematics:
         """Read the model.
 
         Args:
-            mjcf_path: a robot or a reduced model, with a free joint "base", hinges "wheel_left" and "wheel_right", and a
-                site "camera".
+            mjcf_path: a robot or a reduced model, with a free joint "base", hinges "wheel_left" and "wheel_right", and
+                a site "camera".
 
         Raises:
             RobotError: if the file cannot be read, or is not such a robot.

@@ -1,8 +1,8 @@
 """Reduces a robot to the parts that kinematics and control need: an MJCF that MuJoCo, mink and pinocchio read alike.
 
-The reduced model has one root body ``base`` with a free joint (origin on the floor midway between the wheels, x forward,
-y left, z up), two hinges ``wheel_left`` and ``wheel_right`` about +y, the sites ``base``, ``camera`` and ``look_ahead``,
-and explicit inertias. It has no geoms and nothing else that pinocchio's reader silently ignores.
+The reduced model has one root body ``base`` with a free joint (origin on the floor midway between the wheels, x
+forward, y left, z up), two hinges ``wheel_left`` and ``wheel_right`` about +y, the sites ``base``, ``camera`` and
+``look_ahead``, and explicit inertias. It has no geoms and nothing else that pinocchio's reader silently ignores.
 """
 
 from __future__ import annotations

@@ -79,8 +79,8 @@ def base_frame(left: Wheel, right: Wheel, path: Path) -> tuple[Float[np.ndarray,
 def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[Wheel, Wheel]) -> None:
     """Give every wheel a point contact, and its motor a minimal inertia.
 
-    A cylinder touches the floor along a line, whose two ends scrub in every turn. An ellipsoid of the same size replaces
-    its contact; the cylinder stays visible. Ellipsoids and spheres stay unchanged.
+    A cylinder touches the floor along a line, whose two ends scrub in every turn. An ellipsoid of the same size
+    replaces its contact; the cylinder stays visible. Ellipsoids and spheres stay unchanged.
     """
     mass_kg = float(model.body_mass.sum())
     for wheel in wheels:

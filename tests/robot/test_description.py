@@ -215,7 +215,5 @@ def test_a_robot_is_found_by_its_name_or_by_its_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert robot_path("diff_drive").name == "diff_drive.xml"
     assert robot_path(str(ROVER_XML)) == ROVER_XML
-    with pytest.raises(
-        RobotError, match="no robot file nobody; give an MJCF file, or the name of a builtin robot: diff_drive"
-    ):
+    with pytest.raises(RobotError, match="no robot file nobody; give an MJCF file or a builtin name: diff_drive"):
         robot_path("nobody")
