@@ -43,14 +43,17 @@ print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda e
 """
 
 _TRY_ENGINE = """
-import json
+import json, torch
 from anm_mj.mapping.backends.select import choose_engine
+from anm_mj.mapping.backends.torch_backend import resolve_device
 choice = choose_engine()
-name = choice.name
+name, device = choice.name, "cpu"
 if name == "native":
     from anm_mj.mapping.backends.native_backend import kernel_names
     name = f"native ({kernel_names()[0]})"
-print(json.dumps([name, choice.reason, choice.instead_of]))
+else:
+    device = resolve_device("auto").type
+print(json.dumps([name, device, choice.reason, choice.instead_of]))
 """
 
 
@@ -118,7 +121,7 @@ def render(checks: list[Check], console: Console) -> None:
         console.print(f"\nThe robot cannot run here yet: mend {', '.join(wrong)} first.", style="bold red")
     else:
         used = {check.name: check.found for check in checks}
-        console.print(f"\nA run will use: {used['map trained on']}; pictures by {used['pictures by']}.", style="bold")
+        console.print(f"\nA run will use: {used['map engine']}; pictures by {used['pictures by']}.", style="bold")
 
 
 def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
@@ -138,35 +141,29 @@ def check_mujoco() -> Check:
 
 
 def check_torch() -> list[Check]:
-    """Torch, CUDA, and what the map will be trained on."""
+    """Torch and the GPU that it can use."""
     done = _try(_TRY_TORCH)
     if done.returncode != 0:
         return [Check("torch", State.BAD, _last_line(done.stderr), "Run make setup, or pip install torch anew.")]
     version, num_threads, gpu, memory_gib = json.loads(done.stdout)
     torch = Check("torch", State.GOOD, f"{version}, {num_threads} threads")
     if gpu:
-        return [
-            torch,
-            Check("CUDA", State.GOOD, f"{gpu}, {memory_gib} GiB"),
-            Check("map trained on", State.GOOD, f"GPU ({gpu})"),
-        ]
-    return [
-        torch,
-        Check("CUDA", State.NOTE, "no GPU that torch can use; none is needed"),
-        Check("map trained on", State.GOOD, f"CPU ({num_threads} threads)"),
-    ]
+        advice = "The map is trained on the CPU; --set mapping.engine=triton tries the GPU engine, which is unmeasured."
+        return [torch, Check("CUDA", State.GOOD, f"{gpu}, {memory_gib} GiB", advice)]
+    return [torch, Check("CUDA", State.GOOD, "no GPU that torch can use; none is needed")]
 
 
 def check_engine() -> Check:
-    """What computes the map, and why that."""
+    """The engine that will train the map, where, and why."""
     done = _try(_TRY_ENGINE)
     if done.returncode != 0:
         advice = "Run make setup, or explore with --set mapping.engine=torch."
         return Check("map engine", State.NOTE, f"does not start: {_last_line(done.stderr)}", advice)
-    name, reason, instead_of = json.loads(done.stdout)
+    name, device, reason, instead_of = json.loads(done.stdout)
+    found = f"{name} on the {'GPU' if device == 'cuda' else 'CPU'}"
     if instead_of is not None:
-        return Check("map engine", State.NOTE, f"{name}, slower than {instead_of} would be", f"Why: {reason}.")
-    return Check("map engine", State.GOOD, f"{name}, {reason}")
+        return Check("map engine", State.NOTE, f"{found}, slower than {instead_of} would be", f"Why: {reason}.")
+    return Check("map engine", State.GOOD, f"{found}, {reason}")
 
 
 def check_backend(name: str) -> Check:

@@ -8,6 +8,9 @@ from typing import Any, Literal
 
 from anm_mj.errors import MapError
 
+ENGINES = ("auto", "native", "triton", "torch", "mlp")
+"""Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
+
 
 def _require(ok: bool, name: str, value: object, wanted: str) -> None:
     if not ok:
@@ -262,15 +265,14 @@ class MappingConfig:
     occupancy: OccupancyConfig = OccupancyConfig()
     uncertainty: UncertaintyConfig = UncertaintyConfig()
     engine: Literal["auto", "native", "triton", "torch", "mlp"] = "auto"
-    """What computes: "native" (C++ on the CPU), "triton" (CUDA), "torch" (any device), or "auto": triton where there is
-    a CUDA device and it works, native on a CPU if it was built, else torch. These give the same map up to rounding.
-    "mlp" is another map: one network without a grid (Yan et al., ICCV 2023), in torch."""
+    """What computes: "native" (C++ on the CPU), "triton" (CUDA; not measured yet), "torch" (any device), or "auto":
+    native wherever it was built, else torch. These give the same map up to rounding. "mlp" is another map: one network
+    without a grid (Yan et al., ICCV 2023), in torch."""
     surface_lattice_m: float = 0.1
     """Spacing of the lattice on which zero-crossings are looked for [m]."""
 
     def __post_init__(self) -> None:
-        engines = ("auto", "native", "triton", "torch", "mlp")
-        _require(self.engine in engines, "engine", self.engine, f"it must be one of {engines}")
+        _require(self.engine in ENGINES, "engine", self.engine, f"it must be one of {ENGINES}")
         methods = (
             ("perturbation", "closed_form") if self.engine == "mlp" else ("evidence", "perturbation", "closed_form")
         )

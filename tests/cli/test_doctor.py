@@ -64,23 +64,17 @@ def test_a_broken_torch_is_wrong(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_missing_native_engine_is_a_note_that_says_why(monkeypatch: pytest.MonkeyPatch):
-    found = '["torch", "the native engine is missing: it was not built", "native"]'
+    found = '["torch", "cpu", "the native engine is missing: it was not built", "native"]'
     monkeypatch.setattr(doctor, "_try", lambda *_: subprocess.CompletedProcess([], 0, found, ""))
 
     check = doctor.check_engine()
 
     assert check.state is State.NOTE
-    assert check.found == "torch, slower than native would be"
+    assert check.found == "torch on the CPU, slower than native would be"
     assert "it was not built" in check.advice
 
 
 # What the doctor runs in a process of its own, on a machine that differs in what stands before it.
-CUDA_WITHOUT_TRITON = """
-import importlib.util, torch
-torch.cuda.is_available = lambda: True
-find_spec = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if name == "triton" else find_spec(name, *rest)
-"""
 NATIVE_WITHOUT_COMPILER = """
 import shutil, sys, torch
 torch.cuda.is_available = lambda: False
@@ -89,14 +83,12 @@ sys.modules["anm_mj.mapping.backends._native"] = None
 """
 
 
-def test_a_gpu_without_triton_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "_TRY_ENGINE", CUDA_WITHOUT_TRITON + doctor._TRY_ENGINE)
+def test_beside_a_gpu_the_map_is_trained_by_the_native_engine(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(
+        doctor, "_TRY_ENGINE", "import torch\ntorch.cuda.is_available = lambda: True" + doctor._TRY_ENGINE
+    )
 
-    check = doctor.check_engine()
-
-    assert check.state is State.NOTE
-    assert check.found == "torch, slower than triton would be"
-    assert check.advice.startswith("Why: the Triton engine cannot be used: Triton is not ")
+    assert doctor.check_engine().found.startswith("native (")
 
 
 def test_a_native_engine_that_cannot_be_built_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch):
@@ -104,7 +96,7 @@ def test_a_native_engine_that_cannot_be_built_is_told_with_what_to_do(monkeypatc
 
     check = doctor.check_engine()
 
-    assert check.found == "torch, slower than native would be"
+    assert check.found == "torch on the CPU, slower than native would be"
     assert "it was not built; install a C++17 compiler (apt install g++) and run make setup" in check.advice
 
 

@@ -1,4 +1,8 @@
-"""Which engine a map is trained by, and why."""
+"""Chooses the engine that trains the map, and says why.
+
+``auto`` is the native engine wherever it was built, also beside a GPU, else torch. No figures say yet what the Triton
+engine is worth on a GPU, so it runs only when ``mapping.engine=triton`` asks for it.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,6 @@ import os
 import shutil
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Literal, NamedTuple
 
 import torch
@@ -18,7 +21,7 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.mlp_backend import MlpBackend
 from anm_mj.mapping.backends.torch_backend import TorchBackend, resolve_device
-from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.config import ENGINES, MappingConfig
 
 _LOG = logging.getLogger(__name__)
 
@@ -26,16 +29,16 @@ Engine = Literal["native", "triton", "torch", "mlp"]
 
 
 class EngineChoice(NamedTuple):
-    """The engine to use and the reason in a few words."""
+    """The chosen engine and the reason in a few words."""
 
     name: Engine
     reason: str
     instead_of: Engine | None = None
-    """The quicker engine that should have been there."""
+    """The faster engine that cannot run here."""
 
 
 def native_fault() -> str | None:
-    """Why the native engine cannot be used here; None if it can."""
+    """Why the native engine cannot run here; None if it can."""
     try:
         module = importlib.import_module("anm_mj.mapping.backends._native")
     except ModuleNotFoundError:
@@ -49,88 +52,56 @@ def native_fault() -> str | None:
 
 
 def triton_fault() -> str | None:
-    """Why the Triton engine cannot be used here; None if it can.
+    """Why the Triton engine cannot run here; None if it can.
 
-    Where nothing else stands against it, the first call compiles its kernels and compares a few steps with torch.
+    Triton's interpreter runs the kernels on the host where ``TRITON_INTERPRET=1`` asks for it, as tests do.
     """
-    if not torch.cuda.is_available() and not _interpreted():
+    if not torch.cuda.is_available() and os.environ.get("TRITON_INTERPRET") != "1":
         return "there is no CUDA device"
-    if _software_renderer():
-        return "this process has rendered in software before, and Triton's LLVM crashes if loaded beside the renderer's"
     if importlib.util.find_spec("triton") is None:
         told = "not installed (pip install triton)" if sys.platform == "linux" else f"not made for {sys.platform}"
         return f"Triton is {told}"
-    try:
-        module = importlib.import_module("anm_mj.mapping.backends.triton.self_check")
-    except ImportError as err:
-        return f"it does not load ({err})"
-    return module.self_check()
-
-
-def _interpreted() -> bool:
-    """Whether Triton's kernels are to run in its interpreter, on the host, as in tests."""
-    return os.environ.get("TRITON_INTERPRET") == "1"
-
-
-def _software_renderer() -> bool:
-    """Whether this process has rendered in software; Triton crashes if loaded after that, and does not before it."""
-    try:
-        return "libLLVM" in Path("/proc/self/maps").read_text()
-    except OSError:
-        # Not Linux, for which alone Triton is made.
-        return False
+    return None
 
 
 def choose_engine(engine: str = "auto", device: str = "auto") -> EngineChoice:
     """The engine for a configuration's ``engine`` on a device.
 
     Args:
-        engine: "auto" (on CUDA Triton where it works, else torch; on a CPU native where it works, else torch),
-            "native", "triton", "torch", or "mlp" (another map, see :mod:`anm_mj.mapping.backends.mlp_backend`).
+        engine: one of ``ENGINES``. "auto" is native where it was built, unless ``device`` is "cuda", else torch.
         device: "auto", "cpu" or "cuda".
 
     Raises:
-        MapError: If engine or device are unknown, or what is asked for by name is not there.
+        MapError: engine or device are unknown, or the engine that was asked for cannot run here.
     """
-    if engine not in ("auto", "native", "triton", "torch", "mlp"):
-        raise MapError(
-            f"The mapping engine is {engine!r}, but it must be 'auto', 'native', 'triton', 'torch' or 'mlp'."
-        )
-    if engine == "mlp":
-        return EngineChoice("mlp", "asked for")
+    if engine not in ENGINES:
+        raise MapError(f"The mapping engine is {engine!r}, but it must be one of {', '.join(ENGINES)}.")
+    if (engine, device) == ("native", "cuda"):
+        raise MapError("The mapping engine is 'native' and the device 'cuda', but it runs on the CPU; use 'torch'.")
+    resolve_device(device)
     if engine == "native":
-        # A GPU that nobody asked for is no reason to refuse.
-        if device == "cuda":
-            raise MapError("The mapping engine is 'native' and the device 'cuda', but it runs on the CPU; use 'torch'.")
-        resolve_device(device)
         fault = native_fault()
         if fault is not None:
             raise MapError(f"The native mapping engine was asked for, but {fault}, or use engine 'torch'.")
-        return EngineChoice("native", "asked for")
-    cuda = resolve_device(device).type == "cuda"
-    if engine == "torch":
-        return EngineChoice("torch", "asked for")
-    if engine == "triton":
-        fault = triton_fault() if cuda or _interpreted() else "it needs a CUDA device"
+    elif engine == "triton":
+        fault = "it needs a CUDA device" if device == "cpu" and torch.cuda.is_available() else triton_fault()
         if fault is not None:
             raise MapError(f"The Triton mapping engine was asked for, but {fault}; use engine 'auto' or 'torch'.")
-        return EngineChoice("triton", "asked for")
-    if cuda:
-        fault = triton_fault()
+    elif engine == "auto":
+        if device == "cuda":
+            return EngineChoice("torch", "the device 'cuda' was asked for")
+        fault = native_fault()
         if fault is not None:
-            return EngineChoice("torch", f"the Triton engine cannot be used: {fault}", instead_of="triton")
-        return EngineChoice("triton", "the quickest on a GPU")
-    fault = native_fault()
-    if fault is not None:
-        return EngineChoice("torch", f"the native engine is missing: {fault}", instead_of="native")
-    return EngineChoice("native", "the quickest on a CPU")
+            return EngineChoice("torch", f"the native engine is missing: {fault}", instead_of="native")
+        return EngineChoice("native", "the default wherever it was built")
+    return EngineChoice(engine, "asked for")
 
 
 def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> MapperBackend:
     """The engine that ``config.engine`` and ``device`` ask for, with start values drawn from ``seed``.
 
     Raises:
-        MapError: If it cannot be had, see :func:`choose_engine`.
+        MapError: see :func:`choose_engine`.
     """
     choice = choose_engine(config.engine, device)
     if choice.instead_of is not None:
@@ -139,21 +110,20 @@ def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> M
         return TorchBackend(config, seed=seed, device=device)
     if choice.name == "mlp":
         return MlpBackend(config, seed=seed, device=device)
+    # Neither of these modules can be imported everywhere.
     if choice.name == "triton":
-        # Triton is not made for every platform.
         from anm_mj.mapping.backends.triton.backend import TritonBackend
 
         return TritonBackend(config, seed=seed, device=device)
-    # The compiled module is there, as was found just now, but need not be.
     from anm_mj.mapping.backends.native_backend import NativeBackend
 
     return NativeBackend(config, seed=seed)
 
 
 def with_available_engine(config: MappingConfig) -> MappingConfig:
-    """The same configuration, with an engine that this machine lacks replaced by "auto".
+    """The same configuration with "auto" in place of an engine that cannot run here.
 
-    A map can be loaded where another engine runs than the one that trained it.
+    Checkpoints are interchangeable, so a map loads on machines that lack the engine that trained it.
     """
     faults = {"native": native_fault, "triton": triton_fault}
     missing = config.engine in faults and faults[config.engine]() is not None

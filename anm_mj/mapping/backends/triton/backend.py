@@ -1,16 +1,14 @@
-"""The engine for a GPU, in Triton: a training step is a few kernels, on CUDA replayed as one captured graph.
+"""The engine for a GPU, in Triton: a training step is a few kernels, replayed as one captured graph on CUDA.
 
-Not measured on a GPU. Its results were compared with the torch engine's in Triton's interpreter, which runs the kernels
-on the host, and the kernels were compiled for a GPU that was not there. The CUDA graph has not run, nor has anything
-said what a step costs; the interpreter multiplies in float32 where the compiled kernels sum three TF32 products.
-Therefore :mod:`anm_mj.mapping.backends.triton.self_check` compares a few steps with the torch engine before this one is
-first used, and the tests run on a GPU where they find one.
+Nobody has measured it on a GPU, so it runs only where ``mapping.engine=triton`` asks for it. Tests compare its results
+with the torch engine's: in Triton's interpreter on the host, or on a GPU where they find one. They also compile the
+kernels for a GPU that is not there. The interpreter multiplies in float32 where the compiled kernels sum three TF32
+products.
 
 Kernels do the sampling, the encoding, the decoders with rendering, losses and their gradients (in one), the scatter
-into the table's gradient, and Adam. Left to torch on the device, because they are rare or leave a kernel little to win:
-the smoothness term, rendering of views and the sensitivity of the outputs. It draws the same samples as the torch
-engine from the same seed, and its checkpoints are the same. The table's gradient is summed by atomics, so two runs
-differ in the last bits.
+into the table's gradient, and Adam. Torch does the rest on the device: the smoothness term, rendering of views and the
+sensitivity of the outputs. From the same seed it draws the same samples as the torch engine, and checkpoints are
+interchangeable. Atomics sum the table's gradient, so two runs differ in the last bits.
 """
 
 from __future__ import annotations
