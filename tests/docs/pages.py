@@ -10,8 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "models").rglob("*.md"))]
 
-COMMAND = re.compile(r"(anm-mj|python|make|pytest|pip|apt|source|export)\s")
-SETTING = re.compile(r"(?<![\w.])([a-z]\w*(?:\.[a-z]\w*)+|image_px)=(\"[^\"]*\"|[^\s`,;:]+)")
+COMMAND = re.compile(r"(anm-mj|python|make|pytest|pip|apt|source|export) \S")
+SETTING = re.compile(r"(?<![\w.])([a-z]\w*(?:\.[a-z]\w*)+|image_px)=([\w()+,./-]+)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 FILE = re.compile(r"(?<![\w/.-])((?:anm_mj|docs|models|native|scenes|scripts|tests)/[\w./-]*\w/?)")
@@ -51,7 +51,7 @@ def commands() -> Iterator[tuple[str, str]]:
                     if command := re.sub(r"(^|\s)#.*", "", line).strip():
                         yield str(page.relative_to(ROOT)), command
         for span in inline_code(text):
-            if COMMAND.match(f"{span} "):
+            if COMMAND.match(span):
                 yield str(page.relative_to(ROOT)), span
 
 
@@ -61,7 +61,7 @@ def settings() -> set[str]:
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         for code in [*inline_code(text), *(block.text for block in blocks(text) if block.language != "python")]:
-            found |= {f"{name}={value.strip(chr(34))}" for name, value in SETTING.findall(code)}
+            found |= {f"{name}={value.rstrip('.,')}" for name, value in SETTING.findall(code)}
     return found
 
 

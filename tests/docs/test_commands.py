@@ -1,40 +1,309 @@
-"""Executes every command that README and documentation print, and applies every setting.
+"""Executes every command that README and docs print, and applies every setting.
 
-A command runs for real where that is cheap: in a small scene, for a few steps, in a temporary folder. Where a run would
-take long, the real command line parses it, makes its configuration and its policy, and stops before the run. Scripts parse their
-options. A command of a kind that nothing here knows fails.
+A command runs for real where that is cheap: in a small scene, for a few steps, in a temporary folder. A run that would
+take longer stops before its first step, after the command line, the configuration, the scene and the policy. Scripts
+parse their options. A command that this module has no way to execute fails.
 """
 
 import argparse
-import functools
+import json
 import re
 import runpy
 import shlex
 import subprocess
 import sys
 import tomllib
+from functools import wraps
+from pathlib import Path
 
 import pytest
+import trimesh
 import tyro
 
+import anm_mj.run
+from anm_mj.bench.sweep import read_jobs, read_sweeps
 from anm_mj.cli.main import main
+from anm_mj.config import make_config
+from anm_mj.errors import AnmError
+from anm_mj.planning.policies.registry import POLICIES
+from anm_mj.scene.folder import load_scene
 from tests.docs.pages import PAGES, ROOT, blocks, commands, files, options, settings
 
-SMALL = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
-"""Makes a run of three steps quick."""
-OWN_POLICY = "class MyPolicy:\n    pass\n"
-PARSED_ONLY = re.compile(r"--(policy (?!my_)|pose|view|start|preset)")
-"""Explores with these options stop before the run."""
-REAL_RUNS = 2
+QUICK = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
+"""Makes a run of a few steps quick."""
+RUN_FOR_REAL = {
+    "anm-mj explore home --steps 500": ["--steps", "3"],
+    "anm-mj explore home --policy my_package.my_module:MyPolicy": ["--steps", "2"],
+}
+"""The runs that are made, and what shortens them."""
+OWN_SCENES = ("room", "flat", "home", "office", "residence")
+SYNOPSIS = re.compile(r"\[-|\b(SRC|OUT|PLAN\.json)\b")
+"""What only a synopsis holds, as in ``anm-mj scene generate OUT [--rooms N]``."""
 
-COMMANDS = sorted(set(commands()), key=lambda pair: pair[1])
+COMMANDS = sorted(commands())
+PRINTED = sorted({command for _, command in COMMANDS}, key=lambda command: (command not in RUN_FOR_REAL, command))
+"""Every command once, real runs first, because others read what these leave."""
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A folder with all that the printed commands name: scenes, meshes, plans, a robot, a policy, a finished run."""
-    return tmp_path_factory.mktemp("docs")
+def place(tmp_path_factory):
+    """A folder that holds what the printed commands name."""
+    folder = tmp_path_factory.mktemp("docs")
+    trimesh.creation.box((4.0, 2.6, 4.0)).export(folder / "house.glb")
+    (folder / "my_robot.xml").write_text((ROOT / "tests" / "rover.xml").read_text())
+    (folder / "my_package").mkdir()
+    (folder / "my_package" / "my_module.py").write_text(own_policy())
+    (folder / "comparison.toml").write_text(own_comparison().replace("my_module", "my_package.my_module"))
+    (folder / "docs").symlink_to(ROOT / "docs")
+    (folder / "scripts").symlink_to(ROOT / "scripts")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def there(place, monkeypatch):
+    """Commands are given in that folder, and remember scenes in it alone."""
+    monkeypatch.chdir(place)
+    monkeypatch.syspath_prepend(str(place))
+    monkeypatch.setenv("ANM_MJ_SCENES", str(place / "scenes"))
+
+
+@pytest.mark.parametrize("command", PRINTED)
+def test_command(command, place, monkeypatch, capsys):
+    words = shlex.split(command)
+    if words[0] == "anm-mj" and SYNOPSIS.search(command):
+        options_are_complete(words, capsys)
+    elif words[0] == "anm-mj":
+        anm_mj_command(words[1:], command, place, monkeypatch, capsys)
+    elif words[:1] == ["python"] and words[1].startswith("scripts/"):
+        assert script_parses(ROOT / words[1], [word.replace("RUN...", "RUN") for word in words[2:]], monkeypatch)
+    elif words[0] == "make":
+        subprocess.run([*words, "--dry-run"], cwd=ROOT, check=True, capture_output=True)
+    elif words[0] == "pytest":
+        assert (ROOT / words[1]).is_file()
+    elif words[:2] == ["pip", "install"]:
+        extra = re.fullmatch(r"anm-mj\[(\w+)\]", words[2])
+        assert extra
+        assert extra[1] in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    elif words[:2] == ["apt", "install"]:
+        assert all(package in (ROOT / "scripts" / "setup.sh").read_text() for package in words[2:])
+    elif words[:1] == ["source"]:
+        assert words[1] in (ROOT / "scripts" / "setup.sh").read_text() or (ROOT / words[1]).is_file()
+    elif words[:1] == ["export"]:
+        assert re.fullmatch(r"ANM_MJ_SCENES=.+", words[1])
+    else:
+        pytest.fail(f"nothing here knows how to execute: {command}")
+
+
+@pytest.mark.parametrize("setting", sorted(settings()))
+def test_setting(setting):
+    applied = []
+    for policy in POLICIES:
+        try:
+            make_config("default", [setting], scene="room", policy=policy)
+            applied.append(policy)
+        except AnmError as err:
+            refusal = err
+    assert applied, refusal
+
+
+def test_options(capsys):
+    known = set()
+    for words in (["explore"], ["eval"], ["bench"], *(["scene", action] for action in ("import", "generate", "check"))):
+        known |= set(re.findall(r"--[a-z][a-z-]*", help_of(words, capsys)))
+    for script in (ROOT / "scripts").glob("*.py"):
+        text = script.read_text()
+        known |= {"--" + name.replace("_", "-") for name in re.findall(r"\b([a-z_]+): ", text)}
+        known |= set(re.findall(r"\"(--[a-z-]+)\"", text))
+    assert options() - known == set()
+
+
+def test_files():
+    assert [(page, path) for page, path in sorted(files()) if not (ROOT / path).exists()] == []
+
+
+def test_anchors():
+    pages = {page: page.read_text(encoding="utf-8") for page in PAGES}
+    for page, text in pages.items():
+        for path, anchor in re.findall(r"\]\(([^)\s#:]*)#([^)\s]+)\)", text):
+            target = (page.parent / path).resolve() if path else page
+            headings = re.findall(r"^#+ (.+)$", pages[target], re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+            assert anchor in slugs, (page.name, path, anchor)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_blocks(page):
+    for block in blocks(page.read_text(encoding="utf-8")):
+        match block.language:
+            case "python":
+                compile(block.text, str(page), "exec")
+            case "toml":
+                tomllib.loads(block.text)
+            case "console" | "text":
+                pass
+            case language:
+                pytest.fail(f"nothing here knows what to do with a block of {language}")
+
+
+def test_published_comparison():
+    sweeps = read_sweeps(ROOT / "docs" / "benchmark.toml")
+    assert {scene for sweep in sweeps for scene in sweep.scenes} >= {"white_room", "aws_hospital"}
+    for sweep in sweeps:
+        for policy in sweep.policies:
+            make_config(sweep.preset, list(sweep.settings), scene="room", policy=policy)
+
+
+def test_folders_of_the_readme_are_those_of_the_package():
+    table = {path.removeprefix("anm_mj/").strip("/") for _, path in files() if path.startswith("anm_mj/")}
+    folders = {path.name for path in (ROOT / "anm_mj").iterdir() if (path / "__init__.py").is_file()}
+    assert folders <= {path.split("/")[0] for path in table}
+
+
+def anm_mj_command(words, command, place, monkeypatch, capsys):
+    """Execute a command of the program."""
+    if not words or words in (["scene"], ["scene", "import"], ["scene", "generate"], ["scene", "check"], ["eval"]):
+        help_of(words, capsys)  # Only the name of a command.
+    elif words in (["explore"], ["bench"]) or "--help" in words:
+        help_of([word for word in words if word != "--help"], capsys)
+    elif words[0] == "explore":
+        explore(words, command, place, monkeypatch)
+    elif words[0] == "bench":
+        parsed = parse(words, monkeypatch)
+        if parsed.file == Path("comparison.toml"):
+            assert read_jobs(place / parsed.file)
+        else:
+            assert parsed.file.is_file()
+    elif words[0] == "eval":
+        assert main([word.replace("RUN", "runs/latest") for word in words if word != "--novel-views"]) == 0
+        parse(words, monkeypatch)
+    elif words[:2] == ["scene", "import"]:
+        scene_import(words, place)
+    elif words[:2] == ["scene", "check"]:
+        assert main([*words[:2], "room", *words[3:]]) == 0
+    elif words[:2] == ["scene", "generate"]:
+        assert main([*words, "--rooms", "1"]) == 0
+    elif words in (["scene", "list"], ["doctor"]):
+        assert main(words) == 0
+    else:
+        pytest.fail(f"nothing here knows how to execute: {command}")
+
+
+def explore(words, command, place, monkeypatch):
+    """Explore ``room`` in place of the scene; for real, or up to the first step."""
+    shortened = [words[0], "room", *words[2:]]
+    if command in RUN_FOR_REAL:
+        assert main([*shortened, *QUICK, *RUN_FOR_REAL[command]]) == 0
+        return
+    asked = []
+
+    class Stop(Exception):
+        pass
+
+    def stop(config, **_):
+        asked.append(config)
+        raise Stop
+
+    monkeypatch.setattr(anm_mj.run, "run", stop)
+    with pytest.raises(Stop):
+        main(shortened)
+    config = asked[0]
+    if words[1] in OWN_SCENES:
+        load_scene(words[1])
+    if config.robot != "diff_drive":
+        assert (place / config.robot).is_file()
+    assert json.dumps(config.steps) is not None
+
+
+def scene_import(words, place):
+    """Import a mesh from where the command says, to where it says."""
+    source = place / words[2]
+    if not source.exists():
+        source.write_bytes((place / "house.glb").read_bytes())
+    out = str(place / Path(words[3].replace("$ANM_MJ_SCENES", "scenes")))
+    assert main(["scene", "import", str(source), out, *words[4:]]) == 0
+
+
+def options_are_complete(words, capsys):
+    """The synopsis of a command names all its options, and no others."""
+    named = set(re.findall(r"--[a-z][a-z-]*", " ".join(words)))
+    action = [word for word in words[1:3] if word.islower()]
+    printed = set(re.findall(r"--[a-z][a-z-]*", help_of(action, capsys).partition("options:")[2])) - {"--help"}
+    if "PLAN.json" in words:
+        assert named <= printed
+    else:
+        assert named == printed
+
+
+def help_of(words, capsys):
+    """What ``--help`` prints."""
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--help"])
+    assert ended.value.code == 0
+    return capsys.readouterr().out
+
+
+def parse(words, monkeypatch):
+    """What the real parser makes of a command, which is not executed."""
+    real, parsed = argparse.ArgumentParser.parse_args, []
+
+    def parse_args(self, *args, **kwargs):
+        parsed.append(real(self, *args, **kwargs))
+        raise SystemExit(0)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(argparse.ArgumentParser, "parse_args", parse_args)
+        with pytest.raises(SystemExit):
+            main(words)
+    return parsed[0]
+
+
+def script_parses(script, words, monkeypatch):
+    """Whether a script takes its options; it stops where its work would begin."""
+    done = []
+
+    def parsed_only(function):
+        @wraps(function)
+        def stop(*args, **kwargs):
+            done.append((args, kwargs))
+
+        return stop
+
+    real_cli, real_parse = tyro.cli, argparse.ArgumentParser.parse_args
+
+    def parse_args(self, *args, **kwargs):
+        done.append(real_parse(self, *args, **kwargs))
+        raise SystemExit(0)
+
+    monkeypatch.setattr(tyro, "cli", lambda function, **options: real_cli(parsed_only(function), **options))
+    if "tyro" not in script.read_text():
+        monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_args)
+    monkeypatch.setattr(sys, "argv", [str(script), *(words or ["--help"])])
+    status = None
+    try:
+        runpy.run_path(str(script), run_name="__main__")
+    except SystemExit as ended:
+        status = ended.code
+    return not status and (bool(done) or not words)
+
+
+def own_policy():
+    """The policy that the documentation shows."""
+    return next(
+        block.text
+        for block in blocks((ROOT / "docs" / "planning.md").read_text(encoding="utf-8"))
+        if block.language == "python" and "class MyPolicy" in block.text
+    )
+
+
+def own_comparison():
+    """The comparison that the documentation shows."""
+    return next(
+        block.text
+        for block in blocks((ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8"))
+        if block.language == "toml"
+    )
 
 
 def test_pages_print_commands():
-    assert len(COMMANDS) > 20
+    assert len(PRINTED) > 20
+    assert set(RUN_FOR_REAL) <= set(PRINTED)
