@@ -1,21 +1,33 @@
-"""The effective configuration of a run: what the command line gave, and every stage's settings."""
+"""The effective configuration of a run: the options of the command line and the settings of every stage.
+
+A setting has a dotted name, as in ``config.json``: ``planning.margin_m``, ``mapping.schedule.iterations``. The settings
+of the chosen policy are called ``policy.NAME``. Names that older versions used are accepted
+(:mod:`anm_mj.utils.settings`).
+"""
 
 from __future__ import annotations
 
 import ast
+import difflib
+import logging
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from anm_mj.errors import AnmError
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
+
+_logger = logging.getLogger(__name__)
 
 DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry")
 DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
+DEFAULT_PRESET = "default"
 OPTIONS = ("policy", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
 """Fields of ``RunConfig`` with an option of their own; the scene is the first argument."""
 SMALL_SCENE_ROOMS = 5
@@ -28,11 +40,11 @@ class ConfigError(AnmError):
 
 @dataclass(frozen=True)
 class RunConfig:
-    """All that decides how a run goes, apart from the scene's content and the versions of what runs it."""
+    """All that decides how a run goes, apart from the scene's content and the versions of the programs."""
 
     scene: str
     """Name from the catalogue, or path of a scene folder."""
-    policy: str = "gvg"
+    policy: str = DEFAULT_POLICY
     """Name of a policy, or ``module:Class``."""
     steps: int | None = None
     """Budget of discrete actions; None = the scene's own."""
@@ -41,14 +53,14 @@ class RunConfig:
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg]; None = the scene's first."""
     robot: str = DEFAULT_ROBOT
-    """One of our own robots by its name, or an MJCF file."""
+    """Name of a builtin robot, or an MJCF file."""
     drive: str = "kinematic"
     """How actions are executed: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
     pose: str = "true"
     """Where observations are said to be made: at the ``true`` pose, or where wheel ``odometry`` has the robot."""
     device: str = "auto"
     """Where the neural map is trained: ``cpu``, ``cuda``, or ``auto`` = the GPU if there is one."""
-    preset: str = "default"
+    preset: str = DEFAULT_PRESET
     """Name of the mapping preset that ``mapping`` was made from."""
     image_px: int = 256
     """Width and height of the camera image [px]."""
@@ -56,13 +68,19 @@ class RunConfig:
     """What the robot's parts are called, and how good its encoders are."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
+    """Settings of the planning stages that the policies share."""
+    policy_settings: Any = None
+    """Settings of the policy: an instance of its class's ``Config``; None = its defaults."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be run.
+        """Refuse what cannot be run, and fill in the policy's default settings.
 
         Raises:
             ConfigError: a choice is unknown or a number out of range.
+            PlanError: there is no such policy.
         """
+        if self.policy_settings is None:
+            object.__setattr__(self, "policy_settings", default_settings(self.policy))
         _require_choice("--drive", self.drive, DRIVES)
         _require_choice("--pose", self.pose, POSES)
         _require_choice("--device", self.device, DEVICES)
@@ -80,31 +98,53 @@ def make_config(preset: str, settings: list[str], **options: Any) -> RunConfig:
 
     Args:
         preset: a key of ``MAPPING_PRESETS``.
-        settings: ``stage.name=value`` each, such as ``planning.margin_m=0.06``.
+        settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
         **options: fields of ``RunConfig``.
 
     Raises:
-        ConfigError: the preset, a setting's name or a value is not one there is.
+        ConfigError: there is no such preset or setting, or a setting cannot have its value.
+        PlanError: there is no such policy, or a planning setting is out of range.
     """
-    _require_choice("--preset", preset, PRESETS)
-    if options.get("policy") == "anm":
-        if preset not in ("default", "anm"):
-            raise ConfigError(f"--preset is '{preset}', but policy anm has a map of its own kind; leave --preset out.")
-        preset = "anm"
-    mapping = MAPPING_PRESETS[preset]()
-    if options.get("policy") == "anm-s":  # The paper's policy is led by the paper's uncertainty, whatever the preset.
-        mapping = replace(mapping, uncertainty=MAPPING_PRESETS["paper"]().uncertainty)
-    config = RunConfig(preset=preset, mapping=mapping, **options)
-    for setting in settings:
-        name, equals, value = setting.partition("=")
+    config = _default_config(preset, **options)
+    values = {}
+    for text in settings:
+        name, equals, value = text.partition("=")
         if not equals:
-            raise ConfigError(
-                f"--set {setting} has no '='; write it as stage.name=value, as in planning.margin_m=0.06."
-            )
+            raise ConfigError(f"--set {text} has no '='; write it as group.name=value, as in planning.margin_m=0.06.")
         if name in OPTIONS:
             raise ConfigError(f"--set {name} is not how it is given; use --{name} {value}.")
-        config = _with(config, name.split("."), value, name)
-    return config
+        keys = _present_name(config, name)
+        default = _setting(config, keys)
+        if default is None:
+            raise ConfigError(f"--set {name}: there is no such setting{_hint(config, name)}")
+        values[keys] = _parse(default, value, name)
+    return _with(config, values)
+
+
+def read_config(values: Mapping[str, Any]) -> RunConfig:
+    """The configuration that a run's ``config.json`` holds, also one that an older version wrote.
+
+    Settings that this version does not know any more are left out, and that is logged.
+
+    Args:
+        values: the file's content.
+
+    Raises:
+        ConfigError: a value cannot be what it is.
+        PlanError: there is no such policy.
+    """
+    options = {name: values[name] for name in ("scene", *OPTIONS, "image_px") if name in values}
+    if options.get("start") is not None:
+        options["start"] = tuple(options["start"])
+    config = _default_config(options.pop("preset", DEFAULT_PRESET), **options)
+    known = {}
+    for name, value in _leaves(values):
+        keys = _present_name(config, name)
+        if _setting(config, keys) is not None:
+            known[keys] = tuple(value) if isinstance(value, list) else value
+        elif name not in ("scene", *OPTIONS):
+            _logger.info("this version has no setting %s", name)
+    return _with(config, known)
 
 
 def default_steps(rooms: int | None) -> int:
@@ -114,37 +154,105 @@ def default_steps(rooms: int | None) -> int:
     return 2000 if rooms < 20 else 10_000
 
 
+def _default_config(preset: str, **options: Any) -> RunConfig:
+    """The configuration of a preset, with what the policy needs."""
+    _require_choice("--preset", preset, PRESETS)
+    policy = options.get("policy", DEFAULT_POLICY)
+    entry = policy_entry(policy)
+    if entry.mapping_preset is not None:
+        if preset not in (DEFAULT_PRESET, entry.mapping_preset):
+            raise ConfigError(
+                f"--preset is '{preset}', but policy {policy} has a map of its own kind; leave --preset out."
+            )
+        preset = entry.mapping_preset
+    mapping = MAPPING_PRESETS[preset]()
+    if entry.uncertainty_preset is not None:
+        mapping = replace(mapping, uncertainty=MAPPING_PRESETS[entry.uncertainty_preset]().uncertainty)
+    return RunConfig(preset=preset, mapping=mapping, **options)
+
+
 def _require_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise ConfigError(f"{option} is '{value}'; it must be one of {', '.join(choices)}.")
 
 
-def _with(node: Any, keys: list[str], value: str, full_name: str) -> Any:
-    """A copy of a nested dataclass with one leaf replaced."""
-    names = [f.name for f in fields(node)]
-    if keys[0] not in names:
-        raise ConfigError(f"--set {full_name}: there is no '{keys[0]}'; there are {', '.join(names)}.")
-    old = getattr(node, keys[0])
-    if is_dataclass(old) and len(keys) > 1:
-        return replace(node, **{keys[0]: _with(old, keys[1:], value, full_name)})
-    if is_dataclass(old) or len(keys) > 1:
-        raise ConfigError(f"--set {full_name} does not name a single setting.")
-    return replace(node, **{keys[0]: _like(old, value, full_name)})
+def _leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted name and value of every setting in nested dictionaries."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
 
 
-def _like(old: Any, value: str, full_name: str) -> Any:
-    """``value`` as the type of ``old``."""
-    if isinstance(old, str):
-        return value
+def _names(node: Any, prefix: str = "") -> Iterator[str]:
+    """Dotted names of all settings below a configuration."""
+    for entry in fields(node):
+        value = getattr(node, entry.name)
+        if is_dataclass(value):
+            yield from _names(value, f"{'policy' if entry.name == 'policy_settings' else prefix + entry.name}.")
+        elif prefix or entry.name not in ("scene", *OPTIONS):
+            yield prefix + entry.name
+
+
+def _present_name(config: RunConfig, name: str) -> tuple[str, ...]:
+    """The fields that lead to a setting, from its dotted name, which may be a former one."""
+    moved = getattr(config.policy_settings, "FORMER_NAMES", {}).get(name)
+    keys = ["policy_settings", moved] if moved else name.split(".")
+    if keys[0] == "policy" and len(keys) > 1:
+        keys[0] = "policy_settings"
+    node: Any = config
+    for k, key in enumerate(keys):
+        keys[k] = getattr(node, "FORMER_NAMES", {}).get(key, key)
+        node = getattr(node, keys[k], None)
+    return tuple(keys)
+
+
+def _setting(config: RunConfig, keys: tuple[str, ...]) -> Any:
+    """The value of a setting; None where these fields lead to none."""
+    node: Any = config
+    for key in keys:
+        if not is_dataclass(node) or key not in (entry.name for entry in fields(node)):
+            return None
+        node = getattr(node, key)
+    return None if is_dataclass(node) else node
+
+
+def _hint(config: RunConfig, name: str) -> str:
+    """What to write instead of an unknown name: settings with a name that is close, or all of its group."""
+    names = list(_names(config))
+    leaf = {full: full.rpartition(".")[2] for full in names}
+    close = difflib.get_close_matches(name.rpartition(".")[2], list(leaf.values()), n=4)
+    found = [full for full in names if leaf[full] in close]
+    if found:
+        return f"; did you mean {' or '.join(found)}?"
+    group = name.partition(".")[0] + "."
+    return f"; there are {', '.join([full for full in names if full.startswith(group)] or names)}."
+
+
+def _with(node: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
+    """A copy of a nested dataclass with other leaves, all put in at once, because limits may depend on one another."""
+    parts = {}
+    for key in dict.fromkeys(keys[0] for keys in values):
+        inner = {keys[1:]: value for keys, value in values.items() if keys[0] == key}
+        parts[key] = inner[()] if () in inner else _with(getattr(node, key), inner)
+    return replace(node, **parts)
+
+
+def _parse(default: Any, text: str, name: str) -> Any:
+    """The value that a text stands for, of the type of the setting's default."""
+    if isinstance(default, str):
+        return text
     try:
-        new = ast.literal_eval(value)
+        # Shells and JSON write booleans in lower case.
+        value = ast.literal_eval(text.capitalize() if isinstance(default, bool) else text)
     except (ValueError, SyntaxError):
-        new = None
-    if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
-        new = float(new)
-    if not _is_like(new, old):
-        raise ConfigError(f"--set {full_name}={value}: '{value}' is not of type {type(old).__name__}, like {old}.")
-    return new
+        value = None
+    if isinstance(default, float) and type(value) is int:
+        value = float(value)
+    if not _is_like(value, default):
+        raise ConfigError(f"--set {name}={text}: '{text}' is not of type {type(default).__name__}, like {default}.")
+    return value
 
 
 def _is_like(new: Any, old: Any) -> bool:

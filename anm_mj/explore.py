@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
 from anm_mj.planning.lookahead import way_is_blocked
-from anm_mj.protocols import Mapper, ObservingPolicy, Policy, Recorder, Robot, Viewer
+from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
@@ -22,8 +22,8 @@ STUCK_COLLISIONS = 12
 
 
 @dataclass(frozen=True)
-class Progress:
-    """How a run stands after a step."""
+class StepReport:
+    """What a step came to."""
 
     step: int
     observation: Observation
@@ -54,7 +54,7 @@ def explore(
     recorder: Recorder,
     viewer: Viewer,
     stop_requested: Callable[[], bool] = lambda: False,
-    on_step: Callable[[Progress], None] = lambda progress: None,
+    on_step: Callable[[StepReport], None] = lambda report: None,
 ) -> Outcome:
     """Explore until a ``StopReason`` comes up.
 
@@ -104,7 +104,7 @@ def explore(
         with watch.stage("act"):
             result = robot.act(action)
         if result.collided:
-            policy.blocked(observation.pose, action)
+            policy.on_collision(observation.pose, action)
             follower.drop()
             collisions += not plan.actions
         elif action is Action.MOVE_FORWARD:
@@ -115,7 +115,7 @@ def explore(
         total.add(watch)
         recorder.observation(observation)
         recorder.step(step, result, observation.pose, update, watch.ms)
-        on_step(Progress(step, observation, plan, update, sum(total.ms.values()) / 1e3))
+        on_step(StepReport(step, observation, plan, update, sum(total.ms.values()) / 1e3))
         if collisions >= STUCK_COLLISIONS:
             return outcome(StopReason.STUCK, step)
 
@@ -127,9 +127,8 @@ def _perceive(robot: Robot, mapper: Mapper, policy: Policy, watch: Stopwatch) ->
         observation = robot.observe()
     with watch.stage("map"):
         update = mapper.integrate(observation)
-    if isinstance(policy, ObservingPolicy):
-        with watch.stage("plan"):
-            policy.observe(observation)
+    with watch.stage("plan"):
+        policy.observe(observation)
     return observation, update
 
 

@@ -109,21 +109,16 @@ class Mapper(Protocol):
 class Policy(Protocol):
     """Decides where to go and look next."""
 
+    def observe(self, observation: Observation) -> None:
+        """Take in an observation; the first one comes before any action, one more after every action."""
+        ...
+
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The next decision, made from the map and the robot's pose."""
         ...
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Learn that ``action`` at ``pose`` met an obstacle."""
-        ...
-
-
-@runtime_checkable
-class ObservingPolicy(Policy, Protocol):
-    """A policy that keeps a map of its own and therefore wants every observation, not only those it decides on."""
-
-    def observe(self, observation: Observation) -> None:
-        """Take in an observation; the first one comes before any action."""
         ...
 
 

@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from anm_mj.config import RunConfig, default_steps
+from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth, reachable_area
 from anm_mj.evaluation.metrics import Metrics
-from anm_mj.evaluation.oracle.policy import Oracle
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
-from anm_mj.explore import Progress, explore
+from anm_mj.evaluation.scene_truth import SceneTruth
+from anm_mj.explore import Outcome, StepReport, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.planning.policies.registry import make_policy, policy_class
-from anm_mj.planning.stages import Stages
-from anm_mj.protocols import Viewer
-from anm_mj.scene.folder import load_scene
-from anm_mj.sim.gl import select_backend
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import make_policy, needs_truth
+from anm_mj.planning.stages import PlanningState, Stages
+from anm_mj.protocols import Policy, Viewer
+from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import Pose2
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.viz.viewer import NullViewer
 
-ORACLE = "oracle"
-"""Name of the policy that knows the scene; it is no plug-in, because no plug-in is told the truth."""
+if TYPE_CHECKING:
+    from anm_mj.mapping.neural_map import NeuralMap
+    from anm_mj.sim.robot import SimRobot
 
 
 def run(
@@ -38,7 +45,7 @@ def run(
     out: Path | None = None,
     viewer: Viewer | None = None,
     stop_requested: Callable[[], bool] = lambda: False,
-    on_step: Callable[[Progress, RunRecorder, int], None] = lambda progress, recorder, num_steps: None,
+    on_step: Callable[[StepReport, RunRecorder, int], None] = lambda report, recorder, num_steps: None,
     on_survey: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[RunFolder, Metrics]:
     """Explore a scene and write everything about it.
@@ -56,56 +63,19 @@ def run(
             then, but for an error in the loop itself.
     """
     begin = time.perf_counter()
-    policy_type = None if config.policy == ORACLE else policy_class(config.policy)
     scene = load_scene(config.scene)
     steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
     backend = select_backend()
-    # Threads of torch that wait for work by spinning take the cores away from rendering and from other programs: on a
-    # busy machine that costs a factor of five. Read by the OpenMP runtime when torch is imported.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    # mujoco and torch are imported from here on: the first because its GL back-end is chosen only now, both because
-    # they take seconds that a mistyped option should not cost.
-    from anm_mj.mapping.neural_map import NeuralMap
-    from anm_mj.sim.make_robot import make_robot
-
-    mapper = NeuralMap(config.mapping, seed=config.seed, device=config.device)
-    with make_robot(
-        scene,
-        start=_start_pose(config),
-        drive=config.drive,
-        image_px=config.image_px,
-        robot=config.robot,
-        config=config.model,
-        pose=config.pose,
-        seed=config.seed,
-    ) as robot:
-        policy = (
-            None if policy_type is None else make_policy(policy_type, config.planning, robot.footprint, config.seed)
-        )
+    mapper = _make_mapper(config)
+    with _make_robot(config, scene) as robot:
+        survey = functools.cache(lambda: _survey(scene, robot, on_survey))
+        policy = _make_policy(config, scene, robot, survey)
         folder = RunFolder.create(out, scene.name, config.policy)
-        facts = RunFacts(
-            config.scene,
-            scene.hash,
-            config.robot,
-            robot.robot_hash,
-            config.policy,
-            config.seed,
-            mapper.backend.device,
-            mapper.engine_name,
-            backend.name,
-            backend.renderer_string,
-            robot.camera_kind,
-        )
-        folder.write_manifest(manifest(facts, sys.argv))
+        folder.write_manifest(manifest(_facts(config, scene, robot, mapper, backend), sys.argv))
         folder.write_config(replace(config, steps=steps))
-        first = robot.observe()
-        camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
-        truth = cached_ground_truth(scene, robot.footprint, camera, first.pose, on_survey)
-        if policy is None:
-            policy = Oracle(truth, reachable_area(scene, robot.footprint, first.pose), camera)
+        truth = survey().truth
         malloc_trim()
-        true_view = None if config.pose == "true" else lambda: (robot.pose, robot.T_true_camera)
-        with RunRecorder(folder, truth, true_view) as recorder:
+        with RunRecorder(folder, truth, _true_view(config, robot)) as recorder:
             outcome = explore(
                 robot,
                 mapper,
@@ -114,17 +84,41 @@ def run(
                 recorder=recorder,
                 viewer=viewer or NullViewer(),
                 stop_requested=stop_requested,
-                on_step=lambda progress: on_step(progress, recorder, steps),
+                on_step=lambda report: on_step(report, recorder, steps),
             )
             wall_s = time.perf_counter() - begin
-            stages = Stages(config.planning, robot.footprint)
-            for pose in recorder.poses:
-                stages.topdown.visit(pose.xy_m)
-            survey = stages.read(mapper, outcome.observation)
-            # What the camera holds is room for the mesh and its comparison with the truth.
+            left = _what_is_left(config, robot, mapper, recorder, outcome)
+            # The renderer's memory is needed for the mesh and its comparison with the truth.
             robot.close()
-            metrics = recorder.finish(outcome.stop_reason, mapper, survey, wall_s=wall_s, loop_s=outcome.loop_s)
-            return folder, metrics
+            return folder, recorder.finish(outcome.stop_reason, mapper, left, wall_s=wall_s, loop_s=outcome.loop_s)
+
+
+# The next two import torch and mujoco, which take seconds that a mistyped option should not cost. mujoco must not be
+# imported before its GL back-end is chosen.
+
+
+def _make_mapper(config: RunConfig) -> NeuralMap:
+    # Threads of torch that wait for work by spinning take the cores away from rendering and from other programs: on a
+    # busy machine that costs a factor of five. The OpenMP runtime reads this when torch is imported.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    from anm_mj.mapping.neural_map import NeuralMap
+
+    return NeuralMap(config.mapping, seed=config.seed, device=config.device)
+
+
+def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
+    from anm_mj.sim.make_robot import make_robot
+
+    return make_robot(
+        scene,
+        start=_start_pose(config),
+        drive=config.drive,
+        image_px=config.image_px,
+        robot=config.robot,
+        config=config.model,
+        pose=config.pose,
+        seed=config.seed,
+    )
 
 
 def _start_pose(config: RunConfig) -> Pose2 | None:
@@ -132,3 +126,58 @@ def _start_pose(config: RunConfig) -> Pose2 | None:
         return None
     x, y, yaw_deg = config.start
     return Pose2(x, y, math.radians(yaw_deg))
+
+
+@dataclass(frozen=True)
+class _Survey:
+    truth: GroundTruth
+    """The true surface, with the part of it that the robot can see."""
+    camera: CameraExtrinsics
+    start: Pose2
+
+
+def _survey(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], None]) -> _Survey:
+    first = robot.observe()
+    camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
+    return _Survey(cached_ground_truth(scene, robot.footprint, camera, first.pose, on_survey), camera, first.pose)
+
+
+def _make_policy(config: RunConfig, scene: Scene, robot: SimRobot, survey: Callable[[], _Survey]) -> Policy:
+    """The policy; only one that needs the truth waits for the survey."""
+    told = None
+    if needs_truth(config.policy):
+        reachable = reachable_area(scene, robot.footprint, survey().start)
+        told = SceneTruth(survey().truth, reachable, survey().camera)
+    context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, told)
+    return make_policy(config.policy, context)
+
+
+def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:
+    return RunFacts(
+        config.scene,
+        scene.hash,
+        config.robot,
+        robot.robot_hash,
+        config.policy,
+        config.seed,
+        mapper.backend.device,
+        mapper.engine_name,
+        backend.name,
+        backend.renderer_string,
+        robot.camera_kind,
+    )
+
+
+def _true_view(config: RunConfig, robot: SimRobot) -> Callable[[], tuple[Pose2, np.ndarray]] | None:
+    """Asks for the robot's true pose and camera; None where observations are said to be made there anyway."""
+    return None if config.pose == "true" else lambda: (robot.pose, robot.T_true_camera)
+
+
+def _what_is_left(
+    config: RunConfig, robot: SimRobot, mapper: NeuralMap, recorder: RunRecorder, outcome: Outcome
+) -> PlanningState:
+    """The shared planning stages, run once on the final map along the trajectory of the whole run."""
+    stages = Stages(config.planning, robot.footprint)
+    for pose in recorder.poses:
+        stages.topdown.visit(pose.xy_m)
+    return stages.read(mapper, outcome.observation)

@@ -27,9 +27,9 @@ from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.explore import Outcome, explore
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.registry import make_policy, policy_class
-from anm_mj.protocols import Mapper, ObservingPolicy, Policy
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import default_settings, make_policy
+from anm_mj.protocols import Mapper, Policy
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import (
@@ -98,13 +98,12 @@ class Timed:
         return plan
 
     def observe(self, observation: Observation) -> None:
-        """Passed on to policies that want every observation."""
-        if isinstance(self.policy, ObservingPolicy):
-            self.policy.observe(observation)
-
-    def blocked(self, pose: Pose2, action: Action) -> None:
         """Passed on."""
-        self.policy.blocked(pose, action)
+        self.policy.observe(observation)
+
+    def on_collision(self, pose: Pose2, action: Action) -> None:
+        """Passed on."""
+        self.policy.on_collision(pose, action)
 
 
 class Coverage:
@@ -175,7 +174,7 @@ def run(world: Scene, name: str, steps: int, pose: Pose2, seed: int) -> tuple[Ou
         camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
         truth = cached_ground_truth(world, robot.footprint, camera, first.pose)
         coverage = Coverage(CompletionCurve(truth))
-        timed = Timed(make_policy(policy_class(name), PlanningConfig(), robot.footprint, seed))
+        timed = Timed(make_policy(name, PolicyContext(robot.footprint, default_settings(name), seed=seed)))
         outcome = explore(robot, OccupancyMapper(), timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
         coverage.curve.last()
         return outcome, coverage, timed

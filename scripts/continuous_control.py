@@ -19,7 +19,9 @@ from anm_mj.evaluation.curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.planning.policies.registry import make_policy, policy_class
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import make_policy
+from anm_mj.protocols import Policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import TURN_STEP_RAD, Action, MotionResult, Observation, Plan, Twist
@@ -36,8 +38,9 @@ LOOK_M = 2.0
 class Budget:
     """Counts motion in units of discrete actions, and observes once per unit."""
 
-    def __init__(self, robot: "SimRobot", mapper: NeuralMap, truth: GroundTruth, steps: int):
-        self.robot, self.mapper, self.curve, self.steps = robot, mapper, CompletionCurve(truth), steps
+    def __init__(self, robot: "SimRobot", mapper: NeuralMap, policy: Policy, truth: GroundTruth, steps: int):
+        self.robot, self.mapper, self.policy = robot, mapper, policy
+        self.curve, self.steps = CompletionCurve(truth), steps
         self.spent, self.collisions, self._frames = 0.0, 0, 0
         self.observation = self.perceive()
 
@@ -45,6 +48,7 @@ class Budget:
         """Look, learn and keep count of what has been seen."""
         seen = self.robot.observe()
         self.mapper.integrate(seen)
+        self.policy.observe(seen)
         self.curve.frame(self._frames, reduce_depth(seen.depth_m), seen.intrinsics, seen.T_world_camera, seen.pose)
         self._frames += 1
         self.observation = seen
@@ -87,8 +91,8 @@ def main(
     world = load_scene(scene)
     with make_robot(world, drive=drive, image_px=image_px) as robot:
         mapper = NeuralMap(config.mapping, seed=seed, device="cpu")
-        planner = make_policy(policy_class(policy), config.planning, robot.footprint, seed)
-        budget = Budget(robot, mapper, GroundTruth.sample(*world.triangles()), steps)
+        planner = make_policy(policy, PolicyContext(robot.footprint, config.policy_settings, config.planning, seed))
+        budget = Budget(robot, mapper, planner, GroundTruth.sample(*world.triangles()), steps)
         while budget.left:
             plan = planner.plan(mapper, budget.observation)
             if plan.stop is not None:
@@ -96,7 +100,7 @@ def main(
             collisions = budget.collisions
             carry_out(plan, budget)
             if budget.collisions > collisions:
-                planner.blocked(budget.observation.pose, Action.MOVE_FORWARD)
+                planner.on_collision(budget.observation.pose, Action.MOVE_FORWARD)
         budget.curve.last()
         seen = budget.curve.rows[-1].completion_ratio
         print(

@@ -13,7 +13,8 @@ from anm_mj.config import make_config
 from anm_mj.explore import explore
 from anm_mj.io.sequence import SequenceWriter
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.planning.policies.registry import make_policy, policy_class
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2
@@ -63,7 +64,7 @@ def main(
         outcome = explore(
             robot,
             NeuralMap(config.mapping, seed=seed, device="cpu"),
-            make_policy(policy_class(policy), config.planning, robot.footprint, seed),
+            make_policy(policy, PolicyContext(robot.footprint, config.policy_settings, config.planning, seed)),
             num_steps=steps,
             recorder=recorder,
             viewer=NullViewer(),

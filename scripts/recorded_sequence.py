@@ -18,7 +18,8 @@ from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.sequence import read_sequence
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.planning.policies.registry import make_policy, policy_class
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import make_policy
 from anm_mj.types import Footprint, Plan
 from anm_mj.viz.plots import draw_topdown
 
@@ -49,10 +50,11 @@ def main(
     config = make_config(preset, [], scene=str(sequence), policy=policy, seed=seed)
     mapper = NeuralMap(config.mapping, seed=seed, device="cpu")
     footprint = Footprint(radius_m, 0.05, height_m)
-    planner = make_policy(policy_class(policy), config.planning, footprint, seed)
+    planner = make_policy(policy, PolicyContext(footprint, config.policy_settings, config.planning, seed))
     plan, poses = Plan("nothing seen yet", np.zeros((0, 2))), []
     for observation in recorded.observations():
         mapper.integrate(observation)
+        planner.observe(observation)
         poses.append(observation.pose)
         last = observation.step == len(recorded) - 1
         if last or (observation.step and observation.step % every == 0):

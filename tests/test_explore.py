@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from anm_mj.errors import PlanError
 from anm_mj.explore import STUCK_COLLISIONS, explore
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.registry import policy_class
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason
 from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import FakeRobot, ListRecorder
@@ -17,8 +19,9 @@ def run(policy, world, pose, num_steps=200, **options):
     return outcome, recorder
 
 
-def make(name, **settings):
-    return policy_class(name)(PlanningConfig(**settings), FakeRobot.footprint, 0)
+def make(name, seed=0, **settings):
+    settings = replace(default_settings(name), **settings)
+    return make_policy(name, PolicyContext(FakeRobot.footprint, settings, seed=seed))
 
 
 def seen_room(**options):
@@ -38,7 +41,10 @@ class Scripted:
     def plan(self, mapper, observation):
         return self.plans.pop(0) if len(self.plans) > 1 else self.plans[0]
 
-    def blocked(self, pose, action):
+    def observe(self, observation):
+        pass
+
+    def on_collision(self, pose, action):
         self.blocked_at.append((pose, action))
 
 
@@ -97,13 +103,13 @@ def test_gvg_is_complete_in_a_room_that_is_known():
     outcome, recorder = run(make("gvg"), seen_room(), Pose2(1.0, 1.5, 0.0))
     assert outcome.stop_reason is StopReason.COMPLETE
     # The look around at the start, and nothing after it.
-    assert outcome.num_steps == PlanningConfig().gvg_bootstrap_turns
+    assert outcome.num_steps == default_settings("gvg").bootstrap_turns
     assert "would add" in recorder.plans[-1][1].reason
 
 
 def test_gvg_goes_where_the_unknown_is():
     world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
-    _, recorder = run(make("gvg", gvg_bootstrap_turns=0, gain_range_m=2.5), world, Pose2(1.0, 1.5, 0.0), num_steps=60)
+    _, recorder = run(make("gvg", bootstrap_turns=0, gain_range_m=2.5), world, Pose2(1.0, 1.5, 0.0), num_steps=60)
     assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 2.5
     assert not any(result.collided for _, result, *_ in recorder.steps)
 
@@ -126,7 +132,7 @@ def test_a_walled_in_robot_has_no_reachable_target():
 
 def test_random_draws_the_same_actions_for_the_same_seed_and_others_for_another():
     def actions(seed):
-        policy = policy_class("random")(PlanningConfig(), FakeRobot.footprint, seed)
+        policy = make("random", seed)
         _, recorder = run(policy, seen_room(), Pose2(1.0, 1.5, 0.0), num_steps=60)
         return [result.action for _, result, *_ in recorder.steps]
 
@@ -137,18 +143,18 @@ def test_random_draws_the_same_actions_for_the_same_seed_and_others_for_another(
 
 def test_gvg_weighing_few_places_still_goes_where_the_unknown_is():
     world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
-    policy = make("gvg", gvg_bootstrap_turns=0, gain_range_m=2.0, max_candidates=2)
+    policy = make("gvg", bootstrap_turns=0, gain_range_m=2.0, max_candidates=2)
     outcome, recorder = run(policy, world, Pose2(0.6, 0.6, 0.0), num_steps=60)
     assert outcome.stop_reason is StopReason.BUDGET
     assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 2.3
 
 
-@pytest.mark.parametrize("name", ["gvg", "anm-s"])
-def test_a_policy_gets_past_an_obstacle_that_the_map_does_not_show(name):
+@pytest.mark.parametrize(("name", "range_name"), [("gvg", "gain_range_m"), ("anm-s", "seen_well_m")])
+def test_a_policy_gets_past_an_obstacle_that_the_map_does_not_show(name, range_name):
     world = seen_room(unknown=[(4.4, 0.2, 5.2, 4.2)])
     world.boxes = np.concatenate([world.boxes, [[2.2, 1.4, 2.25, 2.6]]])  # Across the straight way, unseen.
     world.sdf = lambda points: np.full(len(points), 0.1, np.float32)
-    policy = make(name, bootstrap_turns=0, gain_range_m=2.5)
+    policy = make(name, bootstrap_turns=0, **{range_name: 2.5})
     outcome, recorder = run(policy, world, Pose2(1.2, 2.0, 0.0), num_steps=250)
     assert outcome.stop_reason is not StopReason.STUCK
     assert max(pose.x_m for _, _, pose, _ in recorder.steps) > 3.0

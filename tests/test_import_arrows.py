@@ -29,6 +29,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "viz": _BASE | {"io"},
     # Reads runs, and scenes for what of them can be seen.
     "evaluation": _BASE | {"scene", "io", "viz"},
+    # A policy like those of planning, but one that knows the truth.
+    "evaluation.oracle.policy": _BASE | {"evaluation", "planning"},
     # Writes a run as it goes, with its numbers and pictures; what only reads a run folder never sees it.
     "io.recorder": _BASE | {"io", "viz", "evaluation"},
     # Composes the stages' configurations, which stand beside their stages.

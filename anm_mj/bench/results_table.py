@@ -18,7 +18,7 @@ from anm_mj.bench.sweep import BenchError
 from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.io.read_run import read_json
 from anm_mj.io.to_json import to_json
-from anm_mj.run import ORACLE
+from anm_mj.planning.policies.registry import needs_truth
 
 USUAL_PRESET = "default"
 """Goes without saying in the name of what is compared."""
@@ -102,7 +102,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
     oracle_steps = {
         (r.job["scene_name"], r.job["start"], level): r.steps_to(level)
         for r in results
-        if r.job["policy"] == ORACLE
+        if needs_truth(r.job["policy"])
         for level in LEVELS
     }
     rows = []

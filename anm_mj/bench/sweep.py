@@ -27,8 +27,6 @@ from typing import Any
 from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
-from anm_mj.planning.policies.registry import policy_class
-from anm_mj.run import ORACLE
 from anm_mj.scene.folder import Scene, load_scene
 
 
@@ -78,8 +76,6 @@ def read_jobs(path: Path) -> list[Job]:
             beside = path.parent / name
             scene = load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
             for job in _jobs_in(sweep, str(scene.folder), scene):
-                if job.policy != ORACLE:
-                    policy_class(job.policy)
                 job.config()
                 jobs[job.name] = job
     return list(jobs.values())

@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 
 from anm_mj.cli.log import log_to
+from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
 
 
 def add_explore(commands: Any) -> None:
@@ -24,9 +25,8 @@ def add_explore(commands: Any) -> None:
     explore.add_argument("scene", metavar="SCENE", help="name from the catalogue (anm-mj scene list) or a scene folder")
     explore.add_argument(
         "--policy",
-        default="gvg",
-        help="gvg, anm-s (the paper's), anm, upen, frontier, frontier-full, random, oracle (which knows the scene), "
-        "or module:Class (default: gvg)",
+        default=DEFAULT_POLICY,
+        help=f"{', '.join(_policies())}, or module:Class (default: {DEFAULT_POLICY})",
     )
     explore.add_argument(
         "--steps", type=int, metavar="N", help="budget of actions; turns count (default: the scene's own)"
@@ -37,7 +37,7 @@ def add_explore(commands: Any) -> None:
     explore.add_argument(
         "--preset",
         default="default",
-        help="mapping effort: quick, default or paper; policy anm has its own (default: default)",
+        help="mapping effort: quick, default or paper; some policies have their own (default: default)",
     )
     explore.add_argument(
         "--drive",
@@ -55,26 +55,32 @@ def add_explore(commands: Any) -> None:
         default="true",
         help="where the robot believes to be: true, or odometry (its wheels alone) (default: true)",
     )
-    ablation = explore.add_argument_group("ablations of the paper, for --policy anm-s")
+    ablation = explore.add_argument_group("ablations of the paper: settings of policies that have them")
     ablation.add_argument(
-        "--target", help="hierarchical, best-anchored or random: how a vertex is chosen (default: hierarchical)"
+        "--target",
+        dest="settings",
+        action="append",
+        type="policy.target={}".format,
+        metavar="NAME",
+        help="how a vertex is chosen: hierarchical, best-anchored or random (policy.target=NAME)",
     )
-    ablation.add_argument(
-        "--no-visibility-guidance", action="store_true", help="neither prefer regions of interest nor turn to them"
-    )
-    ablation.add_argument("--no-bootstrap", action="store_true", help="no full turn before the first decision")
+    for option, setting, text in (
+        ("--no-visibility-guidance", "policy.visibility_guidance=false", "neither prefer nor turn to regions"),
+        ("--no-bootstrap", "policy.bootstrap_turns=0", "no rotation before the first decision"),
+    ):
+        ablation.add_argument(option, dest="settings", action="append_const", const=setting, help=f"{text} ({setting})")
     explore.add_argument("--device", default="auto", help="where the map is trained: auto, cpu or cuda (default: auto)")
     explore.add_argument("--view", action="store_true", help="show the run in the browser, on this machine only")
     explore.add_argument("--port", type=int, help="port of --view (default: the next free one from 7000)")
     explore.add_argument(
         "--set",
         action="append",
-        default=[],
         metavar="NAME=VALUE",
         dest="settings",
-        help="any setting of config.json, as in planning.margin_m=0.06; may be repeated",
+        help="any setting of config.json, as in planning.margin_m=0.06 [m] or, of the policy, policy.replan_steps=8; "
+        "may be repeated",
     )
-    explore.set_defaults(command=_explore)
+    explore.set_defaults(command=_explore, settings=[])
 
 
 def _explore(parsed: argparse.Namespace) -> int:
@@ -86,7 +92,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     sys.path.insert(0, os.getcwd())
     config = make_config(
         parsed.preset,
-        [*_ablation(parsed), *parsed.settings],
+        parsed.settings,
         scene=parsed.scene,
         policy=parsed.policy,
         steps=parsed.steps,
@@ -118,19 +124,9 @@ def _explore(parsed: argparse.Namespace) -> int:
     return 0
 
 
-def _ablation(parsed: argparse.Namespace) -> list[str]:
-    """The paper's ablations as single settings."""
-    from anm_mj.config import ConfigError
-
-    asked = {
-        "--target": parsed.target and f"planning.target={parsed.target}",
-        "--no-visibility-guidance": parsed.no_visibility_guidance and "planning.visibility_guidance=False",
-        "--no-bootstrap": parsed.no_bootstrap and "planning.bootstrap_turns=0",
-    }
-    settings = {option: setting for option, setting in asked.items() if setting}
-    if settings and parsed.policy != "anm-s":
-        raise ConfigError(f"{next(iter(settings))} is for --policy anm-s alone, but the policy is {parsed.policy}.")
-    return list(settings.values())
+def _policies() -> list[str]:
+    """The names of the policies, with a few words where one has any."""
+    return [f"{name} ({entry.summary})" if entry.summary else name for name, entry in POLICIES.items()]
 
 
 def _viewer(parsed: argparse.Namespace) -> Any:

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from anm_mj.evaluation.metrics import Metrics
-from anm_mj.explore import Progress
+from anm_mj.explore import StepReport
 from anm_mj.io.recorder import RunRecorder
 
 PLAIN_EVERY = 50
@@ -45,21 +45,21 @@ class ProgressLine:
         elif done == 1:
             self._console.print("Computing the observable surface (once per scene).")
 
-    def update(self, progress: Progress, recorder: RunRecorder, num_steps: int) -> None:
-        """Show the state of the run."""
-        if progress.update.num_iterations:  # Not every step trains.
-            self._loss = progress.update.loss
-        if self._live is None and progress.step % PLAIN_EVERY and progress.step != num_steps:
+    def update(self, report: StepReport, recorder: RunRecorder, num_steps: int) -> None:
+        """Show how the run stands."""
+        if report.update.num_iterations:  # Not every step trains.
+            self._loss = report.update.loss
+        if self._live is None and report.step % PLAIN_EVERY and report.step != num_steps:
             return
-        target = progress.plan.target_xy_m
+        target = report.plan.target_xy_m
         row = recorder.completion
         parts = [
-            f"step {progress.step}/{num_steps}",
-            f"{progress.step / max(progress.loop_s, 1e-9):.1f} Hz",
+            f"step {report.step}/{num_steps}",
+            f"{report.step / max(report.loop_s, 1e-9):.1f} Hz",
             f"completion {row.completion_ratio:.1f} %" if row is not None else "",
             f"target {target[0]:.1f},{target[1]:.1f}" if target is not None else "",
             f"loss {self._loss:.3g}",
-            progress.plan.reason,
+            report.plan.reason,
         ]
         line = " · ".join(part for part in parts if part)
         if self._live is None:

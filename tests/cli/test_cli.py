@@ -28,10 +28,10 @@ def fails(capsys, *argv):
 @pytest.mark.parametrize(
     ("options", "wrong", "right"),
     [
-        (["--policy", "greedy"], "greedy", "gvg, anm-s, anm, frontier"),
+        (["--policy", "greedy"], "greedy", "gvg, anm-s, anm, upen"),
         (["--policy", "no_such_module:Policy"], "no_such_module", "cannot be imported"),
         (["--policy", "json:Nothing"], "Nothing", "has no class"),
-        (["--policy", "json:JSONDecoder"], "JSONDecoder", "plan, blocked"),
+        (["--policy", "json:JSONDecoder"], "JSONDecoder", "plan, on_collision"),
         (["--preset", "best"], "best", "quick"),
         (["--drive", "fly"], "fly", "kinematic, physics"),
         (["--device", "tpu"], "tpu", "auto, cpu, cuda"),
@@ -41,21 +41,21 @@ def fails(capsys, *argv):
         (["--start", "1,2"], "1,2", "X,Y,YAW_DEG"),
         (["--start", "-1,2,x"], "-1,2,x", "X,Y,YAW_DEG"),
         (["--start", "1,2,nan"], "1,2,nan", "X,Y,YAW_DEG"),
-        (["--set", "planning.margin_m"], "planning.margin_m", "stage.name=value"),
+        (["--set", "planning.margin_m"], "planning.margin_m", "group.name=value"),
         (["--set", "planning.margin=0.1"], "margin", "margin_m"),
         (["--set", "planning.margin_m=wide"], "wide", "float"),
-        (["--set", "planning.margin_m=-0.1"], "-0.1", "above zero"),
-        (["--set", "planning=1"], "planning", "single setting"),
+        (["--set", "planning.margin_m=-0.1"], "-0.1", "at least 0"),
+        (["--set", "planning=1"], "planning", "planning.margin_m"),
         (["--set", "planning.margin_m=1e999"], "1e999", "float"),
         (["--set", "planning.region_percentile=150"], "150", "below 100"),
-        (["--set", "planning.visited_by=hearsay"], "hearsay", "sight, place"),
+        (["--policy", "anm-s", "--set", "policy.visited_by=hearsay"], "hearsay", "sight, place"),
         (["--set", "mapping.field.blob_period_m=(1,2)"], "(1,2)", "tuple"),
         (["--set", "preset=paper"], "preset", "--preset paper"),
         (["--policy", ":Policy"], ":Policy", "cannot be imported"),
         (["--policy", "..a:Policy"], "..a", "cannot be imported"),
         (["--port", "7001"], "7001", "--view"),
         (["--policy", "anm-s", "--target", "best"], "best", "best-anchored"),
-        (["--target", "random"], "--target", "anm-s"),
+        (["--target", "random"], "policy.target", "no such setting"),
         (["--wrong"], "--wrong", "--help"),
     ],
 )
@@ -81,13 +81,14 @@ def test_a_folder_that_merely_has_a_scenes_name_does_not_hide_the_catalogue(tmp_
 
 def test_a_policy_beside_the_user_is_found_and_one_that_cannot_be_made_leaves_no_folder(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "class Plain:\n    def plan(self, mapper, observation): ...\n    def blocked(self, pose, action): ...\n"
+        "class Plain:\n    def observe(self, observation): ...\n    def plan(self, mapper, observation): ...\n"
+        "    def on_collision(self, pose, action): ...\n"
     )
     script = Path(sys.executable).parent / "anm-mj"
     words = [script, "explore", "home", "--policy", "mine:Plain", "--out", "run"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2
-    assert "Plain cannot be made from (config, footprint, seed)" in done.stderr
+    assert "'mine:Plain' cannot be made from a PolicyContext" in done.stderr
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,8 +23,6 @@ from jaxtyping import Bool, Float, UInt64
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.cache import load_tour, store_tour
 from anm_mj.evaluation.oracle.discretize import shorter, turned, walk
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, finer_places
@@ -32,11 +30,14 @@ from anm_mj.evaluation.oracle.roadmap import Ways, num_places
 from anm_mj.evaluation.oracle.segments import NO_YAW, Pieces
 from anm_mj.evaluation.oracle.tour import MISSING_STEPS, WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
-from anm_mj.evaluation.pixel_rays import NUM_YAWS, CameraExtrinsics, PixelRays
+from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
+from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose
+from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.protocols import Mapper
 from anm_mj.types import TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopReason
+from anm_mj.utils.settings import check_settings
 
 _logger = logging.getLogger(__name__)
 
@@ -64,8 +65,6 @@ MAX_FAILURES = 2
 """A sample that so many tours have promised and not shown is given up."""
 MAX_TOURS = 8
 """Tours in all."""
-ROUNDS = 100_000
-"""Changes tried of the first tour."""
 NUM_STARTS = 4
 """Tours that half of the changes are spent on; the best of them gets the other half."""
 ROUNDS_AFTER = 20_000
@@ -75,32 +74,40 @@ AHEAD_M = 0.1
 """How far before the robot an obstacle is that has blocked it [m], beyond its own radius."""
 
 
+@dataclass(frozen=True)
+class OracleConfig:
+    """How long the policy searches for tours."""
+
+    rounds: int = 100_000
+    """Changes tried of the first tour."""
+
+    def __post_init__(self) -> None:
+        """Check the limits.
+
+        Raises:
+            PlanError: a value lies outside of its limits.
+        """
+        check_settings(self, "policy", PlanError)
+
+
 class Oracle:
     """Goes where it knows that something is left to see."""
 
-    def __init__(
-        self,
-        truth: GroundTruth,
-        floor: ReachableArea,
-        camera: CameraExtrinsics,
-        rounds: int = ROUNDS,
-        on_progress: Callable[[int, int], None] = lambda done, total: None,
-    ) -> None:
-        """Take note of the scene.
+    Config = OracleConfig
 
-        Args:
-            truth: The true surface, with its observable part.
-            floor: Where the robot can get to.
-            camera: Its camera.
-            rounds: Changes tried of the first tour.
-            on_progress: Told how much of the search is done.
+    def __init__(self, context: PolicyContext[OracleConfig]) -> None:
+        """Take the scene's truth in.
 
         Raises:
-            PlanError: It is not known which part of the surface can be seen.
+            PlanError: The truth or the observable part of the surface is not known.
         """
+        scene = context.truth
+        if not isinstance(scene, SceneTruth):
+            raise PlanError("This policy needs the true scene, and the context does not hold it.")
+        truth = scene.surface
         if truth.observable is None:
             raise PlanError(
-                "The policy 'oracle' needs the observable surface; pip install 'anm-mj[embree]' brings what finds it."
+                "This policy needs the observable surface; pip install 'anm-mj[embree]' brings what finds it."
             )
         observable = truth.samples[truth.observable]
         chosen = np.random.default_rng(SEED).permutation(len(observable))
@@ -109,9 +116,8 @@ class Oracle:
         self._kept = np.concatenate([self._samples, observable[np.sort(chosen[planned:MAX_KEPT])]])
         """Samples that account is kept of, those that the first tour is planned with before the others."""
         self._coverage = Coverage(self._kept)
-        self._truth, self._floor, self._camera = truth, floor, camera
-        self._rounds = rounds
-        self._on_progress = on_progress
+        self._truth, self._floor, self._camera = truth, scene.reachable, scene.camera
+        self._rounds = context.settings.rounds
         self._yaw_rad: float | None = None
         self._stops = list[Stop]()
         self._stop: Stop | None = None
@@ -155,7 +161,7 @@ class Oracle:
             if not self._stops:
                 return Plan("nothing is left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Make the spot ahead dear, so that the next way leads round it, and plan anew."""
         self._avoided.append(move_pose(pose, AHEAD_M, 0.0).xy_m)
         self._ways.avoid(self._avoided[-1])
@@ -250,15 +256,8 @@ class Oracle:
         search = TourSearch(pieces, self._ways, task, SEED, missing_steps)
         begin = greedy_tour(pieces, self._ways, task, self._yaw_rad)
         each = rounds // (2 * NUM_STARTS)
-        tours = [
-            search.improve(begin, each, on_round=lambda done, k=k: self._on_progress(k * each + done, rounds))
-            for k in range(NUM_STARTS)
-        ]
-        rest = rounds - NUM_STARTS * each
-        found = search.improve(
-            min(tours, key=search.cost), rest, WARM_STEPS, lambda done: self._on_progress(rounds - rest + done, rounds)
-        )
-        self._on_progress(rounds, rounds)
+        tours = [search.improve(begin, each) for _ in range(NUM_STARTS)]
+        found = search.improve(min(tours, key=search.cost), rounds - NUM_STARTS * each, WARM_STEPS)
         steps, covered = search.curve(found)
         _logger.info("tour of %d steps and %d stops, for %d samples", steps[-1], len(found), covered[-1])
         store_tour(key + task.seen.tobytes(), found)

@@ -1,35 +1,79 @@
-"""Policies by name: the ones that ship with the project, or any class as ``module:Class``."""
+"""Policies by name, with what each needs: the only place that knows the names.
+
+A policy of the user's own needs no entry; its name is ``module:Class``. The class is made from a
+:class:`~anm_mj.planning.policies.context.PolicyContext`, has the methods of :class:`~anm_mj.protocols.Policy`, and may
+carry a frozen dataclass ``Config`` with its settings.
+"""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from anm_mj.errors import PlanError
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.anm.policy import Anm
-from anm_mj.planning.policies.anm_s.policy import AnmS
-from anm_mj.planning.policies.frontier.policy import FULL_RANGE_M, Frontier
-from anm_mj.planning.policies.gvg.policy import Gvg
-from anm_mj.planning.policies.random_walk.policy import RandomWalk
-from anm_mj.planning.policies.upen.policy import Upen
-from anm_mj.protocols import Policy
-from anm_mj.types import Footprint
 
-POLICIES: dict[str, Callable[[PlanningConfig, Footprint, int], Policy]] = {
-    "gvg": Gvg,
-    "anm-s": AnmS,
-    "anm": Anm,
-    "frontier": Frontier,
-    "frontier-full": partial(Frontier, range_m=FULL_RANGE_M),
-    "upen": Upen,
-    "random": RandomWalk,
+if TYPE_CHECKING:
+    from anm_mj.planning.policies.context import PolicyContext
+    from anm_mj.protocols import Policy
+
+DEFAULT_POLICY = "gvg"
+
+METHODS = ("observe", "plan", "on_collision")
+"""What every policy can do."""
+
+
+@dataclass(frozen=True)
+class PolicyEntry:
+    """Where a policy is defined and what it needs."""
+
+    path: str
+    """``module:Class``; imported when the policy is asked for."""
+    summary: str = ""
+    """A few words for the help text."""
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    """Settings that differ from the defaults of the class's ``Config``."""
+    mapping_preset: str | None = None
+    """The only mapping preset that the policy works with; None = any."""
+    uncertainty_preset: str | None = None
+    """The mapping preset whose uncertainty guides the policy, whatever preset the rest comes from; None = the same."""
+    needs_truth: bool = False
+    """Whether the policy is told the true scene."""
+
+
+POLICIES: Mapping[str, PolicyEntry] = {
+    "gvg": PolicyEntry("anm_mj.planning.policies.gvg.policy:Gvg", "ours"),
+    "anm-s": PolicyEntry("anm_mj.planning.policies.anm_s.policy:AnmS", "the paper's", uncertainty_preset="paper"),
+    "anm": PolicyEntry("anm_mj.planning.policies.anm.policy:Anm", "with a map of its own kind", mapping_preset="anm"),
+    "upen": PolicyEntry("anm_mj.planning.policies.upen.policy:Upen"),
+    "frontier": PolicyEntry("anm_mj.planning.policies.frontier.policy:Frontier"),
+    "frontier-full": PolicyEntry("anm_mj.planning.policies.frontier.policy:Frontier", defaults={"range_m": 10.0}),
+    "random": PolicyEntry("anm_mj.planning.policies.random_walk.policy:RandomWalk"),
+    "oracle": PolicyEntry("anm_mj.evaluation.oracle.policy:Oracle", "knows the scene", needs_truth=True),
 }
 
 
-def policy_class(name: str) -> Callable[[PlanningConfig, Footprint, int], Policy]:
-    """What makes a policy from settings, footprint and seed.
+def policy_entry(name: str) -> PolicyEntry:
+    """The entry of a policy, or one without needs for ``module:Class``.
+
+    Raises:
+        PlanError: the name is neither.
+    """
+    if name in POLICIES:
+        return POLICIES[name]
+    if ":" not in name:
+        raise PlanError(f"Unknown policy '{name}'; use one of {', '.join(POLICIES)}, or module:Class for your own.")
+    return PolicyEntry(name)
+
+
+def needs_truth(name: str) -> bool:
+    """Whether a policy is told the true scene; False for names that this version does not know."""
+    return name in POLICIES and POLICIES[name].needs_truth
+
+
+def policy_class(name: str) -> Any:
+    """The class of a policy.
 
     Args:
         name: a key of ``POLICIES``, or ``module:Class`` for one of the user's own.
@@ -37,35 +81,39 @@ def policy_class(name: str) -> Callable[[PlanningConfig, Footprint, int], Policy
     Raises:
         PlanError: the name is unknown, or the module or class cannot be found or lacks a method.
     """
-    if name in POLICIES:
-        return POLICIES[name]
-    module_name, colon, class_name = name.partition(":")
-    if not colon:
-        raise PlanError(f"Unknown policy '{name}'; use one of {', '.join(POLICIES)}, or module:Class for your own.")
+    module_name, _, class_name = policy_entry(name).path.partition(":")
     try:
         module = importlib.import_module(module_name)
     except (ImportError, ValueError, TypeError) as err:
         raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({err}).") from err
-    made = getattr(module, class_name, None)
-    if made is None:
+    found = getattr(module, class_name, None)
+    if found is None:
         raise PlanError(f"Policy '{name}': module '{module_name}' has no class '{class_name}'.")
-    missing = [method for method in ("plan", "blocked") if not callable(getattr(made, method, None))]
+    missing = [method for method in METHODS if not callable(getattr(found, method, None))]
     if missing:
         raise PlanError(f"Policy '{name}' lacks the method(s) {', '.join(missing)} that every policy has.")
-    return made
+    return found
 
 
-def make_policy(
-    made: Callable[[PlanningConfig, Footprint, int], Policy], config: PlanningConfig, footprint: Footprint, seed: int
-) -> Policy:
-    """A policy of a class that :func:`policy_class` found.
+def default_settings(name: str) -> Any:
+    """The settings of a policy where nothing else is asked for: an instance of its class's ``Config``.
 
     Raises:
-        PlanError: the class cannot be made from settings, footprint and seed.
+        PlanError: there is no such policy.
     """
+    from anm_mj.planning.policies.context import NoSettings  # Names alone should not cost the import of numpy.
+
+    return getattr(policy_class(name), "Config", NoSettings)(**policy_entry(name).defaults)
+
+
+def make_policy(name: str, context: PolicyContext[Any]) -> Policy:
+    """A policy by its name.
+
+    Raises:
+        PlanError: there is no such policy, or its class cannot be made from a context.
+    """
+    made = policy_class(name)
     try:
-        return made(config, footprint, seed)
+        return made(context)
     except TypeError as err:
-        raise PlanError(
-            f"Policy {getattr(made, '__name__', made)} cannot be made from (config, footprint, seed): {err}."
-        ) from err
+        raise PlanError(f"Policy '{name}' cannot be made from a PolicyContext: {err}.") from err

@@ -11,17 +11,20 @@ from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.observable import ReachableArea, observable_samples
 from anm_mj.evaluation.oracle.discretize import turned, walk
-from anm_mj.evaluation.oracle.policy import Oracle
+from anm_mj.evaluation.oracle.policy import Oracle, OracleConfig
 from anm_mj.evaluation.oracle.roadmap import Ways, num_places
 from anm_mj.evaluation.oracle.segments import NO_YAW, Pieces
 from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.visibility import count, frame_bits, pack, unpack
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
 from anm_mj.evaluation.raycast import RayCaster
+from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose, pose_matrix
+from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import (
     Action,
     ActionResult,
+    Footprint,
     MapUpdate,
     Observation,
     Pose2,
@@ -107,10 +110,17 @@ class NoMap:
         return SurfacePoints(nothing, nothing, np.zeros(0, np.float32))
 
 
+def oracle_for(truth, floor):
+    context = PolicyContext(
+        Footprint(0.18, 0.05, 1.35), OracleConfig(rounds=ROUNDS), truth=SceneTruth(truth, floor, CAMERA_ON_BASE)
+    )
+    return Oracle(context)
+
+
 def test_the_oracle_sees_nearly_all_there_is_in_few_steps(rooms):
     truth, floor = rooms
     robot = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0))
-    oracle, follower = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS), Follower()
+    oracle, follower = oracle_for(truth, floor), Follower()
     coverage = Coverage(truth.samples[truth.observable])
     plan, collisions, at_first = None, 0, 0
 
@@ -131,7 +141,7 @@ def test_the_oracle_sees_nearly_all_there_is_in_few_steps(rooms):
         if oracle._tours <= 1:
             at_first = collisions
         if collided:
-            oracle.blocked(seen.pose, action)
+            oracle.on_collision(seen.pose, action)
             follower.drop()
 
     assert plan is not None
@@ -143,7 +153,7 @@ def test_the_oracle_sees_nearly_all_there_is_in_few_steps(rooms):
 
 def test_the_oracle_ends_when_all_that_is_left_has_been_given_up(rooms):
     truth, floor = rooms
-    oracle = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS)
+    oracle = oracle_for(truth, floor)
     here = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
     oracle.plan(NoMap(), here)
     oracle._stops = []
@@ -154,7 +164,7 @@ def test_the_oracle_ends_when_all_that_is_left_has_been_given_up(rooms):
 
 def first_plan(rooms):
     truth, floor = rooms
-    oracle = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS)
+    oracle = oracle_for(truth, floor)
     seen = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
     oracle.observe(seen)
     return oracle.plan(NoMap(), seen)
@@ -177,12 +187,12 @@ def test_a_damaged_tour_in_the_cache_is_found_anew(rooms, tmp_path):
 
 def test_a_stop_whose_way_was_blocked_is_gone_to_once_more(rooms):
     truth, floor = rooms
-    oracle = Oracle(truth, floor, CAMERA_ON_BASE, ROUNDS)
+    oracle = oracle_for(truth, floor)
     seen = RayRobot(truth, floor, Pose2(-1.5, 0.0, 0.0)).observe()
     oracle.observe(seen)
     first = oracle.plan(NoMap(), seen)
 
-    oracle.blocked(seen.pose, Action.MOVE_FORWARD)
+    oracle.on_collision(seen.pose, Action.MOVE_FORWARD)
 
     assert oracle.plan(NoMap(), seen).reason == first.reason
 
@@ -190,7 +200,7 @@ def test_a_stop_whose_way_was_blocked_is_gone_to_once_more(rooms):
 def test_without_the_observable_surface_there_is_no_oracle(rooms):
     truth, floor = rooms
     with pytest.raises(PlanError, match="embree"):
-        Oracle(GroundTruth(truth.samples, truth.vertices, truth.faces), floor, CAMERA_ON_BASE)
+        oracle_for(GroundTruth(truth.samples, truth.vertices, truth.faces), floor)
 
 
 @pytest.fixture(scope="module")

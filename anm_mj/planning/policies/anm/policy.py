@@ -19,18 +19,17 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.connected_components import connected_components
 from anm_mj.planning.grid_route import GridRoutes
-from anm_mj.planning.policies.frontier.policy import FULL_RANGE_M
+from anm_mj.planning.policies.anm.config import AnmConfig
+from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.protocols import Mapper
-from anm_mj.types import ARRIVED_M as FOLLOWED_M
 from anm_mj.types import (
+    ARRIVED_M,
     FORWARD_STEP_M,
     Action,
     Candidate,
-    Footprint,
     Observation,
     Plan,
     Pose2,
@@ -39,34 +38,20 @@ from anm_mj.types import (
 )
 from anm_mj.utils.stopwatch import Stopwatch
 
-NEAR_M = 5.0
-"""Half width of the local horizon [m]."""
 EVERYWHERE_M = 1e4
-PERCENTILE = 90.0
-"""Surface above this percentile of uncertainty counts as uncertain [%] (paper; the released code keeps four fifths)."""
-LINK_M = 0.3
-"""Points nearer to each other than this belong to one cluster [m]."""
-MIN_SHARE = 0.005
-"""Clusters with a smaller share of the uncertain points are dropped."""
-STAND_OFF_M = 0.5
-"""Targets lie this far before the surface [m]."""
-MIN_DISTANCE_M = 1.0
-"""Targets nearer than this are taken only when there is no other [m]."""
-ARRIVED_M = 0.8
-"""A target has been come to when the robot is this near to it [m]."""
-MAX_STEPS = 100
-LOOK_AROUND = 36
 
 
 class Anm:
     """Drives to the target of highest variance and then chooses anew."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
+    Config = AnmConfig
+
+    def __init__(self, context: PolicyContext[AnmConfig]):
         """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
-        del seed
-        self._grid = ScanGrid(footprint, FULL_RANGE_M)
-        self._footprint = footprint
-        self._safe_m = footprint.radius_m + config.margin_m
+        self.config = context.settings
+        self._grid = ScanGrid(context.footprint, self.config.range_m)
+        self._footprint = context.footprint
+        self._safe_m = context.footprint.radius_m + context.planning.margin_m
         self._looked_around = False
 
     def observe(self, observation: Observation) -> None:
@@ -74,7 +59,7 @@ class Anm:
         self._grid.integrate(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The way to the most uncertain piece of surface, up to ``ARRIVED_M`` before its target."""
+        """The way to the most uncertain piece of surface, up to ``arrived_m`` before its target."""
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
@@ -82,29 +67,29 @@ class Anm:
         with watch.stage("paths"):
             routes = GridRoutes(topdown, pose, self._safe_m)
         with watch.stage("regions"):
-            found = self._candidates(mapper.surface(pose.xy_m, NEAR_M), routes)
-            where = f"within {NEAR_M:g} m"
+            found = self._candidates(mapper.surface(pose.xy_m, self.config.near_m), routes)
+            where = f"within {self.config.near_m:g} m"
             if not found:
                 found = self._candidates(mapper.surface(pose.xy_m, EVERYWHERE_M), routes)
                 where = "anywhere"
         if not found:
             return self._at_a_loss(Plan("", np.zeros((0, 2)), topdown=topdown, stage_ms=watch.ms))
         self._looked_around = False
-        away = [c for c in found if math.dist(c.xy_m, pose.xy_m) > MIN_DISTANCE_M]
+        away = [c for c in found if math.dist(c.xy_m, pose.xy_m) > self.config.min_distance_m]
         best = max(away or found, key=lambda c: c.score)
-        path = _cut_end(routes.path_to(best.xy_m), ARRIVED_M)
+        path = _cut_end(routes.path_to(best.xy_m), self.config.arrived_m)
         towards = best.xy_m - path[-1]
         return Plan(
             f"highest variance of {len(found)} clusters {where}, {best.cost_steps * FORWARD_STEP_M:.1f} m away",
             path,
             (math.atan2(towards[1], towards[0]),),
-            valid_steps=MAX_STEPS,
+            valid_steps=self.config.max_steps,
             candidates=tuple(found),
             topdown=topdown,
             stage_ms=watch.ms,
         )
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle that the scans did not show into the grid."""
         if action is Action.MOVE_FORWARD:
             self._grid.block_ahead(pose)
@@ -116,15 +101,15 @@ class Anm:
         uncertainty = surface.uncertainty[low]
         if not len(points):
             return []
-        top = uncertainty >= np.percentile(uncertainty, PERCENTILE)
-        labels = _clusters(points[top].astype(float))
+        top = uncertainty >= np.percentile(uncertainty, self.config.percentile)
+        labels = _clusters(points[top].astype(float), self.config.link_m)
         found = []
-        for label in np.flatnonzero(np.bincount(labels) >= max(MIN_SHARE * len(labels), 2)):
+        for label in np.flatnonzero(np.bincount(labels) >= max(self.config.min_share * len(labels), 2)):
             mine = labels == label
-            target = (points[top][mine] + STAND_OFF_M * normals[top][mine]).mean(axis=0)[:2].astype(float)
+            target = (points[top][mine] + self.config.stand_off_m * normals[top][mine]).mean(axis=0)[:2].astype(float)
             cost_m = routes.cost_at(target)
             # Nearer ones the robot has come to already: of a way to there nothing would be left to follow.
-            if math.isfinite(cost_m) and math.dist(target, routes.pose.xy_m) > ARRIVED_M + FOLLOWED_M:
+            if math.isfinite(cost_m) and math.dist(target, routes.pose.xy_m) > self.config.arrived_m + ARRIVED_M:
                 variance = float(uncertainty[top][mine].mean())
                 found.append(Candidate(target, variance, float(mine.sum()), cost_m / FORWARD_STEP_M))
         return found
@@ -134,7 +119,9 @@ class Anm:
         if not self._looked_around:
             self._looked_around = True
             return Plan(
-                "no target can be reached: one full turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * LOOK_AROUND
+                "no target can be reached: one full turn",
+                np.zeros((0, 2)),
+                actions=(Action.TURN_LEFT,) * self.config.full_rotation_turns,
             )
         return Plan(
             "no target can be reached, even after a look around",
@@ -145,9 +132,9 @@ class Anm:
         )
 
 
-def _clusters(points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-    """Label of the cluster of each point: connected by hops of at most ``LINK_M``."""
-    return connected_components(KDTree(points_m).query_pairs(LINK_M, output_type="ndarray"), len(points_m))
+def _clusters(points_m: Float[np.ndarray, "n 3"], link_m: float) -> Int[np.ndarray, " n"]:
+    """Label of the cluster of each point: connected by hops of at most ``link_m``."""
+    return connected_components(KDTree(points_m).query_pairs(link_m, output_type="ndarray"), len(points_m))
 
 
 def _cut_end(path_xy_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:

@@ -28,11 +28,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from anm_mj.frames import pixel_directions, wrap_angle
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import components
 from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.paths import segments_clear
+from anm_mj.planning.policies.anm_s.config import AnmSConfig
 from anm_mj.planning.policies.anm_s.visited import num_within, seen_around, visited, within
+from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
@@ -41,7 +42,6 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     Action,
     Candidate,
-    Footprint,
     Observation,
     Plan,
     Pose2,
@@ -73,13 +73,16 @@ WELL_IN_VIEW_RAD = math.radians(30.0)
 class AnmS:
     """Active Neural Mapping at Scale (Kuang et al., IROS 2024) on our stages."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
+    Config = AnmSConfig
+
+    def __init__(self, context: PolicyContext[AnmSConfig]):
         """Start before the bootstrap rotation; the seed decides about random targets alone."""
-        self.config = config
-        self._footprint = footprint
-        self._rng = np.random.default_rng(seed)
+        self.config = config = context.settings
+        self._planning = context.planning
+        self._footprint = context.footprint
+        self._rng = np.random.default_rng(context.seed)
         # The paper's ablation has no order of rooms.
-        self._stages = Stages(config, footprint, with_rooms=config.target == "hierarchical")
+        self._stages = Stages(context.planning, context.footprint, with_rooms=config.target == "hierarchical")
         self._bootstrapped = False
         self._looked_around = False
         self._target_xy_m: Float[np.ndarray, 2] | None = None
@@ -130,7 +133,7 @@ class AnmS:
         if math.dist(before_xy_m, self._target_xy_m) > SAME_TARGET_M:
             self._turned_from_xy_m.append(before_xy_m)
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
         self._stages.on_collision(pose, action)
         self._headed_for = ()
@@ -182,7 +185,7 @@ class AnmS:
 
     def _in_horizon(self, now: PlanningState, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
         """Which places lie in the local horizon, in sight and, where there are such, in the view ahead."""
-        near = (np.abs(xy_m - now.pose.xy_m) <= self.config.horizon_m / 2).all(axis=1)
+        near = (np.abs(xy_m - now.pose.xy_m) <= self._planning.horizon_m / 2).all(axis=1)
         near &= segments_clear(now.topdown, np.repeat(now.pose.xy_m[None], len(xy_m), axis=0), xy_m, 0.0, now.pose)
         if self._ahead is not None:
             low, high = _view_box(self._ahead)

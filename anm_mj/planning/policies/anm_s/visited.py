@@ -13,19 +13,16 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, borders_unknown
+from anm_mj.planning.policies.anm_s.config import AnmSConfig
 from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
-
-SEEN_SHARE = 0.9
-"""Share of a vertex's border that must have been seen well."""
 
 
 def visited(
     graph: VoronoiGraph,
     vertices: Int[np.ndarray, " k"],
     trajectory_xy_m: list[Float[np.ndarray, "2"]],
-    config: PlanningConfig,
+    config: AnmSConfig,
 ) -> Bool[np.ndarray, " k"]:
     """Whether the robot has been near vertices, as in the authors' released code.
 
@@ -45,7 +42,7 @@ def seen_around(
     frontier_xy_m: Float[np.ndarray, "f 2"],
     grid: VoxelGrid,
     footprint: Footprint,
-    config: PlanningConfig,
+    config: AnmSConfig,
 ) -> Bool[np.ndarray, " k"]:
     """Whether the border that vertices are equidistant to holds nothing unknown and was all seen from near enough.
 
@@ -62,12 +59,12 @@ def seen_around(
     border = topdown.surface_xy_m
     if not len(border):
         return seen
-    near = _nearest_view_m(grid, footprint, border) <= config.gain_range_m
+    near = _nearest_view_m(grid, footprint, border) <= config.seen_well_m
     xy = graph.vertex_xy_m[vertices]
     around = KDTree(border).query_ball_point(xy, graph.clearance_m[vertices] + BORDER_WIDTH_M)
     closed = ~borders_unknown(graph, frontier_xy_m)[vertices]
     for i in np.flatnonzero(closed):
-        seen[i] = len(around[i]) > 0 and near[around[i]].mean() >= SEEN_SHARE
+        seen[i] = len(around[i]) > 0 and near[around[i]].mean() >= config.seen_well_share
     return seen
 
 

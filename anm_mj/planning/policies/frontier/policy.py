@@ -25,8 +25,9 @@ from scipy.spatial import KDTree
 from skimage.graph import MCP
 
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.grid_route import GridRoutes
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.frontier.config import FrontierConfig
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
@@ -37,7 +38,6 @@ from anm_mj.types import (
     UNKNOWN,
     Action,
     Candidate,
-    Footprint,
     Observation,
     Plan,
     Pose2,
@@ -46,17 +46,6 @@ from anm_mj.types import (
 )
 from anm_mj.utils.stopwatch import Stopwatch
 
-RANGE_M = 3.0
-"""Range of the published configuration [m]."""
-FULL_RANGE_M = 10.0
-"""Range of the camera in the paper's protocol [m]."""
-MIN_DISTANCE_M = 1.0
-"""Frontiers nearer than this are left for later [m]."""
-REPLAN_STEPS = 10
-MAX_GAP_M = 0.75
-"""A frontier is out of reach when every place the robot can get to is farther from it than this [m]."""
-GIVEN_UP_M = 0.3
-"""Frontiers this near to one given up are given up with it [m]."""
 EIGHT = np.ones((3, 3), bool)
 
 
@@ -72,18 +61,13 @@ class _Frontier:
 class Frontier:
     """Goes to the nearest frontier that is at least a metre away."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int, *, range_m: float = RANGE_M):
-        """Start with an empty grid; the policy draws nothing, so the seed has no effect.
+    Config = FrontierConfig
 
-        Args:
-            config: for the margin kept from obstacles.
-            footprint: the robot's body.
-            seed: not used.
-            range_m: depth beyond this is not looked at [m].
-        """
-        del seed
-        self._grid = ScanGrid(footprint, range_m)
-        self._safe_m = footprint.radius_m + config.margin_m
+    def __init__(self, context: PolicyContext[FrontierConfig]):
+        """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
+        self.config = context.settings
+        self._grid = ScanGrid(context.footprint, self.config.range_m)
+        self._safe_m = context.footprint.radius_m + context.planning.margin_m
         self._goal: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
         """The frontier headed for and the place to see it from [m]."""
         self._given_up_xy_m = np.zeros((0, 2))
@@ -114,16 +98,16 @@ class Frontier:
         if not left:
             reason = f"none of {len(found)} frontiers can be come near" if found else "no frontier is left"
             return Plan(reason, np.zeros((0, 2)), stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)
-        away = [math.dist(f.contact_xy_m, pose.xy_m) >= MIN_DISTANCE_M for f, _ in left]
+        away = [math.dist(f.contact_xy_m, pose.xy_m) >= self.config.min_distance_m for f, _ in left]
         frontier, place = left[away.index(True) if any(away) else -1]
         self._goal = frontier.contact_xy_m, place
         reason = (
-            f"nearest of {len(left)} frontiers at least {MIN_DISTANCE_M:g} m away: {frontier.num_cells} cells, "
-            f"{frontier.hops * topdown.resolution_m:.1f} m off"
+            f"nearest of {len(left)} frontiers at least {self.config.min_distance_m:g} m away: "
+            f"{frontier.num_cells} cells, {frontier.hops * topdown.resolution_m:.1f} m off"
         )
         return self._go(reason, routes, left, watch)
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle that the scans did not show into the grid."""
         if action is Action.MOVE_FORWARD:
             self._grid.block_ahead(pose)
@@ -137,10 +121,10 @@ class Frontier:
             return None
         contact = goal[0]
         border = cell_to_world(np.argwhere(np.isfinite(hops)), topdown.origin_xy_m, topdown.resolution_m)
-        if not (np.linalg.norm(border - contact, axis=1) < GIVEN_UP_M).any():
+        if not (np.linalg.norm(border - contact, axis=1) < self.config.given_up_m).any():
             return None
         place = routes.nearest(contact)
-        if _is_looked_at(contact, place, routes.pose) or math.dist(contact, place) >= MAX_GAP_M:
+        if _is_looked_at(contact, place, routes.pose) or math.dist(contact, place) >= self.config.max_gap_m:
             self._given_up_xy_m = np.concatenate([self._given_up_xy_m, contact[None]])
             return None
         return contact, place
@@ -156,7 +140,7 @@ class Frontier:
             reason,
             routes.path_to(place),
             (math.atan2(towards[1], towards[0]),),
-            valid_steps=REPLAN_STEPS,
+            valid_steps=self.config.replan_steps,
             candidates=tuple(
                 Candidate(p, -f.hops, float(f.num_cells), f.hops * routes.topdown.resolution_m / FORWARD_STEP_M)
                 for f, p in left
@@ -179,17 +163,17 @@ class Frontier:
         kept = hops.copy()
         if len(cells) and len(self._given_up_xy_m):
             xy_m = cell_to_world(cells, topdown.origin_xy_m, topdown.resolution_m)
-            rows, cols = cells[KDTree(self._given_up_xy_m).query(xy_m)[0] < GIVEN_UP_M].T
+            rows, cols = cells[KDTree(self._given_up_xy_m).query(xy_m)[0] < self.config.given_up_m].T
             kept[rows, cols] = np.inf
         return kept
 
     def _place(self, frontier: _Frontier, routes: GridRoutes) -> Float[np.ndarray, "2"] | None:
         """Where to see a frontier from [m]; None when it is given up, out of reach or already looked at from there."""
-        if (np.linalg.norm(self._given_up_xy_m - frontier.contact_xy_m, axis=1) < GIVEN_UP_M).any():
+        if (np.linalg.norm(self._given_up_xy_m - frontier.contact_xy_m, axis=1) < self.config.given_up_m).any():
             return None
         place = routes.nearest(frontier.contact_xy_m)
         looked_at = _is_looked_at(frontier.contact_xy_m, place, routes.pose)
-        return None if looked_at or math.dist(frontier.contact_xy_m, place) >= MAX_GAP_M else place
+        return None if looked_at or math.dist(frontier.contact_xy_m, place) >= self.config.max_gap_m else place
 
 
 def frontiers(topdown: TopDownMap, pose: Pose2) -> list[_Frontier]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.tour import SIDE
 from anm_mj.planning.policies.gvg.travel_costs import NUM_AZIMUTHS
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Pose2
@@ -25,7 +25,7 @@ STANDING_SHARE = 0.5
 class GainTracker:
     """The present target and the record of the last ones."""
 
-    def __init__(self, config: PlanningConfig):
+    def __init__(self, config: GvgConfig):
         """Start without a target."""
         self.config = config
         self.poor_in_a_row = 0

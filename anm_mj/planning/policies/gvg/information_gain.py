@@ -19,7 +19,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.types import FREE, UNKNOWN, Pose2
 
@@ -48,7 +48,7 @@ PATCH_CELLS = 3
 class GainCaster:
     """Casts panoramas of expected gain from places in the plane and remembers them."""
 
-    def __init__(self, config: PlanningConfig, camera_height_m: float):
+    def __init__(self, config: GvgConfig, camera_height_m: float):
         """Start without any panorama.
 
         Args:

@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import path_steps, quantize_headings, remaining_path, segments_clear
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
 from anm_mj.planning.policies.gvg.information_gain import GainCaster, view_sums
@@ -33,7 +34,6 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     Action,
     Candidate,
-    Footprint,
     Observation,
     Plan,
     Pose2,
@@ -78,11 +78,12 @@ class _Options:
 class Gvg:
     """Tours of views over the generalized Voronoi graph."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
+    Config = GvgConfig
+
+    def __init__(self, context: PolicyContext[GvgConfig]):
         """Start before the bootstrap rotation; the policy draws nothing, so the seed has no effect."""
-        del seed
-        self.config = config
-        self._stages = Stages(config, footprint, coarse_far_field=True)
+        self.config = config = context.settings
+        self._stages = Stages(context.planning, context.footprint, coarse_far_field=True)
         self._caster: GainCaster | None = None
         self._bootstrapped = False
         self._ledger = GainTracker(config)
@@ -94,11 +95,14 @@ class Gvg:
         self._aim = np.zeros(2), IN_VIEW
         self._remembered = GainCache(config.candidate_spacing_m, config.num_azimuths)
 
+    def observe(self, observation: Observation) -> None:
+        """Learn nothing: the map takes every observation in, and that is what the policy decides on."""
+
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the first stop of the best tour."""
-        if not self._bootstrapped and self.config.gvg_bootstrap_turns:
+        if not self._bootstrapped and self.config.bootstrap_turns:
             self._bootstrapped = True
-            turns = (Action.TURN_LEFT,) * self.config.gvg_bootstrap_turns
+            turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
             return Plan("bootstrap: a look around before the first decision", np.zeros((0, 2)), actions=turns)
         watch = Stopwatch()
         topdown = self._stages.update_map(mapper, observation, watch)
@@ -134,8 +138,8 @@ class Gvg:
         if plan is None or ledger.target_xy_m is None or ledger.is_done(pose):
             return None
         news_m2 = caster.view.seen_m2 - self._decided_at_m2
-        enough_m2 = max(self.config.news_m2, NEWS_SHARE * self._expected_m2)
-        if news_m2 > enough_m2 or self._kept_on >= self.config.keep_decisions:
+        enough_m2 = max(self.config.replan_gain_m2, NEWS_SHARE * self._expected_m2)
+        if news_m2 > enough_m2 or self._kept_on >= self.config.max_plan_reuse:
             return None
         if _is_followed(plan, pose):
             return None
@@ -156,7 +160,7 @@ class Gvg:
             stage_ms=watch.ms,
         )
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and give the present target up."""
         self._stages.on_collision(pose, action)
         self._ledger.target_xy_m = None
@@ -246,7 +250,7 @@ class Gvg:
             path = np.zeros((0, 2)) if first.place == 0 else now.paths.path_to(int(places.vertex[first.place]))
             if first.place and not len(path):
                 continue
-            crumbs = self._progress.is_lull() and tour.gain_m2 < self.config.lull_gain_m2
+            crumbs = self._progress.is_lull() and tour.gain_m2 < self.config.stagnation_gain_m2
             if crumbs or tour.rate < self.config.min_rate_m2 or self._ledger.is_exhausted(first.gain_m2):
                 return self._stop(now, options, caster, crumbs=crumbs)
             if len(path):
@@ -336,8 +340,9 @@ class Gvg:
         elif crumbs:
             stop = StopReason.COMPLETE
             reason = (
-                f"next to nothing was seen in the last {self.config.lull_share:.0%} of the steps, and the best tour "
-                f"among {len(options.vertex)} reachable places promises less than {self.config.lull_gain_m2:g} m2"
+                f"next to nothing was seen in the last {self.config.stagnation_share:.0%} of the steps, and the best "
+                f"tour among {len(options.vertex)} reachable places promises less than "
+                f"{self.config.stagnation_gain_m2:g} m2"
             )
         else:
             stop = StopReason.COMPLETE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.gvg.config import GvgConfig
 
 USEFUL_SHARE = 0.0025
 """Less new surface than this share of all that was seen is of no use any more."""
@@ -15,13 +15,13 @@ LEAST_STEPS = 50
 class Progress:
     """The surface seen at each decision."""
 
-    def __init__(self, config: PlanningConfig):
+    def __init__(self, config: GvgConfig):
         """Start before the first decision.
 
         Args:
             config: how long a lull is.
         """
-        self._share = config.lull_share
+        self._share = config.stagnation_share
         self._step: list[int] = []
         self._seen_m2: list[float] = []
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.context import NoSettings, PolicyContext
 from anm_mj.protocols import Mapper
-from anm_mj.types import Action, Footprint, Observation, Plan, Pose2
+from anm_mj.types import Action, Observation, Plan, Pose2
 
 MOVES = (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
 
@@ -14,10 +14,12 @@ MOVES = (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
 class RandomWalk:
     """Draws every action anew; a blocked move costs its step and changes nothing."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
-        """Only the seed matters; the rest is what every policy is made with."""
-        del config, footprint  # A random walk has no settings and no body.
-        self._rng = np.random.default_rng(seed)
+    def __init__(self, context: PolicyContext[NoSettings]):
+        """Take the seed; the policy has no settings and asks for no body."""
+        self._rng = np.random.default_rng(context.seed)
+
+    def observe(self, observation: Observation) -> None:
+        """Learn nothing from what the robot sees."""
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """One random action."""
@@ -25,5 +27,5 @@ class RandomWalk:
         action = MOVES[self._rng.integers(len(MOVES))]
         return Plan(f"random draw: {action.name}", np.zeros((0, 2)), actions=(action,))
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
-        """Nothing is learnt from an obstacle."""
+    def on_collision(self, pose: Pose2, action: Action) -> None:
+        """Learn nothing from an obstacle."""

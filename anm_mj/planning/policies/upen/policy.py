@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float, Float32, Int8
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
-from anm_mj.planning.policies.frontier.policy import FULL_RANGE_M
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.upen.config import UpenConfig
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
     CROP_CELLS,
@@ -41,7 +41,6 @@ from anm_mj.types import (
     UNKNOWN,
     Action,
     Candidate,
-    Footprint,
     Observation,
     Plan,
     Pose2,
@@ -50,14 +49,6 @@ from anm_mj.types import (
 from anm_mj.utils.stopwatch import Stopwatch
 
 WEIGHTS = Path(__file__).with_name("weights.npz")
-NUM_SAMPLES = 2500
-HOP_M = 0.25
-NUM_HOPS = 10
-REPLAN_STEPS = round(10 * 0.25 / FORWARD_STEP_M)
-"""A choice holds for ten of the original's steps of 25 cm, which is about the length of a path: with ten steps of ours
-the robot turns to one path after the other and follows none."""
-THOUGHT_OCCUPIED = 0.5
-"""Unknown cells with a higher mean probability are not driven over."""
 MAX_LOGGED = 20
 """Candidates kept for the plan log."""
 
@@ -65,16 +56,19 @@ MAX_LOGGED = 20
 class Upen:
     """Takes the path along which an ensemble of predictors disagrees most."""
 
-    def __init__(self, config: PlanningConfig, footprint: Footprint, seed: int):
+    Config = UpenConfig
+
+    def __init__(self, context: PolicyContext[UpenConfig]):
         """Load the networks and start with an empty grid.
 
         Raises:
             PlanError: the weights are missing or of another shape.
         """
+        self.config = context.settings
         self._ensemble = load_ensemble(WEIGHTS)
-        self._rng = np.random.default_rng([seed, 3])
-        self._grid = ScanGrid(footprint, FULL_RANGE_M)
-        self._safe_m = footprint.radius_m + config.margin_m
+        self._rng = np.random.default_rng([context.seed, 3])
+        self._grid = ScanGrid(context.footprint, self.config.range_m)
+        self._safe_m = context.footprint.radius_m + context.planning.margin_m
 
     def observe(self, observation: Observation) -> None:
         """Take a scan into the policy's own grid."""
@@ -92,7 +86,7 @@ class Upen:
             occupied = np.stack([predict(weights, crop)[OCCUPIED_CLASS] for weights in self._ensemble])
         with watch.stage("paths"):
             tree = self._tree(topdown, pose, occupied.mean(axis=0))
-            ends = np.flatnonzero(tree.num_hops == min(NUM_HOPS, int(tree.num_hops.max())))
+            ends = np.flatnonzero(tree.num_hops == min(self.config.num_hops, int(tree.num_hops.max())))
             paths = [tree.path_to(int(end)) for end in ends]
             scores = [float(value_along(occupied.var(axis=0), path, pose).sum()) for path in paths]
         if len(tree.xy_m) == 1:
@@ -103,16 +97,16 @@ class Upen:
         return Plan(
             f"most disagreement ({scores[best]:.2f}) along one of {len(paths)} paths of {len(paths[best]) - 1} hops",
             shortcut_path(paths[best], topdown, self._safe_m, pose),
-            valid_steps=REPLAN_STEPS,
+            valid_steps=self.config.replan_steps,
             candidates=tuple(
-                Candidate(paths[k][-1], scores[k], scores[k], (len(paths[k]) - 1) * HOP_M / FORWARD_STEP_M)
+                Candidate(paths[k][-1], scores[k], scores[k], (len(paths[k]) - 1) * self.config.hop_m / FORWARD_STEP_M)
                 for k in ranked
             ),
             topdown=topdown,
             stage_ms=watch.ms,
         )
 
-    def blocked(self, pose: Pose2, action: Action) -> None:
+    def on_collision(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle that the scans did not show into the grid."""
         if action is Action.MOVE_FORWARD:
             self._grid.block_ahead(pose)
@@ -125,15 +119,15 @@ class Upen:
         window = (np.abs(xy - pose.xy_m) < CROP_CELLS * CELL_M / 2).all(axis=-1)
         passable = window & (topdown.clearance_m >= np.where(near, 0.0, self._safe_m))
         guessed = passable & (topdown.state == UNKNOWN)
-        passable[guessed] = value_along(occupied, xy[guessed], pose) < THOUGHT_OCCUPIED
+        passable[guessed] = value_along(occupied, xy[guessed], pose) < self.config.max_occupied_probability
         return grow_tree(
             passable,
             topdown.origin_xy_m,
             RESOLUTION_M,
             pose.xy_m,
             half_width_m=CROP_CELLS * CELL_M / 2,
-            num_samples=NUM_SAMPLES,
-            hop_m=HOP_M,
+            num_samples=self.config.num_samples,
+            hop_m=self.config.hop_m,
             rng=self._rng,
         )
 

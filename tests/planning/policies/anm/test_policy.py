@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from anm_mj.config import ConfigError, make_config
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.anm.config import AnmConfig
 from anm_mj.planning.policies.anm.policy import Anm, _cut_end
+from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import Action, Footprint, Pose2, StopReason, SurfacePoints
 from tests.planning.policies.frontier.test_policy import look
 from tests.planning.worlds import BoxWorld
@@ -33,7 +34,7 @@ class Uncertain(BoxWorld):
 
 @pytest.fixture
 def policy() -> Anm:
-    policy = Anm(PlanningConfig(), FOOTPRINT, 0)
+    policy = Anm(PolicyContext(FOOTPRINT, AnmConfig()))
     for k in range(36):
         policy.observe(look(Pose2(0.0, 0.0, math.radians(10 * k))))
     return policy

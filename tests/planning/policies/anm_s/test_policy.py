@@ -6,9 +6,10 @@ import pytest
 
 from anm_mj.errors import PlanError
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.config import TARGETS, PlanningConfig
 from anm_mj.planning.paths import ShortestPathTree
+from anm_mj.planning.policies.anm_s.config import TARGETS, AnmSConfig
 from anm_mj.planning.policies.anm_s.policy import AnmS, _own_room, _room_name, _rooms_off, view_headings
+from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.stages import PlanningState
 from anm_mj.types import (
     Action,
@@ -54,7 +55,7 @@ def two_rooms():
 
 def decide(world, seed=0, **settings):
     settings = {"bootstrap_turns": 0, **settings}
-    return AnmS(replace(PlanningConfig(), **settings), BODY, seed).plan(world, observation(1.0, 1.7))
+    return AnmS(PolicyContext(BODY, AnmSConfig(**settings), seed=seed)).plan(world, observation(1.0, 1.7))
 
 
 def test_the_hierarchy_stays_in_the_horizon_and_the_most_uncertain_is_chased_through_the_door():
@@ -74,7 +75,7 @@ def test_the_rest_of_the_room_comes_before_the_next_room_and_that_before_farther
     hall.occupancy.seen_range_m[:] = 6.0
     places = np.stack(np.meshgrid(np.arange(0.6, 12.2, 0.6), np.arange(0.6, 7.2, 0.6)), axis=-1).reshape(-1, 2)
     in_hall = places[:, 1] < 3.2
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
 
     def plan_after_visiting(which):
         for place in places[which]:
@@ -128,7 +129,7 @@ def test_a_robot_that_reaches_no_vertex_is_in_no_room(room):
 def test_rooms_are_looked_for_where_vertices_are_ordered_by_them_alone():
     world = two_rooms()
     for target in TARGETS:
-        policy = AnmS(replace(PlanningConfig(), target=target), BODY, 0)
+        policy = AnmS(PolicyContext(BODY, AnmSConfig(target=target), seed=0))
         now = policy._stages.read(world, observation(1.0, 1.7))
         assert set(now.room) == ({0, 1} if target == "hierarchical" else {-1})
         assert list(now.watch.ms) == ["topdown", "graph", "paths", "rooms", "regions"]
@@ -153,7 +154,7 @@ def test_the_bootstrap_is_one_full_turn_and_can_be_left_out():
 def test_a_place_without_any_way_out_ends_the_run():
     walls = [(0.7, 1.4, 0.8, 2.0), (1.2, 1.4, 1.3, 2.0), (0.7, 1.4, 1.3, 1.5), (0.7, 1.9, 1.3, 2.0)]
     world = room(4, 3, boxes=walls)
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
     assert len(policy.plan(world, observation(1.0, 1.7)).actions) == 36
     end = policy.plan(world, observation(1.0, 1.7))
     assert end.stop is StopReason.NO_REACHABLE_TARGET
@@ -161,7 +162,7 @@ def test_a_place_without_any_way_out_ends_the_run():
 
 
 def test_where_there_is_no_room_for_any_graph_the_run_ends_too():
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
     cell = room(0.3, 0.3)
     assert len(policy.plan(cell, observation(0.35, 0.35)).actions) == 36
     assert policy.plan(cell, observation(0.35, 0.35)).stop is StopReason.NO_REACHABLE_TARGET
@@ -170,7 +171,7 @@ def test_where_there_is_no_room_for_any_graph_the_run_ends_too():
 def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_ends():
     world = two_rooms()
     world.occupancy.seen_range_m[:] = 2.0
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
     for x in np.arange(0.6, 8.0, 0.5):
         for y in np.arange(0.6, 3.0, 0.5):
             policy._stages.topdown.visit(np.array([x, y]))
@@ -183,7 +184,7 @@ def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_end
 
 def test_a_door_that_was_passed_and_not_looked_through_is_gone_to_before_the_run_ends():
     world = room(8, 3, boxes=WALL, unknown=[(4.3, 0.2, 8.2, 3.2)])
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
     for x in np.arange(0.6, 3.6, 0.5):
         for y in np.arange(0.6, 3.0, 0.5):
             policy._stages.topdown.visit(np.array([x, y]))
@@ -199,7 +200,7 @@ def test_a_door_that_was_passed_and_not_looked_through_is_gone_to_before_the_run
 
 def test_a_target_that_comes_and_goes_is_given_up():
     world = two_rooms()
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, target="best-anchored"), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
     fickle = policy.plan(world, observation(1.0, 1.7)).target_xy_m
     assert fickle is not None
     for _ in range(3):
@@ -213,7 +214,7 @@ def test_a_target_that_comes_and_goes_is_given_up():
 
 def test_a_target_that_the_robot_turns_from_on_the_way_is_noted():
     world = two_rooms()
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, target="best-anchored"), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
     first = policy.plan(world, observation(1.0, 1.7)).target_xy_m
     assert first is not None
     policy._failed_xy_m += [first, first]
@@ -239,12 +240,12 @@ def test_by_place_only_where_the_robot_was_is_visited():
     world.occupancy.seen_range_m[:] = 2.0
     plan = decide(world, visited_by="place")
     assert plan.target_xy_m is not None
-    assert math.dist(plan.target_xy_m, (1.0, 1.7)) > PlanningConfig().visited_radius_m
+    assert math.dist(plan.target_xy_m, (1.0, 1.7)) > AnmSConfig().visited_radius_m
 
 
 def test_a_target_is_kept_until_it_has_been_reached():
     world = two_rooms()
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, target="best-anchored"), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
     far = policy.plan(world, observation(1.0, 1.7)).target_xy_m
     policy.config = replace(policy.config, target="hierarchical")
     again = policy.plan(world, observation(1.6, 1.7)).target_xy_m
@@ -255,18 +256,18 @@ def test_a_target_is_kept_until_it_has_been_reached():
 
 def test_a_target_that_was_blocked_comes_last_and_is_given_up_at_the_second_time():
     world = two_rooms()
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, target="best-anchored"), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
     targets = []
     while (target := policy.plan(world, observation(1.0, 1.7)).target_xy_m) is not None:
         targets.append(tuple(target.tolist()))
-        policy.blocked(Pose2(1.0, 1.7, 0.0), Action.TURN_LEFT)
+        policy.on_collision(Pose2(1.0, 1.7, 0.0), Action.TURN_LEFT)
     assert targets[0] != targets[1]
     assert all(targets.count(target) == 2 for target in targets)
 
 
 def test_a_region_is_looked_at_once():
     world = two_rooms()
-    policy = AnmS(replace(PlanningConfig(), bootstrap_turns=0, target="best-anchored"), BODY, 0)
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
     plan = policy.plan(world, observation(1.0, 1.7))
     assert len(plan.headings_rad) == 1 or len(plan.regions) == 1
     x, y = plan.path_xy_m[-1].tolist()
@@ -296,9 +297,9 @@ def test_regions_on_one_side_are_taken_in_by_one_sweep_that_ends_when_the_last_i
 
 def test_an_unknown_way_of_visiting_is_refused():
     with pytest.raises(PlanError, match="sight"):
-        PlanningConfig(visited_by="hearsay")
+        AnmSConfig(visited_by="hearsay")
 
 
 def test_an_unknown_way_to_choose_is_refused():
     with pytest.raises(PlanError, match="hierarchical"):
-        PlanningConfig(target="nearest")
+        AnmSConfig(target="nearest")

@@ -4,9 +4,10 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import clearance_at
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.frontier.config import FrontierConfig
 from anm_mj.planning.policies.frontier.policy import Frontier, frontiers
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2, StopReason, TopDownMap
 from tests.box_room import CAMERA, camera_pose, room_depth
@@ -76,7 +77,7 @@ def test_the_nearest_reachable_place_stays_on_the_robots_side_of_a_wall():
 
 
 def test_a_choice_is_a_way_over_free_ground_a_look_and_a_limit_of_ten_steps():
-    policy = Frontier(PlanningConfig(), FOOTPRINT, 0)
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
     first = look(Pose2(0.0, 0.0, 0.0))
     policy.observe(first)
 
@@ -91,7 +92,7 @@ def test_a_choice_is_a_way_over_free_ground_a_look_and_a_limit_of_ten_steps():
 
 
 def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_once_looked_at(monkeypatch):
-    policy = Frontier(PlanningConfig(), FOOTPRINT, 0)
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
     topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9), (0.1, 0.1, 0.5, 1.1)])
     monkeypatch.setattr(policy._grid, "topdown", lambda: topdown)
     world = BoxWorld((1.0, 1.0), [])
@@ -106,7 +107,7 @@ def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_o
 
 
 def test_of_the_only_frontier_no_more_is_given_up_than_was_tried(monkeypatch):
-    policy = Frontier(PlanningConfig(), FOOTPRINT, 0)
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
     topdown = hall(unknown=[(0.1, 0.1, 5.9, 0.8), (4.5, 0.1, 5.9, 2.9)])
     monkeypatch.setattr(policy._grid, "topdown", lambda: topdown)
     world = BoxWorld((1.0, 1.0), [])
@@ -121,7 +122,7 @@ def test_of_the_only_frontier_no_more_is_given_up_than_was_tried(monkeypatch):
 
 
 def test_a_room_seen_to_the_last_corner_is_complete():
-    policy = Frontier(PlanningConfig(), FOOTPRINT, 0, range_m=10.0)
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig(range_m=10.0)))
     for k in range(36):
         policy.observe(look(Pose2(0.0, 0.0, math.radians(10 * k))))
 
@@ -132,11 +133,11 @@ def test_a_room_seen_to_the_last_corner_is_complete():
 
 
 def test_a_refused_step_closes_the_place_it_led_to():
-    policy = Frontier(PlanningConfig(), FOOTPRINT, 0)
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
     first = look(Pose2(0.0, 0.0, 0.0))
     policy.observe(first)
 
-    policy.blocked(first.pose, Action.MOVE_FORWARD)
+    policy.on_collision(first.pose, Action.MOVE_FORWARD)
     topdown = policy.plan(BoxWorld((1.0, 1.0), []), first).topdown
 
     assert topdown is not None

@@ -1,10 +1,10 @@
 import numpy as np
 
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
 from anm_mj.types import Pose2
 
-CONFIG = PlanningConfig()
+CONFIG = GvgConfig()
 THERE, ELSEWHERE = Pose2(1.0, 2.0, 0.0), Pose2(5.0, 2.0, 0.0)
 
 

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.gvg import information_gain as gain
+from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import GainCaster, view_sums
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room
@@ -13,7 +13,7 @@ ALL = np.array([-50.0, -50.0]), np.array([50.0, 50.0])
 
 
 def caster_of(grid):
-    caster = GainCaster(PlanningConfig(), 1.25)
+    caster = GainCaster(GvgConfig(), 1.25)
     caster.view.update(grid, *ALL)
     return caster
 

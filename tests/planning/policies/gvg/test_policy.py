@@ -1,6 +1,7 @@
 import numpy as np
 
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.policy import Gvg
 from anm_mj.types import Footprint, Observation, Pose2, StopReason
 from tests.box_room import CAMERA, camera_pose, room_depth
@@ -16,7 +17,7 @@ def look(pose: Pose2) -> Observation:
 
 def test_a_plan_that_has_been_followed_is_not_gone_on_with_although_its_target_was_noted_elsewhere(monkeypatch):
     world = room(8, 4, unknown=[(5.2, 0.2, 8.2, 4.2)])
-    policy = Gvg(PlanningConfig(gvg_bootstrap_turns=0), Footprint(0.18, 0.05, 1.35), 0)
+    policy = Gvg(PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(bootstrap_turns=0)))
     first = policy.plan(world, look(Pose2(1.5, 2.0, 2.0)))
     assert policy._ledger.target_xy_m is not None
     policy._ledger.target_xy_m = policy._ledger.target_xy_m + 0.4
@@ -33,7 +34,9 @@ def test_in_a_lull_crumbs_are_left_and_a_tour_that_promises_more_is_gone_on_with
     world = room(8, 4, unknown=[(5.2, 0.2, 8.2, 4.2)])
     ends = {}
     for lull, crumbs_m2 in ((True, 1000.0), (True, 0.01), (False, 1000.0)):
-        policy = Gvg(PlanningConfig(gvg_bootstrap_turns=0, lull_gain_m2=crumbs_m2), Footprint(0.18, 0.05, 1.35), 0)
+        policy = Gvg(
+            PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(bootstrap_turns=0, stagnation_gain_m2=crumbs_m2))
+        )
         monkeypatch.setattr(policy._progress, "is_lull", lambda lull=lull: lull)
         ends[lull, crumbs_m2] = policy.plan(world, look(Pose2(1.5, 2.0, 2.0)))
 

@@ -1,11 +1,11 @@
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.stagnation import LEAST_STEPS, USEFUL_SHARE, Progress
 
 
 def progress(*seen):
-    record = Progress(PlanningConfig(lull_share=0.1))
+    record = Progress(GvgConfig(stagnation_share=0.1))
     for step, seen_m2 in seen:
         record.note(step, seen_m2)
     return record

@@ -8,8 +8,9 @@ import pytest
 import torch
 
 from anm_mj.errors import PlanError
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import clearance_at
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.upen.config import UpenConfig
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
     CROP_CELLS,
@@ -136,7 +137,7 @@ def test_a_tree_stays_on_passable_ground_and_counts_its_hops():
 def test_the_path_taken_is_clear_and_the_same_for_the_same_seed():
     plans = []
     for _ in range(2):
-        policy = Upen(PlanningConfig(), FOOTPRINT, 5)
+        policy = Upen(PolicyContext(FOOTPRINT, UpenConfig(), seed=5))
         for k in range(4):
             policy.observe(look(Pose2(0.0, 0.0, math.radians(90 * k))))
         plans.append(policy.plan(BoxWorld((1.0, 1.0), []), look(Pose2(0.0, 0.0, 0.0))))

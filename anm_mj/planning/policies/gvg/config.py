@@ -1,0 +1,78 @@
+"""Settings of the gvg policy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from anm_mj.errors import PlanError
+from anm_mj.utils.settings import check_settings, moved_from, setting
+
+
+@dataclass(frozen=True)
+class GvgConfig:
+    """What the policy expects of views, how it searches for tours, and when it keeps or ends them."""
+
+    bootstrap_turns: int = setting(27, at_least=0)
+    """Turns of the first rotation, of 10 degrees each: three quarters of a turn show all to a view of 90 degrees."""
+    gain_range_m: float = setting(4.5, at_least=0.5)
+    """A view is expected to show surface up to this distance [m]."""
+    num_azimuths: int = 36
+    """Directions in which gain is cast about a place."""
+    num_elevations: int = 12
+    """Elevations within the camera's vertical field of view."""
+    candidate_spacing_m: float = 0.5
+    """Candidate vertices lie at least this far apart [m]."""
+    shortlist_spacing_m: float = 1.0
+    """No two places that tours are searched among lie in the same square of this side [m]."""
+    max_candidates: int = 16
+    """Most places that tours are searched among."""
+    tour_depth: int = 4
+    """Most stops of a tour."""
+    tour_width: int = 4
+    """Tours kept at each depth of the beam search."""
+    discount_steps: float = 100.0
+    """Gain after this many steps counts 1/e; longer where most of the gain lies farther away [steps]."""
+    min_gain_m2: float = 0.1
+    """Views with less expected new surface than this count nothing [m2]."""
+    min_rate_m2: float = 0.002
+    """Tours with less expected new surface per step than this are not worth their steps [m2 per step]."""
+    poor_target_m2: float = 0.12
+    """A target that brought less new surface than this is poor [m2]."""
+    patience_targets: int = 4
+    """After so many poor targets in a row nothing more is expected of small gains."""
+    large_gain_m2: float = 1.5
+    """For an expected gain larger than this the patience is twice as long [m2]."""
+    stagnation_share: float = 0.1
+    """The run stagnates when the last so large a share of all steps showed next to nothing new."""
+    stagnation_gain_m2: float = 2.5
+    """While the run stagnates, a tour needs this much expected new surface [m2]."""
+    hysteresis: float = 1.25
+    """A new target must score this many times the present one to replace it."""
+    replan_steps: int = 8
+    """The policy decides anew after this many steps."""
+    replan_gain_m2: float = 1.0
+    """While less new surface than this was seen since the last full decision, the plan is kept [m2]."""
+    max_plan_reuse: int = 8
+    """After so many reuses of a plan a full decision is due."""
+
+    FORMER_NAMES: ClassVar[dict[str, str]] = {
+        "planning.gvg_bootstrap_turns": "bootstrap_turns",
+        "planning.lull_share": "stagnation_share",
+        "planning.lull_gain_m2": "stagnation_gain_m2",
+        "planning.news_m2": "replan_gain_m2",
+        "planning.keep_decisions": "max_plan_reuse",
+    } | moved_from(
+        "planning",
+        *("gain_range_m", "num_azimuths", "num_elevations", "candidate_spacing_m", "shortlist_spacing_m"),
+        *("max_candidates", "tour_depth", "tour_width", "discount_steps", "min_gain_m2", "min_rate_m2"),
+        *("poor_target_m2", "patience_targets", "large_gain_m2", "hysteresis", "replan_steps"),
+    )
+
+    def __post_init__(self) -> None:
+        """Check the limits.
+
+        Raises:
+            PlanError: a value lies outside of its limits.
+        """
+        check_settings(self, "policy", PlanError)

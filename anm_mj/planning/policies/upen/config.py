@@ -1,0 +1,36 @@
+"""Settings of the upen policy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from anm_mj.errors import PlanError
+from anm_mj.types import FORWARD_STEP_M
+from anm_mj.utils.settings import check_settings, setting
+
+
+@dataclass(frozen=True)
+class UpenConfig:
+    """The random tree that the policy grows, and how long it follows a path."""
+
+    range_m: float = 10.0
+    """Depth beyond this is left out of the policy's own grid [m]."""
+    num_samples: int = 2500
+    """Samples that the tree is grown towards."""
+    hop_m: float = 0.25
+    """Length of an edge of the tree [m]."""
+    num_hops: int = 10
+    """Edges of the paths that are compared."""
+    replan_steps: int = round(10 * 0.25 / FORWARD_STEP_M)
+    """The policy decides anew after this many steps: the length of ten of the original's steps of 25 cm, which is about
+    the length of a path. After ten steps of 6.5 cm the robot would turn to one path after the other and follow none."""
+    max_occupied_probability: float = setting(0.5, at_most=1.0)
+    """Paths avoid unknown cells whose mean predicted probability of an obstacle is higher."""
+
+    def __post_init__(self) -> None:
+        """Check the limits.
+
+        Raises:
+            PlanError: a value lies outside of its limits.
+        """
+        check_settings(self, "policy", PlanError)

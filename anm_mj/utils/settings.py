@@ -1,0 +1,87 @@
+"""Settings in frozen dataclasses: each field declares its limits, and one function checks them all.
+
+A number must be finite and above zero unless its field says otherwise with :func:`setting`. A configuration may also
+declare ``FORMER_NAMES: ClassVar[dict[str, str]]``, from the names that older versions used to the present ones, so that
+old commands and old ``config.json`` files stay readable. A key with a dot names a setting of another group: a policy
+that took ``planning.tour_depth`` over declares ``{"planning.tour_depth": "tour_depth"}``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+_LIMITS = "limits"
+
+
+@dataclass(frozen=True)
+class _Limits:
+    at_least: float | None = None
+    above: float = 0.0
+    at_most: float = math.inf
+    below: float = math.inf
+    choices: tuple[str, ...] = ()
+
+    def hold(self, value: Any) -> bool:
+        """Whether a value is one of the choices, or a number within the limits."""
+        if isinstance(value, bool | str):
+            return not self.choices or value in self.choices
+        above_low = value > self.above if self.at_least is None else value >= self.at_least
+        return math.isfinite(value) and above_low and value <= self.at_most and value < self.below
+
+    def __str__(self) -> str:
+        """What a value must be, for a message."""
+        if self.choices:
+            return f"one of {', '.join(self.choices)}"
+        if self.at_least is None:
+            low = "above zero" if self.above == 0.0 else f"above {self.above:g}"
+        else:
+            low = f"at least {self.at_least:g}"
+        high = [f"at most {self.at_most:g}"] if self.at_most < math.inf else []
+        high += [f"below {self.below:g}"] if self.below < math.inf else []
+        return " and ".join([f"a number {low}", *high])
+
+
+def setting(
+    default: T,
+    *,
+    at_least: float | None = None,
+    above: float = 0.0,
+    at_most: float = math.inf,
+    below: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> T:
+    """A dataclass field with limits.
+
+    Args:
+        default: the value that holds without another.
+        at_least: smallest number allowed; None = all above ``above``.
+        above: numbers must be larger than this; not used where ``at_least`` is given.
+        at_most: largest number allowed.
+        below: numbers must be smaller than this.
+        choices: the texts allowed; empty = any.
+    """
+    return field(default=default, metadata={_LIMITS: _Limits(at_least, above, at_most, below, choices)})
+
+
+def moved_from(group: str, *names: str) -> dict[str, str]:
+    """Entries of ``FORMER_NAMES`` for settings that stood in another group under the same name."""
+    return {f"{group}.{name}": name for name in names}
+
+
+def check_settings(config: Any, group: str, error: type[Exception]) -> None:
+    """Check every field of a configuration against its limits.
+
+    Args:
+        config: a dataclass of numbers, booleans and texts.
+        group: what precedes a field's name in messages, such as ``planning``.
+        error: raised with a message that names the setting, its value and what it must be.
+    """
+    for entry in fields(config):
+        value, limits = getattr(config, entry.name), entry.metadata.get(_LIMITS, _Limits())
+        if not limits.hold(value):
+            text = f"'{value}'" if isinstance(value, str) else value
+            raise error(f"{group}.{entry.name} is {text}; it must be {limits}.")
