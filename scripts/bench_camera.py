@@ -98,8 +98,8 @@ def measure(scene: Scene, steps: int) -> list[Row]:
 
     from anm_mj.scene.build import build_spec
     from anm_mj.sim.camera import RgbdCamera
-    from anm_mj.sim.camera_factory import embree_installed
     from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
+    from anm_mj.utils.raycast import embree_installed
 
     spec = build_spec(scene)
     if scene.num_triangles < MIN_TRIANGLES:

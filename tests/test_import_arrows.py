@@ -16,7 +16,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "types": set(),
     "frames": {"types"},
     "errors": set(),
-    "utils": set(),
+    "utils": {"errors"},
     "geometry": {"types", "frames"},
     "protocols": {"types"},
     "scene": _BASE,

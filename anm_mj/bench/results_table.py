@@ -19,6 +19,7 @@ from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.io.read_run import read_json
 from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.registry import needs_truth
+from anm_mj.utils.files import atomic_write
 
 USUAL_PRESET = "default"
 """Goes without saying in the name of what is compared."""
@@ -134,10 +135,8 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write rows; what is missing or not finite becomes an empty cell."""
-    unfinished = path.with_name(path.name + ".part")
-    with unfinished.open("w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(rows[0])
         for row in rows:
             writer.writerow("" if cell is None else cell for cell in json.loads(json.dumps(to_json(row))).values())
-    unfinished.replace(path)

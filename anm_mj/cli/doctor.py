@@ -6,7 +6,6 @@ process, a torch that does not find its libraries.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import platform
@@ -26,6 +25,7 @@ from rich.text import Text
 from anm_mj.errors import RenderError
 from anm_mj.io.manifest import cpu_model
 from anm_mj.sim.gl import ProbeError, forget_backend, probe, select_backend
+from anm_mj.utils.raycast import embree_installed
 
 MIN_PYTHON = (3, 11)
 MIN_MEMORY_MIB = 3072
@@ -184,7 +184,7 @@ def _graphics(backends: list[Check]) -> list[Check]:
         return [*backends, Check("pictures by", State.BAD, "nothing", str(err))]
     if chosen.name == "off":
         advice = "Install what is missing above." if chosen.attempts else "MUJOCO_GL turns GL off: unset it."
-        if importlib.util.find_spec("embreex") is not None:
+        if embree_installed():
             return [*backends, Check("pictures by", State.NOTE, "Embree's rays, without GL", advice)]
         found = "MuJoCo's rays, tenths of a second each, one colour per mesh"
         return [*backends, Check("pictures by", State.NOTE, found, f"{advice} Or pip install 'anm-mj[embree]'.")]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.errors import RunFolderError, SceneError
+from anm_mj.errors import SceneError
 from anm_mj.evaluation.coverage import COVERED_M, uncapped_completion_cm
 from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.depth import back_project_reduced
@@ -31,6 +31,7 @@ from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import write_json
+from anm_mj.io.write import writing
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.viz.plots import draw_curve
@@ -87,7 +88,7 @@ def write_results(
     covered = curve.distance_m < COVERED_M
     mesh = mesh_quality(*read_mesh(folder.mesh), truth, covered) if folder.mesh.is_file() else None
     metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, novel_views)
-    try:
+    with writing(folder.path):
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         folder.curve.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
         draw_curve(
@@ -97,8 +98,6 @@ def write_results(
             np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
             title=folder.path.name,
         )
-    except OSError as err:
-        raise RunFolderError(f"{folder.path} cannot be written ({err.strerror}); free some space.") from err
     write_json(folder.metrics, metrics)
     return metrics
 

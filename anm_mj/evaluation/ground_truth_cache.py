@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
-import uuid
 from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +20,11 @@ from anm_mj.evaluation import observable
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth
 from anm_mj.evaluation.observable import ReachableArea, observable_samples
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
-from anm_mj.evaluation.raycast import RayCaster, can_cast_rays
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import scene_area
 from anm_mj.types import Footprint, Pose2
+from anm_mj.utils.files import cache_folder, store_in_cache
+from anm_mj.utils.raycast import RayCaster, embree_installed
 
 _logger = logging.getLogger(__name__)
 
@@ -57,18 +57,20 @@ def cached_ground_truth(
         SceneError: The scene has no surface, or next to no floor.
     """
     truth = GroundTruth.sample(*scene.triangles(), num_samples)
-    if not can_cast_rays():
+    if not embree_installed():
         _logger.warning(
             "What can be seen at all is not computed, because embreex is not installed; "
             "it comes with pip install 'anm-mj[embree]'."
         )
         return truth
     area = reachable_area(scene, footprint, start)
-    path = cache_folder() / f"{_key(scene, truth.samples, area, camera)}.npy"
+    path = cache_folder("observable") / f"{_key(scene, truth.samples, area, camera)}.npy"
     kept = _load(path, len(truth.samples))
     if kept is None:
         kept = observable_samples(truth.samples, RayCaster(*scene.triangles()), area, camera, on_progress)
-        _store(path, kept)
+        content = BytesIO()
+        np.save(content, np.packbits(kept))
+        store_in_cache(path, content.getvalue())
     return replace(truth, observable=kept)
 
 
@@ -84,11 +86,6 @@ def reachable_area(scene: Scene, footprint: Footprint, start: Pose2) -> Reachabl
     nearest_m = [float(np.linalg.norm(xy - start.xy_m, axis=1).min()) for xy in places]
     reachable = area.component == 1 + int(np.argmin(nearest_m))
     return ReachableArea(reachable, area.grid.origin_xy_m, area.grid.resolution_m)
-
-
-def cache_folder() -> Path:
-    """Where observable surfaces are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / "observable"
 
 
 def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: ReachableArea, camera: CameraExtrinsics) -> str:
@@ -108,15 +105,3 @@ def _load(path: Path, num_samples: int) -> Bool[np.ndarray, " n"] | None:
     except (OSError, ValueError, EOFError):
         return None
     return np.unpackbits(kept)[:num_samples].astype(bool) if kept.nbytes == (num_samples + 7) // 8 else None
-
-
-def _store(path: Path, kept: Bool[np.ndarray, " n"]) -> None:
-    unfinished = path.with_name(f"{path.stem}-{uuid.uuid4().hex}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished.open("wb") as file:
-            np.save(file, np.packbits(kept))
-        unfinished.replace(path)
-    except OSError as err:
-        _logger.debug("the observable surface was not kept: %s", err)
-        unfinished.unlink(missing_ok=True)

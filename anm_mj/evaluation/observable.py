@@ -26,7 +26,7 @@ from scipy.spatial import KDTree
 from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, CameraExtrinsics, PixelRays
-from anm_mj.evaluation.raycast import RayCaster
+from anm_mj.utils.raycast import RayCaster
 
 NUM_ROUNDS = 288
 """Places proposed for each sample, once about it and once near a neighbour's place of view."""

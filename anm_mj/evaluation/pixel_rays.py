@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from anm_mj.evaluation.depth import MAX_DEPTH_M, kept_pixels
-from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import pose_matrix
 from anm_mj.types import TURN_STEP_RAD, Intrinsics, Pose2
+from anm_mj.utils.raycast import RayCaster
 
 NUM_YAWS = round(math.tau / TURN_STEP_RAD)
 """Directions that a robot which turns by whole steps can look in."""

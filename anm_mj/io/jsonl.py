@@ -1,4 +1,4 @@
-"""Text files that grow by a line at a time and are whole up to the last line, whatever ends the run."""
+"""Text files written line by line: a killed run keeps every complete line."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.to_json import to_json
+from anm_mj.io.write import writing
 
 
 class LineWriter:
-    """Appends lines to a new file and hands each to the system at once.
+    """Appends lines to a new file and flushes after each.
 
     Raises:
         RunFolderError: The file cannot be made or written.
@@ -19,18 +20,14 @@ class LineWriter:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        try:
+        with writing(path):
             self._file = path.open("w", encoding="utf-8", newline="\n")
-        except OSError as err:
-            raise self._error(err) from err
 
     def line(self, text: str) -> None:
         """Append a line of text."""
-        try:
+        with writing(self._path):
             self._file.write(text + "\n")
             self._file.flush()
-        except OSError as err:
-            raise self._error(err) from err
 
     def json(self, value: object) -> None:
         """Append a value as one line of JSON."""
@@ -46,12 +43,9 @@ class LineWriter:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _error(self, err: OSError) -> RunFolderError:
-        return RunFolderError(f"{self._path} cannot be written ({err.strerror}); free some space or choose another.")
-
 
 def read_json_lines(path: Path) -> list[dict[str, Any]]:
-    """All whole lines of a file; a last line that a killed run left unfinished is left out.
+    """All complete lines of a file; an incomplete last line, as a killed run leaves it, is skipped.
 
     Raises:
         RunFolderError: A line before the last is not JSON.

@@ -1,4 +1,4 @@
-"""The mesh out of the neural map, as a PLY file with colours."""
+"""The mesh of the neural map as a PLY file with colours."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import trimesh
 from jaxtyping import Float, Int
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.write import writing
+from anm_mj.utils.files import atomic_write
 
 logger = logging.getLogger(__name__)
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
-    """Write a mesh, whole or not at all; one without faces is not written, and that is logged.
+    """Write a mesh, whole or not at all; a mesh without faces is logged and not written.
 
     Raises:
         RunFolderError: The file cannot be written.
@@ -23,12 +25,8 @@ def write_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
     if len(mesh.faces) == 0:
         logger.warning("The neural map holds no surface, so %s is not written.", path.name)
         return
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        mesh.export(unfinished, file_type="ply")
-        unfinished.replace(path)
-    except OSError as err:
-        raise RunFolderError(f"{path} cannot be written ({err.strerror}); free some space.") from err
+    with writing(path), atomic_write(path) as partial:
+        mesh.export(partial, file_type="ply")
     logger.info("Wrote %s: %d vertices, %d faces.", path, len(mesh.vertices), len(mesh.faces))
 
 

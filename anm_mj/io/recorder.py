@@ -6,8 +6,7 @@ import math
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -17,7 +16,6 @@ import trimesh
 from jaxtyping import Float
 from PIL import Image
 
-from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import write_results
@@ -27,6 +25,7 @@ from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import write_json
+from anm_mj.io.write import writing
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, Region, StopReason, TopDownMap, VoronoiGraph
 from anm_mj.viz.plots import draw_topdown
 
@@ -89,7 +88,7 @@ class RunRecorder:
         self._folder = folder
         self._true_view = true_view
         self._truth = truth
-        with _writing(folder.ground_truth):
+        with writing(folder.ground_truth):
             truth.save(folder.ground_truth)
         self._steps = LineWriter(folder.steps)
         self._plans = LineWriter(folder.plans)
@@ -124,11 +123,9 @@ class RunRecorder:
             _write_camera(self._folder.camera, observation)
         depth_mm = reduce_depth(observation.depth_m)
         path = self._folder.depth(observation.step)
-        try:
+        with writing(path):
             # The lowest compression: a fifth larger than the highest, at a fraction of its time.
             Image.fromarray(depth_mm).save(path, compress_level=1)
-        except OSError as err:
-            raise RunFolderError(f"{path} cannot be written ({err.strerror}); free some space.") from err
         pose = observation.pose
         true_pose, T_true_camera = pose, observation.T_world_camera
         line = {
@@ -211,11 +208,11 @@ class RunRecorder:
         self.close()
         # First what nobody could compute again, then what may take long: a run killed in between has lost nothing.
         write_json(self._folder.metrics, summary)
-        with _writing(self._folder.map):
+        with writing(self._folder.map):
             finished.save(self._folder.map)
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
-        with _writing(self._folder.topdown_picture):
+        with writing(self._folder.topdown_picture):
             draw_topdown(
                 self._folder.topdown_picture,
                 survey.topdown,
@@ -277,12 +274,3 @@ def _write_camera(path: Path, observation: Observation) -> None:
 def _title(name: str, metrics: Metrics) -> str:
     seen = "" if metrics.completion_ratio is None else f", {metrics.completion_ratio:.1f} % complete"
     return f"{name}{seen}, {metrics.steps} steps, {metrics.path_m:.1f} m"
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Say which file could not be written, as on a full disk; torch reports that as a RuntimeError."""
-    try:
-        yield
-    except (OSError, RuntimeError) as err:
-        raise RunFolderError(f"{path} cannot be written ({err}); free some space.") from err

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.to_json import write_json
+from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation, Pose2
 
 DEPTH_UNIT_M = 0.001
@@ -126,13 +127,11 @@ class SequenceWriter:
         name = f"{self._frames:06d}.png"
         steps = np.nan_to_num(observation.depth_m / DEPTH_UNIT_M, nan=0.0)
         depth = np.where(steps > np.iinfo(np.uint16).max, 0.0, np.round(steps)).astype(np.uint16)
-        try:
+        with writing(self._path):
             Image.fromarray(depth).save(self._path / "depth" / name, compress_level=1)
             Image.fromarray(observation.rgb).save(self._path / "rgb" / name, compress_level=1)
             with (self._path / "poses.tum").open("a", encoding="utf-8") as file:
                 file.write(_tum_line(observation.time_s, observation.T_world_camera) + "\n")
-        except OSError as err:
-            raise RunFolderError(f"{self._path} cannot be written ({err.strerror}); free some space.") from err
         self._frames += 1
 
 

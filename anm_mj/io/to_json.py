@@ -1,11 +1,10 @@
-"""Any of our values as plain JSON: dataclasses, enums, paths, arrays; what is not finite becomes null."""
+"""Dataclasses, enums, paths and arrays as plain JSON; NaN and infinity become null."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
-import os
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
@@ -13,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.errors import RunFolderError
+from anm_mj.io.write import writing
+from anm_mj.utils.files import atomic_write
 
 
 def to_json(value: object) -> Any:
-    """The value in dicts, lists, strings, numbers and None; whole numbers stay whole, floats keep every digit."""
+    """A value as dicts, lists, strings, numbers and None; integers stay integers, floats keep every digit."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Enum):
@@ -36,14 +36,10 @@ def to_json(value: object) -> Any:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write a value to a file, whole or not at all.
+    """Write a value as JSON, whole or not at all.
 
     Raises:
         RunFolderError: The file cannot be written.
     """
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        unfinished.write_text(json.dumps(to_json(value), indent=2) + "\n", encoding="utf-8")
-        os.replace(unfinished, path)
-    except OSError as err:
-        raise RunFolderError(f"{path} cannot be written ({err.strerror}); free some space or choose another.") from err
+    with writing(path), atomic_write(path) as partial:
+        partial.write_text(json.dumps(to_json(value), indent=2) + "\n", encoding="utf-8")

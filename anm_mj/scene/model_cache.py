@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import uuid
 import zlib
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anm_mj.scene.folder import Scene
+from anm_mj.utils.files import cache_folder
 
 if TYPE_CHECKING:
     import mujoco
@@ -62,11 +61,6 @@ def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[],
     return model
 
 
-def cache_folder() -> Path:
-    """Where models are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / "models"
-
-
 def _key(scene: Scene, robot_hash: str, prefix: str) -> str:
     """A name for everything that the model is made from."""
     import mujoco
@@ -81,7 +75,7 @@ def _load(key: str) -> mujoco.MjModel | None:
     """The model kept under a key, or None if there is none that is whole."""
     import mujoco
 
-    for path in cache_folder().glob(f"{key}-*.mjb"):
+    for path in cache_folder("models").glob(f"{key}-*.mjb"):
         try:
             if f"{zlib.crc32(path.read_bytes()):08x}" == path.stem.rpartition("-")[2]:
                 model = mujoco.MjModel.from_binary_path(str(path))
@@ -97,7 +91,7 @@ def _store(key: str, model: mujoco.MjModel) -> None:
     """Keep a model, and forget those that were used longest ago."""
     import mujoco
 
-    folder = cache_folder()
+    folder = cache_folder("models")
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / f".{uuid.uuid4().hex}"
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import logging
 from typing import Protocol, runtime_checkable
 
@@ -15,6 +14,7 @@ from anm_mj.sim.gl import GlBackend, require_unforked
 from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
 from anm_mj.sim.render_mesh import still_meshes, visible_geoms
 from anm_mj.types import Intrinsics
+from anm_mj.utils.raycast import embree_installed
 
 _logger = logging.getLogger(__name__)
 
@@ -92,8 +92,3 @@ def camera_kind(model: mujoco.MjModel, backend: GlBackend) -> str:
     if embree and software and int(model.mesh_facenum[model.geom_dataid[geoms]].sum()) >= EMBREE_FROM_TRIANGLES:
         return EmbreeCamera.kind
     return RgbdCamera.kind
-
-
-def embree_installed() -> bool:
-    """Whether the extra ``embree`` is there."""
-    return importlib.util.find_spec("embreex") is not None

@@ -16,11 +16,11 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 from anm_mj.errors import RenderError
+from anm_mj.utils.files import cache_folder, store_in_cache
 
 _logger = logging.getLogger(__name__)
 
@@ -144,14 +144,7 @@ def _probe_cached(name: str) -> str:
     except (OSError, ValueError, KeyError):
         pass
     renderer_string = probe(name)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Several processes may probe at once (parallel tests): each replaces the file as a whole.
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-            json.dump({"backend": name, "renderer": renderer_string}, file)
-        os.replace(file.name, path)
-    except OSError as err:
-        _logger.debug("the GL probe's result could not be cached in %s: %s", path, err)
+    store_in_cache(path, json.dumps({"backend": name, "renderer": renderer_string}).encode())
     return renderer_string
 
 
@@ -171,8 +164,7 @@ def _cache_path(name: str) -> Path:
         os.environ.get("PYOPENGL_PLATFORM", ""),
         os.environ.get("DISPLAY", ""),
     )
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "anm_mj" / f"gl-{name}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.json"
+    return cache_folder() / f"gl-{name}-{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.json"
 
 
 def probe(name: str) -> str:

@@ -17,6 +17,7 @@ from anm_mj.sim.camera import VISIBLE_GROUPS, perspective_camera_id
 from anm_mj.sim.mipmap import Texels
 from anm_mj.sim.render_mesh import drawn_mesh, mean_colours, still_meshes, visible_geoms
 from anm_mj.types import Intrinsics
+from anm_mj.utils.raycast import RayCaster
 
 
 class _RayCamera:
@@ -73,17 +74,12 @@ class EmbreeCamera(_RayCamera):
             RenderError: if there is no such camera, or something visible is not a mesh that stands still.
         """
         super().__init__(model, camera_name, width, height)
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
         geoms = visible_geoms(model, visible_groups)
         if not len(geoms) or not still_meshes(model, geoms).all():
             raise RenderError("Embree sees meshes that stand still only; use RayCamera or RgbdCamera for this model.")
         mesh = drawn_mesh(model, geoms)
         self._mesh = mesh
-        self._scene = EmbreeScene()
-        # Embree reads the mesh's own memory, which must live as long as the scene.
-        self._embree_mesh = TriangleMesh(self._scene, mesh.vertices_m, mesh.faces)
+        self._rays = RayCaster(mesh.vertices_m, mesh.faces)
         self._texels = Texels(mesh.textures)
         self._texels_per_m = _texels_per_m(mesh.vertices_m[mesh.faces], mesh.uv, mesh.texture, self._texels)
         self._pixel_size = np.float32(1.0 / self._intrinsics.fy)
@@ -101,7 +97,7 @@ class EmbreeCamera(_RayCamera):
         directions = (self._directions @ T_world_camera[:3, :3].T).astype(np.float32)
         # Rays begin at the near plane, before which GL draws nothing either.
         origins = (T_world_camera[:3, 3] + self._znear_m * directions).astype(np.float32)
-        hits = self._scene.run(origins, directions, query="INTERSECT", output=True)
+        hits = self._rays.hits(origins, directions)
         depth_m = hits["tfar"] + np.float32(self._znear_m)
         face = hits["primID"]
         missed = (face < 0) | (depth_m > self._zfar_m)

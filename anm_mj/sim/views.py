@@ -13,10 +13,11 @@ from jaxtyping import Float32, UInt8
 from anm_mj.scene.build import build_spec, compile_scene
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.camera import RgbdCamera
-from anm_mj.sim.camera_factory import Camera, embree_installed, make_camera
+from anm_mj.sim.camera_factory import Camera, make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
 from anm_mj.types import Pose2
+from anm_mj.utils.raycast import embree_installed
 
 EYE_HEIGHT_M = 1.25
 _CUT_M = 2.0

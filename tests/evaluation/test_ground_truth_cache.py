@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation import ground_truth_cache as module
-from anm_mj.evaluation.ground_truth_cache import cache_folder, reachable_area
+from anm_mj.evaluation.ground_truth_cache import reachable_area
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.frames import pose_matrix
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Pose2
+from anm_mj.utils.files import cache_folder
 from tests.evaluation.test_observable import CAMERA, T_BASE_CAMERA, box, joined
 
 FOOTPRINT = Footprint(radius_m=0.2, z_min_m=0.05, z_max_m=1.35)
@@ -64,13 +65,13 @@ def test_the_second_call_reads_what_the_first_one_kept(scene):
     assert computed > 0
     assert len(told) == computed
     assert np.array_equal(first.observable, again.observable)
-    assert len(list(cache_folder().iterdir())) == 1
+    assert len(list(cache_folder("observable").iterdir())) == 1
 
 
 def test_a_damaged_file_is_computed_anew(scene):
     camera = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
     first = cached_ground_truth(scene, FOOTPRINT, camera, START)
-    (kept,) = cache_folder().iterdir()
+    (kept,) = cache_folder("observable").iterdir()
     kept.write_bytes(kept.read_bytes()[:100])
 
     again = cached_ground_truth(scene, FOOTPRINT, camera, START)
@@ -106,7 +107,7 @@ def test_extrinsics_are_the_same_from_every_pose(scene):
 
 
 def test_without_embree_it_is_said_and_left_open(scene, monkeypatch, caplog):
-    monkeypatch.setattr(module, "can_cast_rays", lambda: False)
+    monkeypatch.setattr(module, "embree_installed", lambda: False)
 
     truth = cached_ground_truth(scene, FOOTPRINT, CameraExtrinsics(CAMERA, T_BASE_CAMERA), START)
 

@@ -8,9 +8,9 @@ from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import sample_surface
 from anm_mj.evaluation.observable import ReachableArea, observable_samples
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics, PixelRays
-from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import pixel_directions, pose_matrix
 from anm_mj.types import Intrinsics, Pose2
+from anm_mj.utils.raycast import RayCaster
 
 CAMERA = Intrinsics.from_fov(32, 32, math.pi / 2.0)
 T_BASE_CAMERA = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.25], [0.0, 0.0, 0.0, 1.0]])

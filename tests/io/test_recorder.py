@@ -24,7 +24,7 @@ def test_finished_run_leaves_every_file_of_the_contract(tmp_path):
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names >= {"steps.jsonl", "plans.jsonl", "curve.csv", "metrics.json", "trajectory.tum", "mesh.ply", "map.pt"}
     assert names >= {"topdown.png", "curve.png", "depth", "frames.jsonl", "camera.json", "ground_truth.npz"}
-    assert not [name for name in names if name.endswith(".part")]
+    assert not [name for name in names if name.startswith(".")]
     assert metrics.stop_reason == "BUDGET"
     assert metrics.hz == pytest.approx(5.0)
     assert (metrics.steps, metrics.turns, metrics.collisions) == (23, 16, 1)

@@ -13,10 +13,11 @@ from anm_mj.errors import RenderError
 from anm_mj.scene.build import build_spec
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.camera import RgbdCamera
-from anm_mj.sim.camera_factory import Camera, camera_kind, embree_installed, make_camera
+from anm_mj.sim.camera_factory import Camera, camera_kind, make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.sim.mipmap import Texels
 from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
+from anm_mj.utils.raycast import embree_installed
 
 _OFF = GlBackend("off", "", (("egl", "no display"),))
 _SOFTWARE = GlBackend("egl", "llvmpipe (LLVM 15)", ())

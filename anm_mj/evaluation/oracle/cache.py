@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
-import uuid
 from pathlib import Path
 
-from anm_mj.evaluation.ground_truth_cache import cache_folder
 from anm_mj.evaluation.oracle.tour import Stop
-
-_logger = logging.getLogger(__name__)
+from anm_mj.utils.files import cache_folder, store_in_cache
 
 
 def load_tour(key: bytes) -> list[Stop] | None:
@@ -25,16 +21,8 @@ def load_tour(key: bytes) -> list[Stop] | None:
 
 def store_tour(key: bytes, stops: list[Stop]) -> None:
     """Keep a tour; where that cannot be done it is found again the next time."""
-    path = _path(key)
-    unfinished = path.with_name(f"{path.stem}-{uuid.uuid4().hex}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished.write_text(json.dumps(stops), encoding="utf-8")
-        unfinished.replace(path)
-    except OSError as err:
-        _logger.debug("the tour was not kept: %s", err)
-        unfinished.unlink(missing_ok=True)
+    store_in_cache(_path(key), json.dumps(stops).encode())
 
 
 def _path(key: bytes) -> Path:
-    return cache_folder().parent / "oracle" / f"{hashlib.sha256(key).hexdigest()[:32]}.json"
+    return cache_folder("oracle") / f"{hashlib.sha256(key).hexdigest()[:32]}.json"

@@ -31,12 +31,12 @@ from anm_mj.evaluation.oracle.segments import NO_YAW, Pieces
 from anm_mj.evaluation.oracle.tour import MISSING_STEPS, WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
-from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.protocols import Mapper
 from anm_mj.types import TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopReason
+from anm_mj.utils.raycast import RayCaster
 from anm_mj.utils.settings import check_settings
 
 _logger = logging.getLogger(__name__)

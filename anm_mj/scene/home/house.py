@@ -30,7 +30,7 @@ def make_home(out: Path) -> Scene:
     """Write the house of seven rooms as a scene folder; the same bytes every time; about a minute.
 
     Raises:
-        SceneError: if embreex is missing or the folder cannot be written.
+        SceneError: if the folder cannot be written (RayCastError: embreex is missing).
     """
     parts = build(home_rooms(), home_doorways(), light_spacing_m=0.06, num_rays=64)
     info = SceneInfo("home", "anm_mj.scene.home", _LICENCE, rooms=len(home_rooms()), budget_steps=1000, cull_face=True)
@@ -41,7 +41,7 @@ def make_small_scene(out: Path) -> Scene:
     """Write a furnished scene of two rooms of 3 m by 3 m as a scene folder, quickly, for tests.
 
     Raises:
-        SceneError: if embreex is missing or the folder cannot be written.
+        SceneError: if the folder cannot be written (RayCastError: embreex is missing).
     """
     parts = build(small_rooms(), small_doorways(), light_spacing_m=0.3, num_rays=12, coarser=2.0)
     info = SceneInfo("small", "anm_mj.scene.home", _LICENCE, rooms=2, budget_steps=200, cull_face=True)
@@ -61,7 +61,7 @@ def build(
         coarser: Factor on the size of all texels.
 
     Raises:
-        SceneError: if embreex is missing.
+        RayCastError: if embreex is missing.
     """
     surfaces = furnished_rooms(rooms, doorways)
     corners = np.concatenate([surface.corners_m for surface in surfaces.values()])

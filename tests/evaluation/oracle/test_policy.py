@@ -17,7 +17,6 @@ from anm_mj.evaluation.oracle.segments import NO_YAW, Pieces
 from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.visibility import count, frame_bits, pack, unpack
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
-from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose, pose_matrix
 from anm_mj.planning.policies.context import PolicyContext
@@ -33,6 +32,7 @@ from anm_mj.types import (
     VoxelGrid,
     WheelSpeeds,
 )
+from anm_mj.utils.raycast import RayCaster
 from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 ROUNDS = 40

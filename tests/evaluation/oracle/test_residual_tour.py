@@ -8,9 +8,9 @@ from anm_mj.evaluation.oracle.residual_tour import exact_bits, finer_places
 from anm_mj.evaluation.oracle.roadmap import Ways
 from anm_mj.evaluation.oracle.visibility import count, unpack
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
-from anm_mj.evaluation.raycast import RayCaster
 from anm_mj.frames import pose_matrix
 from anm_mj.types import TURN_STEP_RAD, Pose2
+from anm_mj.utils.raycast import RayCaster
 from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 RNG_SEED = 5

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from anm_mj.errors import SceneError
+from anm_mj.utils.raycast import RayCaster
 
 _OFFSET_M = 0.004
 """Rays start this far off their surface, so that they do not hit it."""
@@ -49,18 +49,9 @@ class Lighting:
             num_rays: Rays per point for the ambient light; a sixth as many go to every light.
 
         Raises:
-            SceneError: if embreex is not installed.
+            RayCastError: if embreex is not installed.
         """
-        try:
-            from embreex.mesh_construction import TriangleMesh
-            from embreex.rtcore_scene import EmbreeScene
-        except ImportError as err:
-            raise SceneError(
-                "The house's light cannot be worked out without embreex: install it with `pip install anm-mj[embree]`."
-            ) from err
-        self._scene = EmbreeScene()
-        # embreex keeps no reference of its own to the mesh.
-        self._mesh = TriangleMesh(self._scene, triangles_m.astype(np.float32))
+        self._rays = RayCaster(triangles_m.reshape(-1, 3), np.arange(3 * len(triangles_m)).reshape(-1, 3))
         self._normals = np.cross(triangles_m[:, 1] - triangles_m[:, 0], triangles_m[:, 2] - triangles_m[:, 0])
         self._lights = lights
         self._num_rays = num_rays
@@ -87,7 +78,7 @@ class Lighting:
         num = 16
         directions = _hemisphere(normals, num, 0).reshape(-1, 3)
         origins = np.repeat(points_m + _OFFSET_M * normals, num, axis=0)
-        hit = self._scene.run(origins.astype(np.float32), directions.astype(np.float32), query="INTERSECT")
+        hit = self._rays.faces_hit(origins.astype(np.float32), directions.astype(np.float32))
         back = (hit < 0) | ((self._normals[hit] * directions).sum(axis=1) > 0.0)
         return back.reshape(-1, num).all(axis=1)
 
@@ -96,10 +87,9 @@ class Lighting:
     ) -> Float64[np.ndarray, " n"]:
         """Mean openness over the hemisphere, weighted by the cosine."""
         directions = _hemisphere(normals, self._num_rays, first)
-        distance = self._scene.run(
+        distance = self._rays.lengths(
             np.repeat(origins_m, self._num_rays, axis=0).astype(np.float32),
             directions.reshape(-1, 3).astype(np.float32),
-            query="DISTANCE",
         ).reshape(len(origins_m), -1)
         return (distance / (distance + _OPENNESS_M)).mean(axis=1, dtype=np.float64)
 
@@ -122,9 +112,7 @@ class Lighting:
                 -ray @ np.array(light.normal), 0.0, None
             )
             lit = weight > 1e-4
-            hit = self._scene.run(
-                origins_m[near][lit].astype(np.float32), ray[lit].astype(np.float32), query="DISTANCE"
-            )
+            hit = self._rays.lengths(origins_m[near][lit].astype(np.float32), ray[lit].astype(np.float32))
             seen = hit > distance[lit] - 0.03
             # The half metre squared keeps surfaces right beside a lamp from burning out.
             share = light.power * weight[lit] / (distance[lit] ** 2 + 0.25) / num

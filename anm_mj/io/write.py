@@ -1,0 +1,20 @@
+"""Errors of writing a run folder, as one sentence that names the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from anm_mj.errors import RunFolderError
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn errors of the system, such as a full disk, into a :class:`RunFolderError` that names ``path``."""
+    try:
+        yield
+    # torch reports a full disk as a RuntimeError.
+    except (OSError, RuntimeError) as err:
+        why = getattr(err, "strerror", None) or err
+        raise RunFolderError(f"{path} cannot be written ({why}); free some space or choose another folder.") from err

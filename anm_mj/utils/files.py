@@ -1,0 +1,45 @@
+"""Files that are written whole or not at all, and the user's cache folder."""
+
+from __future__ import annotations
+
+import logging
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_logger = logging.getLogger(__name__)
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside ``path``; the file written there replaces ``path`` if the block succeeds.
+
+    Other processes, and a killed run, never see half a file.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        yield partial
+        partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def cache_folder(name: str = "") -> Path:
+    """A folder in the user's cache (``XDG_CACHE_HOME`` or ``~/.cache``); its content may be deleted at any time."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / name
+
+
+def store_in_cache(path: Path, content: bytes) -> None:
+    """Write a file of the cache; an error is logged and has no other effect."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as partial:
+            partial.write_bytes(content)
+    except OSError as err:
+        _logger.debug("%s was not cached: %s", path, err)
