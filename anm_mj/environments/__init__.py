@@ -1,6 +1,6 @@
-"""Exploration as an environment to learn in: by dm_env (:mod:`anm_mj.environments.load`) and by Gymnasium.
+"""Exploration as a learning environment, for dm_env (:mod:`anm_mj.environments.load`) and Gymnasium.
 
-Importing this package registers ``AnmMj/Explore-v0`` with Gymnasium; it loads neither simulator nor renderer.
+The import registers ``AnmMj/Explore-v0`` with Gymnasium; it loads neither simulator nor renderer.
 """
 
 import gymnasium

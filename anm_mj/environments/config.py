@@ -11,32 +11,32 @@ from anm_mj.errors import TaskError
 from anm_mj.types import FORWARD_STEP_M
 
 REACH_M = 1000.0
-"""No robot gets farther from its start than this in an episode [m]; bounds the observed position in every scene."""
+"""Largest distance from the start within an episode [m]; bounds the observed position in every scene."""
 MAX_STEPS = int(REACH_M / (FORWARD_STEP_M + 0.001))
-"""Longest episode [steps]; a millimetre is what the physics drive may overshoot a step by."""
+"""Longest episode [steps]; the physics drive may overshoot a step by a millimetre."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ExploreConfig:
-    """What an episode of exploration is like, apart from the scene."""
+    """Settings of an episode of exploration, apart from the scene."""
 
     num_steps: int | None = None
-    """Steps until the episode is cut off; None = the scene's own budget, or that of its number of rooms."""
+    """Steps until truncation; None = the scene's budget, or the default for its number of rooms."""
     start: tuple[float, float, float] | None = None
-    """Start pose x [m], y [m], yaw [deg] of every episode; None = drawn anew for each from where the robot can go."""
+    """Start pose x [m], y [m], yaw [deg] of every episode; None = a random reachable pose per episode."""
     drive: str = "kinematic"
-    """How actions are executed: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
+    """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact)."""
     image_px: int = 128
-    """Width and height of the camera's pictures [px]. From 128 on the reward is that of the evaluation; fewer pixels
-    hit a little less."""
+    """Width and height of the camera's images [px]. From 128 on the reward equals the evaluation's measure; fewer
+    pixels cover slightly less."""
     topdown: bool = False
-    """Whether a map of what has been seen, from above, is part of the observation."""
+    """Whether the observation includes an occupancy map around the robot."""
 
     def __post_init__(self) -> None:
-        """Refuse what no episode can be like.
+        """Check the values.
 
         Raises:
-            TaskError: a choice is unknown or a number out of range.
+            TaskError: an unknown drive, or a number out of range.
         """
         if self.num_steps is not None and not 1 <= self.num_steps <= MAX_STEPS:
             raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {MAX_STEPS} steps.")
@@ -47,10 +47,10 @@ class ExploreConfig:
 
 
 def explore_config(**options: Any) -> ExploreConfig:
-    """The configuration with these fields.
+    """A configuration from keyword options.
 
     Raises:
-        TaskError: there is no such field, the start is no pose, or a value is out of range.
+        TaskError: an unknown option, an invalid start, or a value out of range.
     """
     known = [field.name for field in dataclasses.fields(ExploreConfig)]
     unknown = sorted(set(options) - set(known))
@@ -62,10 +62,10 @@ def explore_config(**options: Any) -> ExploreConfig:
 
 
 def require_start(start: Any) -> None:
-    """Accept three finite numbers.
+    """Check that a start is three finite numbers.
 
     Raises:
-        TaskError: if it is anything else.
+        TaskError: if it is not.
     """
     try:
         good = len(start) == 3 and all(math.isfinite(value) for value in start)

@@ -1,4 +1,4 @@
-"""The Gymnasium face of the exploration environment."""
+"""Gymnasium interface of the exploration environment."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ _RESET_OPTIONS = ("start",)
 
 
 class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
-    """Exploration behind the ``gymnasium.Env`` interface: the same observations, actions and rewards.
+    """Wraps :class:`~anm_mj.environments.load.ExploreEnvironment`: same observations, actions and rewards.
 
-    An episode is terminated by STOP and truncated by its number of steps. ``info`` holds the ``coverage`` so far (in
-    [0, 1]), whether the last action ``collided``, and the true ``pose`` in the world (x [m], y [m], yaw [rad]).
+    STOP terminates an episode, the number of steps truncates it. ``info`` contains the ``coverage`` so far (in [0, 1]),
+    whether the last action ``collided``, and the true ``pose`` in the world (x [m], y [m], yaw [rad]).
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium declares it so.
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium declares it this way.
 
     def __init__(self, scene: str | Path, render_mode: str | None = None, **options: Any) -> None:
-        """Load the environment; simulator and renderer are made at the first ``reset``.
+        """Load the environment; the first ``reset`` creates simulator and renderer.
 
         Args:
             scene: name from the catalogue, or path of a scene folder.
-            render_mode: "rgb_array" makes ``render`` give the robot's view.
+            render_mode: with "rgb_array", ``render`` returns the robot's view.
             **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
 
         Raises:
-            SceneError: if there is no such scene, or the robot does not fit at the start that was asked for.
-            TaskError: if there is no such option or render mode, or a value is out of range.
+            SceneError: an unknown scene, or a start at which the robot does not fit.
+            TaskError: an unknown option or render mode, or a value out of range.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise TaskError(f'There is no render mode "{render_mode}"; choose "rgb_array" or None.')
@@ -59,15 +59,15 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode.
+        """Start an episode.
 
         Args:
-            seed: of the starts, from this episode on; None = they go on as they were.
-            options: ``{"start": (x [m], y [m], yaw [deg])}`` begins this episode there.
+            seed: of the random starts from this episode on; None = continue the present sequence.
+            options: ``{"start": (x [m], y [m], yaw [deg])}`` sets the start of this episode.
 
         Raises:
-            TaskError: if there is no such option, or the start is no pose.
-            SceneError: if the scene cannot be built, or the robot does not fit there.
+            TaskError: an unknown option, or an invalid start.
+            SceneError: if the scene cannot be built, or the robot does not fit at the start.
             RenderError: if no GL back-end works.
         """
         super().reset(seed=seed)
@@ -78,7 +78,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
         task = self._environment.task
         if "start" in options:
             require_start(options["start"])
-            task.start_next_at(task.clear_start(options["start"]))
+            task.start_next_at(task.require_clear_start(options["start"]))
         task.random = self.np_random
         timestep = self._environment.reset()
         self._begun = self._running = True
@@ -88,7 +88,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
         """Execute an action.
 
         Raises:
-            TaskError: if it is none.
+            TaskError: an invalid action.
             gymnasium.error.ResetNeeded: before the first ``reset`` and after the end of an episode.
         """
         if not self._running:
@@ -100,7 +100,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
         return dict(timestep.observation), timestep.reward, terminated, truncated, self._info()
 
     def render(self) -> UInt8[np.ndarray, "h w 3"] | None:
-        """What the robot sees now, or None without a render mode.
+        """The robot's view, or None without a render mode.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first ``reset``.

@@ -11,8 +11,8 @@ from dm_control.rl import control
 from dm_env import specs
 
 from anm_mj.environments.config import explore_config
+from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
-from anm_mj.environments.world import RobotWorld
 from anm_mj.errors import TaskError
 from anm_mj.scene.folder import Scene, load_scene
 
@@ -20,24 +20,24 @@ TASKS = ("explore",)
 
 
 class ExploreEnvironment(control.Environment):
-    """Exploration behind the ``dm_env.Environment`` interface. Close it to free the GL context."""
+    """Exploration as a ``dm_env.Environment``. Close it to free the GL context."""
 
-    def __init__(self, world: RobotWorld, task: ExploreTask) -> None:
-        """Put the two together."""
-        super().__init__(world, task)
+    def __init__(self, physics: RobotPhysics, task: ExploreTask) -> None:
+        """Combine simulation and task."""
+        super().__init__(physics, task)
 
     @property
-    def physics(self) -> RobotWorld:
-        """The robot in its scene."""
+    def physics(self) -> RobotPhysics:
+        """The simulated robot."""
         return self._physics
 
     @property
     def task(self) -> ExploreTask:
-        """What an episode is for."""
+        """Episodes, observations and rewards."""
         return self._task
 
     def reward_spec(self) -> specs.BoundedArray:
-        """A share of the observable surface."""
+        """Bounds of the reward: a fraction of the observable surface."""
         return specs.BoundedArray((), float, 0.0, 1.0, name="reward")
 
     def close(self) -> None:
@@ -51,31 +51,30 @@ def load_environment(scene: str | Path, task: str = "explore", *, seed: int = 0,
     Args:
         scene: name from the catalogue, or path of a scene folder.
         task: one of ``TASKS``.
-        seed: of everything random: the starts.
+        seed: of the random starts.
         **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
 
     Returns:
-        A ``dm_env.Environment``; :class:`~anm_mj.environments.task.ExploreTask` says what it observes and rewards. It
-        builds the simulator at the first ``reset``.
+        A ``dm_env.Environment``; :class:`~anm_mj.environments.task.ExploreTask` defines observations and rewards. The
+        first ``reset`` creates the simulator.
 
     Raises:
-        SceneError: if there is no such scene, or the robot does not fit at the start that was asked for.
-        TaskError: if there is no such task or option, or a value is out of range.
+        SceneError: an unknown scene, or a start at which the robot does not fit.
+        TaskError: an unknown task or option, or a value out of range.
     """
     if task not in TASKS:
         raise TaskError(f'There is no task "{task}"; choose one of {", ".join(TASKS)}.')
     if seed < 0:
         raise TaskError(f"The seed is {seed}; give a whole number from 0 up.")
     config = explore_config(**options)
-    asked = load_scene(scene)
-    shared = _scene(asked.folder.resolve(), asked.hash)
-    world = RobotWorld(shared, drive=config.drive, image_px=config.image_px)
-    explore = ExploreTask(shared, config, np.random.default_rng(seed))
-    return ExploreEnvironment(world, explore)
+    loaded = load_scene(scene)
+    shared = _shared_scene(loaded.folder.resolve(), loaded.hash)
+    physics = RobotPhysics(shared, drive=config.drive, image_px=config.image_px)
+    return ExploreEnvironment(physics, ExploreTask(shared, config, np.random.default_rng(seed)))
 
 
 @functools.lru_cache(maxsize=4)
-def _scene(folder: Path, content_hash: str) -> Scene:
-    """One object per scene for all environments of a process, for the scene is the key to what is computed from it."""
+def _shared_scene(folder: Path, content_hash: str) -> Scene:
+    """One object per scene for all environments of a process: caches of derived data use it as their key."""
     del content_hash
     return load_scene(folder)

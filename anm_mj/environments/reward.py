@@ -1,13 +1,14 @@
-"""How much of the true surface each new frame adds to what has been seen: the evaluation's measure, step by step.
+"""Incremental surface coverage: the new fraction of the true surface per frame, by the evaluation's measure.
 
-:class:`~anm_mj.evaluation.coverage.Coverage` keeps the distance of every sample, for which it takes frames in batches.
-A reward is due after every frame, but it only asks whether a sample is nearer than 5 cm; a sample that is can be left
-out from then on. Both count the same samples (a test compares them).
+:class:`~anm_mj.evaluation.coverage.Coverage` keeps the distance of every sample and processes frames in batches. A
+reward is due after every frame and only needs to know which samples are closer than 5 cm; covered samples drop out.
+Both count the same samples (a test compares them).
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
@@ -15,19 +16,25 @@ from scipy.spatial import KDTree
 
 from anm_mj.evaluation.coverage import BOUND_SLACK, COVERED_M
 from anm_mj.evaluation.depth import back_project_reduced, reduce_depth
-from anm_mj.types import Intrinsics
+from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics
+from anm_mj.scene.folder import Scene
+from anm_mj.types import Footprint, Intrinsics, Observation, Pose2
 
 _CELL_M = 0.1
-"""Cell of the grid that pairs samples with points [m]; more than ``COVERED_M``, so that neighbours suffice."""
+"""Cell size of the grid that pairs samples with points [m]; above ``COVERED_M``, so that adjacent cells suffice."""
 _PAD_CELLS = 2
-"""Cells about the samples: points farther off than one are left out, and no neighbour of a cell lies outside."""
+"""Cells around the samples: one for points near them, one so that every such cell has all its neighbours."""
+_RUN_PX = 256
+"""Width and height of a run's images: visibility is computed for these, whatever the size of an episode's images, so
+that runs and episodes count the same samples."""
 
 
 class SampleGrid:
-    """Fixed samples of a surface by grid cell; what does not change from episode to episode."""
+    """Samples of a surface, sorted into the cells of a grid; episodes share it."""
 
     def __init__(self, samples: Float32[np.ndarray, "n 3"]) -> None:
-        """Sort the samples into cells; ``samples``: world [m]."""
+        """Assign the samples, world [m], to cells."""
         exact = samples.astype(np.float64)
         self._low = exact.min(axis=0) - _PAD_CELLS * _CELL_M
         self._shape = np.floor((exact.max(axis=0) - self._low) / _CELL_M).astype(np.int64) + 1 + _PAD_CELLS
@@ -37,33 +44,33 @@ class SampleGrid:
         _, self.cell = self.near(exact)
 
     def near(self, points: Float[np.ndarray, "m 3"]) -> tuple[Float[np.ndarray, "k 3"], Int64[np.ndarray, " k"]]:
-        """The points that may be near a sample, and their cells."""
-        # One array per axis: numpy is slow at reducing the short axis of a long array.
+        """The points that may be close to a sample, world [m], and their flat cell indices."""
+        # One array per axis: numpy reduces the short axis of a long array slowly.
         x, y, z = np.floor((points - self._low) * (1.0 / _CELL_M)).astype(np.int64).T
         x_end, y_end, z_end = self._shape - 1
         inside = (x >= 1) & (x < x_end) & (y >= 1) & (y < y_end) & (z >= 1) & (z < z_end)
         kept = np.flatnonzero(inside)
         return points[kept], ((x * self._shape[1] + y) * self._shape[2] + z)[kept]
 
-    def around(self, cells: Int64[np.ndarray, " k"]) -> Bool[np.ndarray, " all_cells"]:
-        """Which cells are among these or next to them."""
+    def dilated(self, cells: Int64[np.ndarray, " k"]) -> Bool[np.ndarray, " all_cells"]:
+        """Mask of these cells and their neighbours."""
         marked = np.zeros(int(np.prod(self._shape)), dtype=bool)
         marked[(np.unique(cells)[:, None] + self._to_neighbours).ravel()] = True
         return marked
 
 
-class SeenSurface:
-    """Which samples of a surface have been seen since the start of an episode."""
+class IncrementalCoverage:
+    """Covered samples of a surface since the start of an episode."""
 
     def __init__(self, grid: SampleGrid) -> None:
-        """Nothing has been seen; ``grid`` may be shared."""
+        """Start without coverage; episodes may share ``grid``."""
         self._grid = grid
-        self._unseen = np.arange(len(grid.samples))
+        self._uncovered = np.arange(len(grid.samples))
 
     @property
-    def share(self) -> float:
-        """Share of the samples that have been seen, in [0, 1]."""
-        return 1.0 - len(self._unseen) / len(self._grid.samples)
+    def fraction(self) -> float:
+        """Fraction of the samples covered so far, in [0, 1]."""
+        return 1.0 - len(self._uncovered) / len(self._grid.samples)
 
     def add(
         self,
@@ -71,26 +78,46 @@ class SeenSurface:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
     ) -> float:
-        """Take in a frame.
+        """Add a frame.
 
         Args:
-            depth_m: planar depth [m]; NaN where nothing was hit.
+            depth_m: planar depth [m]; NaN without a hit.
             intrinsics: of this image.
             T_world_camera: camera to world.
 
         Returns:
-            Share of the samples that are nearer than 5 cm to a point of this frame and to none before, in [0, 1].
+            Fraction of the samples that this frame is the first to cover within 5 cm, in [0, 1].
         """
         points, cells = self._grid.near(back_project_reduced(reduce_depth(depth_m), intrinsics, T_world_camera))
-        sample_cells = self._grid.cell[self._unseen]
-        candidates = np.flatnonzero(self._grid.around(cells)[sample_cells])
-        # Most of a view has been seen before: its points are near no sample that is left, and need no place in a tree.
-        points = points[self._grid.around(sample_cells[candidates])[cells]]
+        sample_cells = self._grid.cell[self._uncovered]
+        candidates = np.flatnonzero(self._grid.dilated(cells)[sample_cells])
+        # Most points of a view lie near covered samples only; the tree does not need them.
+        points = points[self._grid.dilated(sample_cells[candidates])[cells]]
         if not (len(candidates) and len(points)):
             return 0.0
         tree = KDTree(points, balanced_tree=False, compact_nodes=False)
-        samples = self._grid.samples[self._unseen[candidates]]
+        samples = self._grid.samples[self._uncovered[candidates]]
         distance_m, _ = tree.query(samples, distance_upper_bound=COVERED_M * BOUND_SLACK)
-        seen = candidates[distance_m < COVERED_M]
-        self._unseen = np.delete(self._unseen, seen)
-        return len(seen) / len(self._grid.samples)
+        covered = candidates[distance_m < COVERED_M]
+        self._uncovered = np.delete(self._uncovered, covered)
+        return len(covered) / len(self._grid.samples)
+
+
+def observable_surface(scene: Scene, footprint: Footprint, view: Observation, start: Pose2) -> SampleGrid:
+    """The samples that are visible from the robot's reachable area, or all samples without Embree.
+
+    The first call per scene and robot takes seconds; the user's cache folder keeps the result.
+
+    Args:
+        scene: the world.
+        footprint: of the robot.
+        view: any view with true poses; it tells the camera's pose on the robot.
+        start: a pose in the reachable area.
+
+    Raises:
+        SceneError: the scene has no surface, or too little floor.
+    """
+    fov_y_rad = 2.0 * math.atan(view.intrinsics.height / 2.0 / view.intrinsics.fy)
+    camera = CameraExtrinsics.of_view(Intrinsics.from_fov(_RUN_PX, _RUN_PX, fov_y_rad), view.T_world_camera, view.pose)
+    truth = cached_ground_truth(scene, footprint, camera, start)
+    return SampleGrid(truth.samples if truth.observable is None else truth.samples[truth.observable])

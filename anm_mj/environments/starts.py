@@ -1,4 +1,4 @@
-"""Where an episode begins."""
+"""Random start poses of episodes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.types import Footprint, Pose2
 
 _ATTEMPTS = 1000
-"""The grid of standing places is good to a cell, so a few of its cells fail the exact test; never nearly all."""
+"""The grid of standing places is accurate to one cell, so a few of its cells fail the exact test."""
 
 
-def draw_start(scene: Scene, footprint: Footprint, random: np.random.Generator) -> Pose2:
-    """A pose drawn evenly from the scene's largest connected area, looking anywhere.
+def sample_start(scene: Scene, footprint: Footprint, random: np.random.Generator) -> Pose2:
+    """A pose drawn uniformly from the largest connected area of a scene, with a uniform heading.
 
     Raises:
-        SceneError: if there is next to no place to stand.
+        SceneError: if there is hardly a place to stand.
     """
     places = scene_area(scene, footprint).places(1)
     for _ in range(_ATTEMPTS):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from anm_mj.environments.starts import draw_start
+from anm_mj.environments.starts import sample_start
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import is_clear
 from anm_mj.sim.make_robot import FOOTPRINT
@@ -13,7 +13,7 @@ from anm_mj.sim.make_robot import FOOTPRINT
 def test_starts_are_clear_and_spread_over_the_scene():
     scene = load_scene("home")
     random = np.random.default_rng(0)
-    starts = [draw_start(scene, FOOTPRINT, random) for _ in range(60)]
+    starts = [sample_start(scene, FOOTPRINT, random) for _ in range(60)]
     assert all(is_clear(scene, start, FOOTPRINT) for start in starts)
     xy = np.array([start.xy_m for start in starts])
     extent = scene.bounds_m[1, :2] - scene.bounds_m[0, :2]
@@ -25,5 +25,5 @@ def test_starts_are_clear_and_spread_over_the_scene():
 
 def test_the_same_generator_draws_the_same_starts():
     scene = load_scene("home")
-    first, second = (draw_start(scene, FOOTPRINT, np.random.default_rng(5)) for _ in range(2))
+    first, second = (sample_start(scene, FOOTPRINT, np.random.default_rng(5)) for _ in range(2))
     assert first == second

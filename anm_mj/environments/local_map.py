@@ -1,4 +1,4 @@
-"""What has been seen so far, from above and as the robot sees it: the optional map in an observation."""
+"""Robot-centred occupancy map of an episode: the optional ``topdown`` entry of an observation."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2,
 
 CELLS = 192
 """Rows and columns of the map; its side is 9.6 m."""
-FREE_SHARE = 0.5
-"""Share of a column's voxels that must have been seen free for the column to be free."""
+FREE_FRACTION = 0.5
+"""Fraction of a column's voxels that must be free for the column to be free."""
 
 
 class LocalMap:
-    """Fuses depth into an occupancy grid and cuts the robot's surroundings out of it."""
+    """Fuses depth into an occupancy grid and crops the robot's surroundings from it."""
 
     def __init__(self, footprint: Footprint) -> None:
-        """Nothing is known yet; ``footprint``: the body over whose heights a column is judged."""
+        """Start with an unknown map; the heights of ``footprint`` bound the columns."""
         self._footprint = footprint
         self._grid = OccupancyGrid(OccupancyConfig())
-        # Centres of the map's cells in the base's axes: x forward is up, y left is left.
+        # Cell centres in base axes: row 0 is the farthest x (forward), column 0 the farthest y (left).
         offsets = (CELLS / 2 - 0.5 - np.arange(CELLS)) * self._grid.config.voxel_m
         forward, left = np.meshgrid(offsets, offsets, indexing="ij")
         self._cells_base = np.stack([forward.ravel(), left.ravel(), np.zeros(CELLS**2)], axis=1)
 
     def add(self, observation: Observation) -> None:
-        """Take in a view."""
+        """Add a view."""
         self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
 
-    def around(self, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
-        """The map about a pose: row 0 lies ahead, column 0 to the left, cells are 5 cm.
+    def crop(self, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
+        """The map around a pose: row 0 ahead, column 0 to the left, cells of 5 cm.
 
         Returns:
-            OCCUPIED where anything was hit at the body's heights, FREE where at least half of them were seen through,
-            else UNKNOWN.
+            OCCUPIED where any voxel at the body's heights is occupied, FREE where at least half of them are free, else
+            UNKNOWN.
         """
         grid = self._grid.grid
         T_world_base = pose_matrix(pose)
@@ -51,7 +51,7 @@ class LocalMap:
         out[inside] = columns[row[inside], col[inside]]
         out = out.reshape(CELLS, CELLS)
 
-        # Cells that lie askew to voxels pass some by, which would open holes in thin walls.
+        # Rotated cells miss some voxels, which would leave holes in thin walls.
         occupied_xy = cell_to_world(np.argwhere(columns == OCCUPIED) + low, grid.origin_m[:2], grid.resolution_m)
         base_xy = (occupied_xy - pose.xy_m) @ T_world_base[:2, :2]
         row, col = np.floor(CELLS / 2 - base_xy / grid.resolution_m).astype(np.int64).T
@@ -61,10 +61,10 @@ class LocalMap:
 
 
 def _columns(grid: VoxelGrid, footprint: Footprint, low: np.ndarray, high: np.ndarray) -> Int8[np.ndarray, "rows cols"]:
-    """States of the columns from ``[row, col]`` ``low`` up to ``high`` over the body's heights."""
+    """States of the columns over the body's heights, from ``[row, col]`` ``low`` to ``high`` (exclusive)."""
     heights = footprint.z_min_m, footprint.z_max_m
     body = grid.state[grid.layers_between(*heights), low[0] : max(high[0], 0), low[1] : max(high[1], 0)]
     num_free = (body == FREE).sum(axis=0, dtype=np.int16)
-    state = np.where(num_free >= FREE_SHARE * grid.num_layers_between(*heights), np.int8(FREE), np.int8(UNKNOWN))
+    state = np.where(num_free >= FREE_FRACTION * grid.num_layers_between(*heights), np.int8(FREE), np.int8(UNKNOWN))
     state[body.max(axis=0, initial=UNKNOWN) == OCCUPIED] = OCCUPIED
     return state

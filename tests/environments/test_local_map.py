@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from anm_mj.environments.topdown import CELLS, LocalMap
+from anm_mj.environments.local_map import CELLS, LocalMap
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2
 from tests.box_room import observe
 
@@ -28,7 +28,7 @@ def test_ahead_is_up_and_left_is_left():
     # The room reaches from (-2, -1.5) to (2, 1.5): looking along +y from (1, 0.5), walls stand 1 m ahead, 3 m to the
     # left, 1 m to the right and 2 m behind.
     pose = Pose2(1.0, 0.5, math.pi / 2)
-    cells = _seen_all_round(pose).around(pose)
+    cells = _seen_all_round(pose).crop(pose)
     assert cells.shape == (CELLS, CELLS)
     ahead, behind = cells[_HERE - 1 :: -1, _HERE], cells[_HERE:, _HERE]
     left, right = cells[_HERE, _HERE - 1 :: -1], cells[_HERE, _HERE:]
@@ -40,7 +40,7 @@ def test_ahead_is_up_and_left_is_left():
 
 def test_a_turned_robot_sees_the_map_turned():
     local_map = _seen_all_round(Pose2(0.0, 0.0, 0.0))
-    towards_x, towards_y = (local_map.around(Pose2(0.0, 0.0, yaw_rad)) for yaw_rad in (0.0, math.pi / 2))
+    towards_x, towards_y = (local_map.crop(Pose2(0.0, 0.0, yaw_rad)) for yaw_rad in (0.0, math.pi / 2))
     # What was ahead is now to the right; rounding to cells differs along their borders.
     assert np.mean(np.rot90(towards_x, -1) == towards_y) > 0.97
 
@@ -48,7 +48,7 @@ def test_a_turned_robot_sees_the_map_turned():
 def test_no_heading_opens_a_hole_in_a_wall():
     local_map = _seen_all_round(Pose2(0.0, 0.0, 0.0))
     for yaw_deg in range(0, 360, 7):
-        cells = local_map.around(Pose2(0.0125, 0.025, math.radians(yaw_deg)))
+        cells = local_map.crop(Pose2(0.0125, 0.025, math.radians(yaw_deg)))
         blocked, _ = ndimage.label(cells != OCCUPIED)
         assert blocked[_HERE, _HERE] != blocked[0, 0]
 
@@ -56,6 +56,6 @@ def test_no_heading_opens_a_hole_in_a_wall():
 def test_a_single_view_leaves_most_unknown():
     local_map = LocalMap(_FOOTPRINT)
     local_map.add(observe(0, Pose2(-1.0, 0.0, 0.0)))
-    cells = local_map.around(Pose2(-1.0, 0.0, 0.0))
+    cells = local_map.crop(Pose2(-1.0, 0.0, 0.0))
     assert (cells[_HERE + 5 :] == UNKNOWN).all()
     assert (cells[:_HERE] == FREE).any()

@@ -1,4 +1,4 @@
-"""The robot in its scene, as dm_control's environments ask a simulation to be."""
+"""The simulated robot behind dm_control's ``Physics`` interface."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from anm_mj.sim.robot import SimRobot
 
 
-class RobotWorld(control.Physics):
+class RobotPhysics(control.Physics):
     """A simulated robot whose step is one discrete action.
 
-    Simulator and GL context are made when the robot is first placed and not before: an environment that is only asked
-    for its specifications, as Gymnasium's vector environments do before they fork, must not hold a GL context.
+    The first ``place`` creates simulator and GL context. Gymnasium's vector environments create an environment for its
+    specifications alone and then fork; such an environment must not hold a GL context.
     """
 
     def __init__(self, scene: Scene, *, drive: str, image_px: int) -> None:
-        """Remember what to simulate.
+        """Prepare a simulation.
 
         Args:
             scene: the world.
-            drive: how actions are executed.
-            image_px: width and height of the camera's pictures [px].
+            drive: ``kinematic`` or ``physics``.
+            image_px: width and height of the camera's images [px].
         """
         self._scene = scene
         self._drive = drive
@@ -40,39 +40,39 @@ class RobotWorld(control.Physics):
 
     @property
     def robot(self) -> SimRobot:
-        """The robot; there is one from the first ``place`` on."""
+        """The robot; available from the first ``place`` on."""
         assert self._robot is not None
         return self._robot
 
     @property
     def result(self) -> ActionResult | None:
-        """What the last action came to; None at the start of an episode."""
+        """Result of the last action; None at the start of an episode."""
         return self._result
 
     def reset(self) -> None:
-        """Forget the last action; the robot goes to its start by ``place``."""
+        """Forget the last action; ``place`` moves the robot to its start."""
         self._action, self._result = Action.STOP, None
 
     def after_reset(self) -> None:
-        """Nothing is left to be done after ``place``."""
+        """Do nothing: ``place`` has reset the simulation."""
 
     def place(self, pose: Pose2) -> None:
-        """Put the robot at the start of an episode, at rest, at time 0, and everything else where it was.
+        """Reset the simulation to time 0 with the robot at rest at a pose.
 
         Raises:
-            SceneError: if the scene cannot be built, or the robot does not fit there.
+            SceneError: if the scene cannot be built, or the robot does not fit at the pose.
             RenderError: if no GL back-end works.
         """
         if self._robot is not None:
             self._robot.restart(pose)
             return
         robot = make_robot(self._scene, start=pose, drive=self._drive, image_px=self._image_px)
-        # GL must be freed before the interpreter takes its modules apart, and many a program ends without ``close``.
+        # Free GL before the interpreter unloads its modules, also in programs that never call ``close``.
         self._close = weakref.finalize(self, robot.close)
         self._robot = robot
 
     def set_control(self, control: Action) -> None:
-        """The action that the next step executes."""
+        """Set the action of the next step."""
         self._action = control
 
     def step(self, n_sub_steps: int = 1) -> None:
@@ -81,7 +81,7 @@ class RobotWorld(control.Physics):
             self._result = self.robot.act(self._action)
 
     def observe(self) -> Observation:
-        """The view from where the robot stands now."""
+        """The view from the robot's present pose."""
         return self.robot.observe()
 
     def time(self) -> float:
@@ -89,11 +89,11 @@ class RobotWorld(control.Physics):
         return float(self.robot.data.time)
 
     def timestep(self) -> float:
-        """Simulated time that a step forward takes [s]; a turn takes a little less, a blocked step may take more."""
+        """Duration of a forward step [s]; a turn takes less, a blocked step may take more."""
         return action_profile(Action.MOVE_FORWARD, MotionLimits()).duration_s
 
     def close(self) -> None:
-        """Free the GL context; may be called again. The next ``place`` makes a new robot."""
+        """Free the GL context; may be called again. The next ``place`` creates a new robot."""
         if self._robot is not None:
             self._close()
             self._robot = None
