@@ -104,7 +104,7 @@ def test_gvg_is_complete_in_a_room_that_is_known():
     assert outcome.stop_reason is StopReason.COMPLETE
     # The look around at the start, and nothing after it.
     assert outcome.num_steps == default_settings("gvg").bootstrap_turns
-    assert "would add" in recorder.plans[-1][1].reason
+    assert "best expected gain" in recorder.plans[-1][1].reason
 
 
 def test_gvg_goes_where_the_unknown_is():

@@ -1,4 +1,4 @@
-"""How far places are from one another in steps, and along which headings they are left and come to."""
+"""Costs of the paths between places: steps, and the azimuth sectors along which they leave and arrive."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.planning.paths import ShortestPathTree, segments_clear
+from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
 
-HALF_TURN = 18
-"""Turns of 10 degrees in half a turn; azimuth sectors are as wide as one turn."""
-NUM_AZIMUTHS = 2 * HALF_TURN
-VISIBLE_M = 5.0
-"""Places farther from one another than this are taken to be joined by the graph alone [m]."""
-BEARING_OVER_M = 0.8
-"""The direction of arrival is that of the last so many metres [m]."""
+MAX_SEGMENT_M = 5.0
+"""Places farther apart than this are connected along the graph only [m]."""
+BEARING_LENGTH_M = 0.8
+"""The bearing of a path's end is that of its last piece of this length [m]."""
 
 
 @dataclass(frozen=True)
@@ -27,16 +25,16 @@ class _Path:
     vertices: Int[np.ndarray, " n"]
     """From the end back to the robot."""
     arrival_rad: float
-    """Direction in which it comes to its end."""
+    """Bearing at its end."""
     departure_rad: float
-    """Direction in which it leaves the robot."""
+    """Bearing at the robot."""
 
 
 class TravelCosts:
     """Paths between places: straight where each sees the other, else along the tree of shortest paths."""
 
     def __init__(self, tree: ShortestPathTree) -> None:
-        """Remember nothing yet.
+        """Start without any path.
 
         Args:
             tree: shortest paths from the robot.
@@ -47,19 +45,19 @@ class TravelCosts:
     def between(
         self, xy_m: Float[np.ndarray, "k 2"], vertex: Int[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, "k k"], Int[np.ndarray, "k k"], Int[np.ndarray, "k k"]]:
-        """Forward steps between places and the azimuth sectors that they are left and come to along.
+        """Steps of the paths between places, and the azimuth sectors along which they leave and arrive.
 
-        The way along the tree of shortest paths leads back to where their paths part and on from there.
+        Along the tree, a path leads back to the last vertex that both places share and on from there.
 
         Args:
-            xy_m: the places, of which the first is where the robot stands [m].
+            xy_m: the places; the first is where the robot stands [m].
             vertex: their vertices of the graph; -1 for the robot's own place.
         """
         tree = self._tree
         paths = [self._path(int(v)) for v in vertex]
         difference = xy_m[None, :] - xy_m[:, None]
         straight = np.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
-        near = np.argwhere(np.triu(straight < VISIBLE_M, 1))
+        near = np.argwhere(np.triu(straight < MAX_SEGMENT_M, 1))
         clear = segments_clear(tree.topdown, xy_m[near[:, 0]], xy_m[near[:, 1]], tree.safe_m, tree.pose)
         direct = np.zeros(straight.shape, bool)
         direct[near[clear, 0], near[clear, 1]] = True
@@ -79,7 +77,7 @@ class TravelCosts:
         return length / FORWARD_STEP_M + turning, _sector(leave), _sector(arrive)
 
     def _path(self, vertex: int) -> _Path:
-        """The shortest path to a vertex, worked out once."""
+        """The shortest path to a vertex, computed once."""
         if vertex not in self._paths:
             graph_xy_m, robot_xy_m = self._tree.graph.vertex_xy_m, self._tree.pose.xy_m
             vertices = np.array(self._tree.vertices_to(vertex))
@@ -91,11 +89,11 @@ class TravelCosts:
     def _along_tree(
         self, vertex: Int[np.ndarray, " k"], vertices: list[Int[np.ndarray, " _"]]
     ) -> Float[np.ndarray, "k k"]:
-        """Length of the ways along the tree of shortest paths [m].
+        """Length of the paths along the tree [m].
 
         Args:
-            vertex: where the paths end; -1 for the robot's own place.
-            vertices: those of each path.
+            vertex: where the paths from the robot end; -1 for the robot's own place.
+            vertices: the vertices of each of them.
         """
         distance_m = self._tree.distance_m
         used, column = np.unique(np.concatenate(vertices), return_inverse=True)
@@ -107,8 +105,8 @@ class TravelCosts:
 
 
 def _bearing(difference_m: Float[np.ndarray, "n 2"]) -> float:
-    """Direction of the first of some differences that is long enough to tell, else of the last [rad]."""
-    long = np.hypot(*difference_m.T) > BEARING_OVER_M
+    """Direction of the first difference that is long enough, else of the last [rad]."""
+    long = np.hypot(*difference_m.T) > BEARING_LENGTH_M
     long[-1] = True
     x, y = difference_m[long.argmax()]
     return math.atan2(y, x)

@@ -1,4 +1,4 @@
-"""What a finished run leaves unseen, and why: patches of space that border on the known free and stayed unknown."""
+"""What a finished run leaves unexplored, and why: patches of unknown space next to known free space."""
 
 from __future__ import annotations
 
@@ -7,33 +7,39 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from anm_mj.planning.grid_windows import dilate_mask
-from anm_mj.planning.policies.gvg.information_gain import MAX_SLOPE
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.planning.policies.gvg.ray_cache import MAX_SLOPE
 from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, UnexploredPatch
 
-LEAST_M2 = 0.2
-"""Smaller patches are not worth a word [m2]."""
-MOST_PATCHES = 40
-"""The largest so many are reported."""
-LIKELY_SHARE = 0.5
-"""Layers less likely than this to hold surface are sky, not something left unseen."""
+MIN_AREA_M2 = 0.2
+"""Smaller patches are not reported [m2]."""
+MAX_PATCHES = 40
+"""Only the largest patches are reported."""
+MIN_SURFACE_LIKELIHOOD = 0.5
+"""In layers that are less likely to hold surface the unknown is sky."""
 
 
 def unexplored_patches(
-    view: PooledOccupancy, topdown: TopDownMap, pose: Pose2, *, safe_m: float, range_m: float, camera_height_m: float
+    occupancy: PooledOccupancy,
+    topdown: TopDownMap,
+    pose: Pose2,
+    *,
+    safe_m: float,
+    range_m: float,
+    camera_height_m: float,
 ) -> tuple[UnexploredPatch, ...]:
-    """The largest patches of unknown next to known free space, largest first.
+    """The largest patches of unknown cells next to known free ones, largest first.
 
     Args:
-        view: what was seen.
+        occupancy: what was seen.
         topdown: where the robot can drive.
-        pose: where it stands.
-        safe_m: clearance that it needs [m].
-        range_m: surface is seen well from within this distance [m].
-        camera_height_m: height that it looks from [m].
+        pose: where the robot stands.
+        safe_m: least clearance of its paths [m].
+        range_m: views show surface up to this distance [m].
+        camera_height_m: height of its camera [m].
     """
-    edge = (view.state == UNKNOWN) & dilate_mask(view.state == FREE)
-    edge[view.layer_share < LIKELY_SHARE] = False
+    edge = (occupancy.state == UNKNOWN) & dilate_mask(occupancy.state == FREE)
+    edge[occupancy.layer_share < MIN_SURFACE_LIKELIHOOD] = False
     label = np.empty(edge.shape, np.int32)
     count = int(ndimage.label(edge, np.ones((3, 3, 3)), output=label))  # pyright: ignore[reportArgumentType]
     if not count:
@@ -41,11 +47,11 @@ def unexplored_patches(
     cells = np.flatnonzero(edge)
     member = label.ravel()[cells] - 1
     size = np.bincount(member, minlength=count)
-    xyz = view.centres(cells)
+    xyz = occupancy.centres(cells)
     centre = np.stack([np.bincount(member, xyz[:, i], count) / size for i in range(3)], axis=1)
-    area_m2 = size * view.cell_m**2
-    order = np.argsort(-area_m2, kind="stable")[:MOST_PATCHES]
-    order = order[area_m2[order] >= LEAST_M2]
+    area_m2 = size * occupancy.cell_m**2
+    order = np.argsort(-area_m2, kind="stable")[:MAX_PATCHES]
+    order = order[area_m2[order] >= MIN_AREA_M2]
     to_drivable = _distance_m(topdown, topdown.clearance_m >= safe_m, pose)
     to_free = _distance_m(topdown, topdown.clearance_m > 0.0, pose)
     found = []

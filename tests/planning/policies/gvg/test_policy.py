@@ -3,44 +3,75 @@ import numpy as np
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.policy import Gvg
-from anm_mj.types import Footprint, Observation, Pose2, StopReason
+from anm_mj.types import Action, Footprint, Observation, Pose2, StopReason
 from tests.box_room import CAMERA, camera_pose, room_depth
 from tests.planning.worlds import room
 
+START = Pose2(1.5, 2.0, 2.0)
 
-def look(pose: Pose2) -> Observation:
+
+def observation(pose: Pose2, step: int = 0) -> Observation:
     T_world_camera = camera_pose(pose)
-    return Observation(
-        0, 0.0, np.zeros((256, 256, 3), np.uint8), room_depth(T_world_camera), CAMERA, T_world_camera, pose
-    )
+    rgb = np.zeros((256, 256, 3), np.uint8)
+    return Observation(step, 0.0, rgb, room_depth(T_world_camera), CAMERA, T_world_camera, pose)
 
 
-def test_a_plan_that_has_been_followed_is_not_gone_on_with_although_its_target_was_noted_elsewhere(monkeypatch):
-    world = room(8, 4, unknown=[(5.2, 0.2, 8.2, 4.2)])
-    policy = Gvg(PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(bootstrap_turns=0)))
-    first = policy.plan(world, look(Pose2(1.5, 2.0, 2.0)))
-    assert policy._ledger.target_xy_m is not None
-    policy._ledger.target_xy_m = policy._ledger.target_xy_m + 0.4
-    nothing = np.zeros(0, np.int64), np.zeros(0)
-    monkeypatch.setattr(policy._caster, "expectation", lambda *of: (*nothing, 100.0))
-    end = first.path_xy_m[-1] if len(first.path_xy_m) else np.array([1.5, 2.0])
-
-    again = policy.plan(world, look(Pose2(float(end[0]), float(end[1]), first.headings_rad[-1])))
-
-    assert not again.reason.startswith("goes on")
+def half_known_room():
+    return room(8, 4, unknown=[(5.2, 0.2, 8.2, 4.2)])
 
 
-def test_in_a_lull_crumbs_are_left_and_a_tour_that_promises_more_is_gone_on_with(monkeypatch):
-    world = room(8, 4, unknown=[(5.2, 0.2, 8.2, 4.2)])
-    ends = {}
-    for lull, crumbs_m2 in ((True, 1000.0), (True, 0.01), (False, 1000.0)):
-        policy = Gvg(
-            PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(bootstrap_turns=0, stagnation_gain_m2=crumbs_m2))
-        )
-        monkeypatch.setattr(policy._progress, "is_lull", lambda lull=lull: lull)
-        ends[lull, crumbs_m2] = policy.plan(world, look(Pose2(1.5, 2.0, 2.0)))
+def policy(**settings):
+    return Gvg(PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(**{"bootstrap_turns": 0} | settings)))
 
-    assert ends[True, 1000.0].stop is StopReason.COMPLETE
-    assert ends[True, 1000.0].reason.startswith("next to nothing was seen in the last 10% of the steps")
-    assert ends[True, 0.01].stop is None
-    assert ends[False, 1000.0].stop is None
+
+def test_begins_with_a_rotation():
+    first = policy(bootstrap_turns=5).plan(half_known_room(), observation(START))
+    assert first.actions == (Action.TURN_LEFT,) * 5
+
+
+def test_looks_towards_the_unknown():
+    plan = policy().plan(half_known_room(), observation(START))
+    end = plan.path_xy_m[-1] if len(plan.path_xy_m) else START.xy_m
+    assert end[0] + 4.5 * np.cos(plan.headings_rad[-1]) > 5.2
+    assert plan.reason.startswith("target chosen: expected gain ")
+
+
+def test_known_room_is_complete():
+    world = room(4, 3)
+    world.occupancy.state[:2] = world.occupancy.state[-2:] = 1
+    assert policy().plan(world, observation(Pose2(1.5, 1.5, 0.0))).stop is StopReason.COMPLETE
+
+
+def test_plan_is_reused_while_nothing_new_is_seen():
+    world, gvg = half_known_room(), policy()
+    first, second = gvg.plan(world, observation(START)), gvg.plan(world, observation(START, 1))
+    assert second.reason.startswith("plan reused: ")
+    assert second.headings_rad == first.headings_rad
+
+
+def test_plan_is_dropped_after_a_collision():
+    world, gvg = half_known_room(), policy()
+    gvg.plan(world, observation(START))
+    gvg.on_collision(START, Action.MOVE_FORWARD)
+    assert gvg.plan(world, observation(START, 1)).reason.startswith("target chosen: ")
+
+
+def plan_without_news(stagnation_gain_m2, min_stagnation_steps):
+    """The decision after 100 steps at one place that showed nothing new."""
+    settings = {"stagnation_gain_m2": stagnation_gain_m2, "min_stagnation_steps": min_stagnation_steps}
+    world, gvg = half_known_room(), policy(max_plan_reuse=1, **settings)
+    return [gvg.plan(world, observation(START, step)) for step in (0, 50, 100)][-1]
+
+
+def test_residual_gain_is_left_during_stagnation():
+    plan = plan_without_news(1000.0, 50)
+    assert plan.stop is StopReason.COMPLETE
+    assert plan.reason.startswith("stagnation: next to no new surface in the last 10% of the steps")
+
+
+def test_stagnation_does_not_end_a_tour_with_enough_gain():
+    assert plan_without_news(0.01, 50).stop is None
+
+
+def test_residual_gain_is_taken_before_stagnation():
+    assert plan_without_news(1000.0, 500).stop is None

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anm_mj.planning.paths import ShortestPathTree, shortest_paths
-from anm_mj.planning.policies.gvg.travel_costs import HALF_TURN, NUM_AZIMUTHS, TravelCosts
+from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
+from anm_mj.planning.policies.gvg.views import HALF_TURN, NUM_AZIMUTHS
 from anm_mj.types import FORWARD_STEP_M, Pose2, TopDownMap, VoronoiGraph
 from tests.planning.worlds import room, see
 
@@ -21,9 +22,9 @@ def two_rooms():
     return shortest_paths(graph, topdown, Pose2(1.0, 1.7, 0.0), 0.22)
 
 
-def between(ways, two_rooms, vertex):
+def between(costs, two_rooms, vertex):
     xy_m = np.concatenate([two_rooms.pose.xy_m[None], two_rooms.graph.vertex_xy_m[vertex]])
-    return ways.between(xy_m, np.concatenate([[-1], vertex]))
+    return costs.between(xy_m, np.concatenate([[-1], vertex]))
 
 
 def nearest(two_rooms, *places):
@@ -31,18 +32,18 @@ def nearest(two_rooms, *places):
     return away.argmin(axis=0)
 
 
-def test_one_object_gives_two_shortlists_the_same_ways_as_one_for_each(two_rooms):
+def test_costs_do_not_depend_on_what_was_asked_before(two_rooms):
     reached = np.flatnonzero(np.isfinite(two_rooms.distance_m))
-    ways = TravelCosts(two_rooms)
+    costs = TravelCosts(two_rooms)
     # Some vertices are on both.
     for some in (reached[::25], reached[::-15]):
         for found, alone in zip(
-            between(ways, two_rooms, some), between(TravelCosts(two_rooms), two_rooms, some), strict=True
+            between(costs, two_rooms, some), between(TravelCosts(two_rooms), two_rooms, some), strict=True
         ):
             assert np.array_equal(found, alone)
 
 
-def test_places_in_sight_of_one_another_are_joined_straight(two_rooms):
+def test_visible_places_are_connected_straight(two_rooms):
     topdown, pose = two_rooms.topdown, two_rooms.pose
     xy_m = np.array([pose.xy_m, [2.5, 1.7], [2.5, 2.6]])
     steps, leave, arrive = TravelCosts(
@@ -53,7 +54,7 @@ def test_places_in_sight_of_one_another_are_joined_straight(two_rooms):
     assert (leave[0, 1], arrive[0, 1], leave[1, 2], arrive[1, 2]) == (EAST, EAST, NORTH, NORTH)
 
 
-def test_the_way_between_places_on_both_sides_of_a_wall_leads_through_the_door(two_rooms):
+def test_path_around_a_wall_leads_through_the_door(two_rooms):
     vertex = nearest(two_rooms, (3.4, 1.0), (5.1, 1.0))
     a, b = two_rooms.graph.vertex_xy_m[vertex]
     steps = between(TravelCosts(two_rooms), two_rooms, vertex)[0][1, 2]
@@ -61,7 +62,7 @@ def test_the_way_between_places_on_both_sides_of_a_wall_leads_through_the_door(t
     assert math.dist(a, b) / FORWARD_STEP_M + 4 < through_door - 1 < steps
 
 
-def test_the_way_back_is_as_long_and_leaves_where_the_other_arrives(two_rooms):
+def test_path_back_is_as_long_and_leaves_where_the_other_arrives(two_rooms):
     vertex = nearest(two_rooms, (0.8, 0.8), (3.4, 1.0), (5.1, 1.0), (7.5, 2.6), (6.0, 1.7))
     steps, leave, arrive = between(TravelCosts(two_rooms), two_rooms, vertex)
     assert np.allclose(steps, steps.T)
@@ -70,7 +71,7 @@ def test_the_way_back_is_as_long_and_leaves_where_the_other_arrives(two_rooms):
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**31), st.integers(1, 40))
-def test_ways_along_the_tree_lead_back_to_the_last_vertex_that_two_paths_share(seed, num):
+def test_path_along_the_tree_leads_over_the_last_shared_vertex(seed, num):
     rng = np.random.default_rng(seed)
     order = rng.permutation(num)
     predecessor, distance_m = [-1] * (num + 1), np.zeros(num + 1)
@@ -78,19 +79,20 @@ def test_ways_along_the_tree_lead_back_to_the_last_vertex_that_two_paths_share(s
         # The robot itself is the node after all vertices.
         predecessor[vertex] = int(rng.choice([num, *order[:i]]))
         distance_m[vertex] = distance_m[predecessor[vertex]] + rng.uniform(0.1, 2.0)
-    topdown = TopDownMap(np.ones((1, 1), np.float32), np.zeros((1, 1), np.int8), 0.05, np.zeros(2))
-    tree = ShortestPathTree(distance_m[:num], predecessor, {}, graph_of(num), topdown, 0.22, Pose2(0.0, 0.0, 0.0))
-    vertex = np.concatenate([[-1], rng.integers(num, size=12)])
-    paths = [np.array(tree.vertices_to(v) if v >= 0 else [], np.int64) for v in vertex.tolist()]
+    # All vertices in one place that no straight path leads to or from: turns are the same for all pairs.
+    topdown = TopDownMap(np.full((1, 1), -1.0, np.float32), np.zeros((1, 1), np.int8), 0.05, np.zeros(2))
+    graph = VoronoiGraph(np.full((num, 2), 0.5), np.ones(num), np.zeros((0, 2), np.int64), np.zeros(0))
+    tree = ShortestPathTree(distance_m[:num], predecessor, {}, graph, topdown, 0.22, Pose2(0.0, 0.0, 0.0))
+    vertex = rng.integers(num, size=12)
 
-    length_m = TravelCosts(tree)._along_tree(vertex, paths)
+    steps = between(TravelCosts(tree), tree, vertex)[0][1:, 1:]
 
+    paths = [tree.vertices_to(int(v)) for v in vertex]
     for i, one in enumerate(paths):
         for j, other in enumerate(paths):
             shared = max((distance_m[v] for v in one if v in other), default=0.0)
-            # For the robot's own place this is the node after all vertices, too.
             expected = distance_m[vertex[i]] + distance_m[vertex[j]] - 2.0 * shared
-            assert length_m[i, j] == pytest.approx(expected, abs=1e-4)
+            assert steps[i, j] == pytest.approx(expected / FORWARD_STEP_M + HALF_TURN, abs=1e-2)
 
 
 def graph_of(num):

@@ -16,16 +16,16 @@ def left_in(world):
     grid_below = grid.state.copy()
     grid.state[1] = grid_below[5]  # The body's lowest heights are free.
     topdown = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)).update(grid, world.sdf, pose)
-    view = PooledOccupancy(5.5)
-    view.update(grid, np.array([-50.0, -50]), np.array([50.0, 50]))
-    return unexplored_patches(view, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
+    occupancy = PooledOccupancy(5.5)
+    occupancy.update(grid, np.array([-50.0, -50]), np.array([50.0, 50]))
+    return unexplored_patches(occupancy, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
 
 
-def test_a_room_seen_whole_leaves_nothing():
+def test_room_seen_whole_leaves_nothing():
     assert left_in(room(4, 3)) == ()
 
 
-def test_what_lies_behind_too_narrow_a_gap_is_told_from_what_cannot_be_reached_at_all():
+def test_narrow_gap_is_told_from_a_wall():
     # A slit of 0.3 m lets no body of 0.44 m through.
     slit = [(4.2, 0.2, 4.3, 1.5), (4.2, 1.8, 4.3, 3.2)]
     unknown = [(9.6, 0.2, 10.2, 3.2)]
@@ -37,7 +37,7 @@ def test_what_lies_behind_too_narrow_a_gap_is_told_from_what_cannot_be_reached_a
     assert closed.area_m2 > 2.0
 
 
-def test_what_is_in_reach_and_was_never_shown_is_hidden_or_too_high():
+def test_patch_in_reach_is_hidden_or_too_high():
     world = room(4, 3)
     world.occupancy.state[10:20, 40:50, 75:84] = UNKNOWN
     (patch,) = left_in(world)

@@ -1,0 +1,127 @@
+"""The target that the robot is sent to: where it looks from, what is expected of it, and when to decide again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.frames import wrap_angle
+from anm_mj.planning.paths import remaining_path
+from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.views import VIEW_SIDE, Viewpoint, signed_turns
+from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Plan, Pose2, TopDownMap
+
+
+class ActiveTarget:
+    """One target from its choice until it is closed.
+
+    Vertices of the graph move with every frame. The target follows the vertex that stands for it now, but no farther
+    from the viewpoint that it was chosen for than candidates lie apart.
+    """
+
+    def __init__(self, viewpoint: Viewpoint, *, expected_gain_m2: float, seen_m2: float, config: GvgConfig) -> None:
+        """Choose a target.
+
+        Args:
+            viewpoint: where it is.
+            expected_gain_m2: new surface that the view there, and the turns to it, are expected to show [m2].
+            seen_m2: surface seen so far [m2].
+            config: when a plan may be reused.
+        """
+        self._config = config
+        self._chosen = viewpoint
+        self.viewpoint = viewpoint
+        """Where it is now."""
+        self.expected_gain_m2 = expected_gain_m2
+        """At its choice [m2]."""
+        self.seen_before_m2 = seen_m2
+        """Surface seen before its choice [m2]."""
+        self._plan = Plan("", np.zeros((0, 2)))
+        self._view_gain_m2 = 0.0
+        self._decided_at_m2 = seen_m2
+        self._num_reuses = 0
+
+    def decide(self, viewpoint: Viewpoint, plan: Plan, *, view_gain_m2: float, seen_m2: float) -> None:
+        """Take over a full decision for this target.
+
+        Args:
+            viewpoint: where the target is now.
+            plan: what leads there.
+            view_gain_m2: new surface that the view alone is expected to show [m2].
+            seen_m2: surface seen so far [m2].
+        """
+        self.viewpoint, self._plan = viewpoint, plan
+        self._view_gain_m2, self._decided_at_m2, self._num_reuses = view_gain_m2, seen_m2, 0
+
+    def is_near(self, xy_m: Float[np.ndarray, 2]) -> bool:
+        """Whether a place is nearer to the target than candidates lie apart."""
+        return self._within_spacing(xy_m, self.viewpoint.xy_m)
+
+    def is_same(self, viewpoint: Viewpoint) -> bool:
+        """Whether a viewpoint stands for this target: near it and its first place, with a view that overlaps most."""
+        near = self.is_near(viewpoint.xy_m) and self._within_spacing(viewpoint.xy_m, self._chosen.xy_m)
+        return near and abs(signed_turns(viewpoint.heading, self._chosen.heading)) <= VIEW_SIDE
+
+    def is_reached(self, pose: Pose2) -> bool:
+        """Whether the robot stands at the target and looks along its heading."""
+        there = float(np.linalg.norm(self.viewpoint.xy_m - pose.xy_m)) < 2 * ARRIVED_M
+        return there and abs(wrap_angle(self.viewpoint.heading * TURN_STEP_RAD - pose.yaw_rad)) < TURN_STEP_RAD
+
+    def needs_decision(self, pose: Pose2, seen_m2: float) -> bool:
+        """Whether a full decision is due: the target is reached, the plan done or old, or much new surface was seen."""
+        enough_m2 = max(self._config.replan_gain_m2, self._config.replan_gain_share * self._view_gain_m2)
+        return (
+            self.is_reached(pose)
+            or seen_m2 - self._decided_at_m2 > enough_m2
+            or self._num_reuses >= self._config.max_plan_reuse
+            or self._is_followed(pose)
+        )
+
+    def is_worth(self, view_gain_m2: float) -> bool:
+        """Whether the view is worth going on for, if it is expected to show this much now [m2]."""
+        return view_gain_m2 >= max(self._config.reuse_share * self._view_gain_m2, self._config.min_gain_m2)
+
+    def remaining_path(self, pose: Pose2) -> Float[np.ndarray, "k 2"]:
+        """The rest of the plan's path, from the robot on [m]; empty for a turn on the spot."""
+        path_xy_m = self._plan.path_xy_m
+        return remaining_path(path_xy_m, pose) if len(path_xy_m) else path_xy_m
+
+    def reuse(
+        self,
+        path_xy_m: Float[np.ndarray, "k 2"],
+        *,
+        view_gain_m2: float,
+        seen_m2: float,
+        topdown: TopDownMap,
+        stage_ms: dict[str, float],
+    ) -> Plan:
+        """The plan of the last full decision again.
+
+        Args:
+            path_xy_m: the rest of its path [m].
+            view_gain_m2: what the view is expected to show now [m2].
+            seen_m2: surface seen so far [m2].
+            topdown: the map as of now.
+            stage_ms: what it took to find that nothing has changed [ms].
+        """
+        self._num_reuses += 1
+        reason = (
+            f"plan reused: expected gain {view_gain_m2:.1f} m², "
+            f"{seen_m2 - self._decided_at_m2:.1f} m² seen since the last full decision"
+        )
+        return replace(self._plan, reason=reason, path_xy_m=path_xy_m, topdown=topdown, stage_ms=stage_ms)
+
+    def _is_followed(self, pose: Pose2) -> bool:
+        """Whether nothing of the plan is left to do; its heading may differ from the sector's by half a turn step."""
+        path = self._plan.path_xy_m
+        there = not len(path) or math.dist(path[-1], pose.xy_m) < ARRIVED_M
+        # Headings lie whole turn steps away, except for the error of the wheels.
+        return there and all(
+            abs(wrap_angle(yaw - pose.yaw_rad)) < 0.75 * TURN_STEP_RAD for yaw in self._plan.headings_rad
+        )
+
+    def _within_spacing(self, a_m: Float[np.ndarray, 2], b_m: Float[np.ndarray, 2]) -> bool:
+        return float(np.linalg.norm(a_m - b_m)) < self._config.candidate_spacing_m

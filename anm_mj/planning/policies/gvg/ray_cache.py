@@ -1,0 +1,164 @@
+"""Rays through the pooled occupancy from places in the plane; a ray is cast again only when the cell it hit changed.
+
+From each place rays in 36 azimuths and a few elevations run to the first cell that is not free. Rows of the cache hold
+the rays of one place each; a place stands for the cell that contains it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
+
+from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
+from anm_mj.types import FREE, UNKNOWN
+
+MAX_SLOPE = 0.95
+"""Rise per metre of the steepest rays: just inside a vertical field of view of 90 degrees."""
+NEAREST_M = 0.25
+"""Rays begin at this distance from the camera's axis [m]: the robot's own body is free."""
+RAYS_PER_BATCH = 16_384
+"""Rays cast at once: the cells of one batch fit into the processor's cache."""
+MIN_ROWS = 256
+"""Rows allocated at first."""
+MAX_ROWS = 32_768
+"""The cache is cleared before it exceeds this many rows, which take 100 to 200 MB."""
+NEVER_CAST = -3
+"""Marks rays that were not cast yet; not the state of any cell."""
+
+
+@dataclass(frozen=True)
+class Rays:
+    """The rays of ``n`` places, ordered by azimuth, then by elevation."""
+
+    hit: Int32[np.ndarray, "n rays"]
+    """First cell that is not free, as a flat index into the occupancy."""
+    state: Int8[np.ndarray, "n rays"]
+    """State of that cell."""
+    sample: UInt8[np.ndarray, "n rays"]
+    """Index of its distance in ``RayCache.distance_m``."""
+    depth: UInt8[np.ndarray, "n rays"]
+    """Where that cell is unknown, the number of unknown cells from there on."""
+
+
+class RayCache:
+    """Casts rays and remembers them as long as the cells they hit keep their state."""
+
+    def __init__(
+        self, occupancy: PooledOccupancy, *, camera_height_m: float, range_m: float, num_elevations: int
+    ) -> None:
+        """Start empty.
+
+        Args:
+            occupancy: the grid that rays run through; it may change and grow.
+            camera_height_m: height that rays start from [m].
+            range_m: length of the rays [m].
+            num_elevations: elevations within the camera's vertical field of view.
+        """
+        self._occupancy = occupancy
+        self._camera_height_m = camera_height_m
+        self._range_m = range_m
+        edges = np.linspace(-MAX_SLOPE, MAX_SLOPE, num_elevations + 1)
+        self._slope = (edges[:-1] + edges[1:]) / 2
+        self.solid_angle = (math.tau / NUM_AZIMUTHS) * float(edges[1] - edges[0])
+        """Area that each ray stands for at a distance of 1 m: the product of its steps in azimuth and slope."""
+        self.distance_m: Float32[np.ndarray, " samples"] = np.zeros(0, np.float32)
+        """Horizontal distance of each sample along a ray [m]."""
+        self._layout = -1
+        num_rays = NUM_AZIMUTHS * num_elevations
+        self._offset = np.zeros((0, 0), np.int64)
+        """Flat offset of each sample of each ray from the cell that the ray starts in."""
+        self._row_of = np.zeros(0, np.int32)
+        """Row of each cell of the camera's layer; -1 for none."""
+        self._num_rows = 0
+        self._start = np.zeros(0, np.int64)
+        self._rays = Rays(
+            np.zeros((0, num_rays), np.int32),
+            np.zeros((0, num_rays), np.int8),
+            np.zeros((0, num_rays), np.uint8),
+            np.zeros((0, num_rays), np.uint8),
+        )
+
+    def cast(self, places_xy_m: Float[np.ndarray, "n 2"]) -> Rays:
+        """The rays of places as the occupancy is now."""
+        self._follow_layout()
+        places_m = np.insert(places_xy_m, 2, self._camera_height_m, axis=1)
+        rows = self._allocate(self._occupancy.flat_index(places_m))
+        all_rays = self._rays
+        place, ray = np.nonzero(self._occupancy.state.ravel()[all_rays.hit[rows]] != all_rays.state[rows])
+        for begin in range(0, len(place), RAYS_PER_BATCH):
+            batch = slice(begin, begin + RAYS_PER_BATCH)
+            self._cast(rows[place[batch]], ray[batch])
+        return Rays(all_rays.hit[rows], all_rays.state[rows], all_rays.sample[rows], all_rays.depth[rows])
+
+    def _allocate(self, start: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """Rows of the cells that rays start in; new rows where there are none."""
+        cell = start % len(self._row_of)
+        new = np.unique(cell[self._row_of[cell] < 0])
+        if self._num_rows + len(new) > MAX_ROWS:
+            self._clear()
+            new = np.unique(cell)
+        self._row_of[new] = np.arange(self._num_rows, self._num_rows + len(new))
+        self._num_rows += len(new)
+        if self._num_rows > len(self._start):
+            more = max(2 * self._num_rows, MIN_ROWS) - len(self._start)
+            old, pad = self._rays, ((0, more), (0, 0))
+            self._start = np.pad(self._start, (0, more))
+            self._rays = Rays(
+                np.pad(old.hit, pad),
+                np.pad(old.state, pad, constant_values=NEVER_CAST),
+                np.pad(old.sample, pad),
+                np.pad(old.depth, pad),
+            )
+        rows = self._row_of[cell]
+        self._start[rows] = start
+        return rows
+
+    def _cast(self, row: Int[np.ndarray, " n"], ray: Int[np.ndarray, " n"]) -> None:
+        """Cast rays anew, each given by its row and its number."""
+        cells = self._offset.take(ray, axis=0)
+        cells += self._start[row, None]
+        states = self._occupancy.state.reshape(-1).take(cells)
+        each = np.arange(len(row))
+        first = (states != FREE).argmax(axis=1)
+        state = states[each, first]
+        rays = self._rays
+        rays.hit[row, ray], rays.sample[row, ray], rays.state[row, ray] = cells[each, first], first, state
+        # The extent of the unknown behind the hit tells a room from the back of a chair.
+        unknown = np.flatnonzero(state == UNKNOWN)
+        first = first[unknown]
+        behind = np.arange(states.shape[1], dtype=np.uint8) > first.astype(np.uint8)[:, None]
+        ends = (states[unknown] != UNKNOWN) & behind
+        ends[:, -1] = True
+        rays.depth[row[unknown], ray[unknown]] = ends.argmax(axis=1) - first
+
+    def _follow_layout(self) -> None:
+        """Clear the cache and compute the offsets anew when the occupancy's array has grown."""
+        if self._layout == self._occupancy.epoch:
+            return
+        self._layout = self._occupancy.epoch
+        layers, rows, cols = self._occupancy.state.shape
+        cell = self._occupancy.cell_m
+        distance_m = np.arange(NEAREST_M, self._range_m, cell)
+        azimuth = np.arange(NUM_AZIMUTHS) * math.tau / NUM_AZIMUTHS
+        # Offsets start at the centre of a cell: the place may lie anywhere in it.
+        dx = np.rint(np.cos(azimuth)[:, None, None] * distance_m / cell)
+        dy = np.rint(np.sin(azimuth)[:, None, None] * distance_m / cell)
+        dz = np.rint(self._slope[None, :, None] * distance_m / cell)
+        level = math.floor((self._camera_height_m - self._occupancy.origin_m[2]) / cell)
+        # Steep rays end in the layer of the floor or in the highest layer.
+        floor = max(math.floor(-self._occupancy.origin_m[2] / cell), 0)
+        dz = np.clip(dz, floor - level, layers - 1 - level)
+        self._offset = ((dz * rows + dy) * cols + dx).astype(np.int64).reshape(-1, len(distance_m))
+        self.distance_m = distance_m.astype(np.float32)
+        self._row_of = np.full(rows * cols, -1, np.int32)
+        self._clear()
+
+    def _clear(self) -> None:
+        """Forget all rays; the rows are written over one by one."""
+        self._row_of[:] = -1
+        self._num_rows = 0
+        self._rays.state[:] = NEVER_CAST

@@ -1,0 +1,135 @@
+"""Transitions between views: the steps from one to the next, and the gain of all that the camera sweeps on the way.
+
+A transition leaves a place, goes to another, or stays, and turns there. While the camera turns, to leave or after
+arrival, it sweeps over all azimuths in between and shows their gain. A patch of space that a tour has covered brings no
+gain again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
+from anm_mj.planning.policies.gvg.views import HALF_TURN, NUM_AZIMUTHS, VIEW_SIDE, signed_turns
+
+TURNS = np.concatenate([np.arange(HALF_TURN + 1), -np.arange(HALF_TURN, 0, -1)])
+"""Turns after arrival, to the left from 0 up, then to the right: indices ``t`` and ``-t`` hold the turns ``t`` and
+``-t``."""
+_SWEPT = np.arange(-HALF_TURN - VIEW_SIDE, HALF_TURN + VIEW_SIDE + 1)
+"""Azimuth sectors that turns can sweep over, relative to the first heading."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places to look from; the first is where the robot stands."""
+
+    xy_m: Float[np.ndarray, "k 2"]
+    vertex: Int[np.ndarray, " k"]
+    """Vertex of the graph; -1 for the robot's own place."""
+    patch: Int[np.ndarray, "k rays"]
+    """Patch of space that each ray hits; rays ordered by azimuth, then elevation."""
+    gain_m2: Float32[np.ndarray, "k rays"]
+    """Expected new surface of each ray [m2]."""
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """All transitions from the ends of ``b`` tours to ``k`` places, with each of ``TURNS`` after arrival."""
+
+    arrival: Int[np.ndarray, "b k"]
+    """Azimuth sector along which the robot arrives."""
+    steps: Float[np.ndarray, "b k turns"]
+    gain_m2: Float[np.ndarray, "b k turns"]
+
+
+class TransitionTable:
+    """Steps, headings and gains of the transitions between some places."""
+
+    def __init__(self, places: Places, costs: TravelCosts) -> None:
+        """Compute the costs of all pairs of places.
+
+        Args:
+            places: where to look from.
+            costs: steps and headings of the paths between them.
+        """
+        counts = places.gain_m2 > 0.0
+        names, number = np.unique(places.patch[counts], return_inverse=True)
+        self.num_places = len(places.xy_m)
+        self.num_patches = len(names) + 1
+        """Patches with any gain; all others are counted as one."""
+        patch = np.full(places.patch.shape, len(names))
+        patch[counts] = number
+        self._patch = patch.reshape(self.num_places, NUM_AZIMUTHS, -1)
+        self._gain_m2 = places.gain_m2.reshape(self._patch.shape)
+        self._steps, self._leave, self._arrive = costs.between(places.xy_m, places.vertex)
+
+    def expand(
+        self, place: Int[np.ndarray, " b"], heading: Int[np.ndarray, " b"], covered: Bool[np.ndarray, "b patches"]
+    ) -> Transitions:
+        """The transitions that tours can go on with.
+
+        Args:
+            place: where each tour ends.
+            heading: azimuth sector that the robot looks along there.
+            covered: patches that each tour has covered.
+        """
+        each = np.arange(len(place))
+        sector_gain = np.where(covered.take(self._patch, axis=1), np.float32(0.0), self._gain_m2).sum(axis=3)
+        turn_away = signed_turns(self._leave[place], heading[:, None])
+        # A robot that stays only turns; its sweep is counted as that after arrival.
+        turn_away[each, place] = 0
+        sweep_here = _sweep_gains(sector_gain[each, place], heading)
+        leaving = sweep_here[each[:, None], turn_away] - sweep_here[:, :1]
+        arrival = self._arrive[place]
+        arrival[each, place] = heading
+        sweep_there = _sweep_gains(sector_gain, arrival)
+        steps = self._steps[place][:, :, None] + np.abs(turn_away)[:, :, None] + np.abs(TURNS)
+        gain = leaving[:, :, None] + sweep_there
+        gain[each, place] -= sweep_there[each, place, :1]
+        return Transitions(arrival, steps, gain)
+
+    def cover(
+        self,
+        covered: Bool[np.ndarray, "c patches"],
+        start: tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]],
+        end: tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]],
+    ) -> None:
+        """Mark what transitions cover.
+
+        Args:
+            covered: patches that each tour has covered; changed in place.
+            start: places and headings before the transitions.
+            end: places and headings after them.
+        """
+        place, heading = start
+        to, to_heading = end
+        stays = place == to
+        self._cover_turn(covered, place, heading, np.where(stays, to_heading, self._leave[place, to]))
+        self._cover_turn(covered, to, np.where(stays, heading, self._arrive[place, to]), to_heading)
+
+    def _cover_turn(
+        self,
+        covered: Bool[np.ndarray, "c patches"],
+        place: Int[np.ndarray, " c"],
+        start: Int[np.ndarray, " c"],
+        end: Int[np.ndarray, " c"],
+    ) -> None:
+        """Mark what the camera sweeps over while it turns at places from one heading to another."""
+        turn = signed_turns(end, start)[:, None]
+        swept = (np.minimum(turn, 0) - VIEW_SIDE <= _SWEPT) & (np.maximum(turn, 0) + VIEW_SIDE >= _SWEPT)
+        row, column = np.nonzero(swept)
+        covered[row[:, None], self._patch[place[row], (start[row] + _SWEPT[column]) % NUM_AZIMUTHS]] = True
+
+
+def _sweep_gains(
+    sector_gain: Float[np.ndarray, "*n azimuths"], start: Int[np.ndarray, "*n"]
+) -> Float[np.ndarray, "*n turns"]:
+    """Gain of all that a camera shows that looks along ``start`` and then turns, for each of ``TURNS`` [m2]."""
+    rolled = np.take_along_axis(sector_gain, (start[..., None] + _SWEPT) % NUM_AZIMUTHS, axis=-1).astype(float)
+    middle = rolled[..., HALF_TURN : HALF_TURN + 2 * VIEW_SIDE + 1].sum(axis=-1, keepdims=True)
+    to_left = middle + np.cumsum(rolled[..., HALF_TURN + 2 * VIEW_SIDE + 1 :], axis=-1)
+    to_right = middle + np.cumsum(rolled[..., HALF_TURN - 1 :: -1], axis=-1)
+    return np.concatenate([middle, to_left, to_right[..., ::-1]], axis=-1)
