@@ -29,7 +29,7 @@ from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene, load_scene, read_scene_folder
 from anm_mj.scene.mjcf import read_msh
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2
@@ -204,7 +204,7 @@ def refined_home(num_triangles: int, folder: Path) -> Scene:
     return write_scene(parts, info, out, home.starts)
 
 
-def home_parts(home: Scene) -> list[Part]:
+def home_parts(home: Scene) -> list[Submesh]:
     """The parts that a scene folder was written from."""
     root = ET.parse(home.xml).getroot()
     parts = []
@@ -213,11 +213,11 @@ def home_parts(home: Scene) -> list[Part]:
         texture = home.folder / "assets" / f"{mesh.get('name')}.png"
         image = np.asarray(Image.open(texture).convert("RGB")) if texture.is_file() else None
         uv_up = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1) if image is not None else None
-        parts.append(Part(str(mesh.get("name")), vertices, faces, uv=uv_up, texture=image))
+        parts.append(Submesh(str(mesh.get("name")), vertices, faces, uv=uv_up, texture=image))
     return parts
 
 
-def halved(part: Part, length_m: float) -> Part:
+def halved(part: Submesh, length_m: float) -> Submesh:
     """The same surface with every triangle halved whose longest edge is longer, at the middle of that edge."""
     corners = part.vertices_m[part.faces]
     lengths: Float[np.ndarray, "f 3"] = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
@@ -226,7 +226,7 @@ def halved(part: Part, length_m: float) -> Part:
     edges, middle = np.unique(np.sort(np.stack([a, b], axis=1), axis=1), axis=0, return_inverse=True)
     middle = middle.ravel() + len(part.vertices_m)
     faces = [part.faces[~split], np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
-    return Part(
+    return Submesh(
         part.name,
         np.concatenate([part.vertices_m, part.vertices_m[edges].mean(axis=1)]),
         np.concatenate(faces).astype(np.int32),

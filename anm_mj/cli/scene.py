@@ -21,6 +21,7 @@ def add_scene(commands: Any) -> None:
     imported.add_argument("src", type=Path, metavar="SRC", help="a file or a scene's folder (docs/scenes.md)")
     imported.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
     imported.add_argument(
+        "--format",
         "--kind",
         default="auto",
         help="what SRC is: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, floorplan, mesh",
@@ -62,7 +63,7 @@ def _scene_import(parsed: argparse.Namespace) -> int:
     scene = import_scene(
         parsed.src,
         parsed.out,
-        kind=parsed.kind,
+        source_format=parsed.format,
         up=parsed.up,
         scale=parsed.scale,
         name=parsed.name,

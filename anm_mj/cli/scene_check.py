@@ -32,7 +32,7 @@ def add_check(actions: Any) -> None:
 
 
 def _scene_check(parsed: argparse.Namespace) -> int:
-    from anm_mj.scene.check import check_scene, draw_both_sides
+    from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.check_sheet import write_sheet
     from anm_mj.scene.folder import load_scene
     from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
@@ -53,7 +53,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     if sides is None:
         console.print("one-sided walls: not looked for, because nothing can be drawn here", soft_wrap=True)
     else:
-        mended = sides.one_sided_share > _MAX_ONE_SIDED and draw_both_sides(scene)
+        mended = sides.one_sided_share > _MAX_ONE_SIDED and disable_backface_culling(scene)
         if mended:
             scene = replace(scene, cull_face=False)
             views = SceneViews(scene, backend)

@@ -121,7 +121,7 @@ def _holes(
     return tuple(found)
 
 
-def draw_both_sides(scene: Scene) -> bool:
+def disable_backface_culling(scene: Scene) -> bool:
     """Write into scene.toml that triangles seen from behind are to be drawn; False if it already says so.
 
     Raises:

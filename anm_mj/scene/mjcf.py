@@ -24,7 +24,7 @@ _MIN_ZFAR_M = 100.0
 
 @dataclass(frozen=True)
 class Drawn:
-    """A part as it lies in the assets folder."""
+    """A submesh as it lies in the assets folder."""
 
     name: str
     mesh_file: str
@@ -60,17 +60,17 @@ def scene_mjcf(
 
     asset, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
     textures: set[str] = set()
-    for part in drawn:
-        material = ET.SubElement(asset, "material", name=part.name, rgba=_numbers((*part.rgb, 1.0)))
+    for submesh in drawn:
+        material = ET.SubElement(asset, "material", name=submesh.name, rgba=_numbers((*submesh.rgb, 1.0)))
         material.attrib.update(specular="0", shininess="0", reflectance="0")
-        if part.texture_file is not None:
-            texture = Path(part.texture_file).stem
+        if submesh.texture_file is not None:
+            texture = Path(submesh.texture_file).stem
             material.set("texture", texture)
             if texture not in textures:
                 textures.add(texture)
-                ET.SubElement(asset, "texture", name=texture, type="2d", file=part.texture_file)
-        ET.SubElement(asset, "mesh", name=part.name, file=part.mesh_file, inertia="shell")
-        ET.SubElement(world, "geom", {"class": "visual"}, name=part.name, mesh=part.name, material=part.name)
+                ET.SubElement(asset, "texture", name=texture, type="2d", file=submesh.texture_file)
+        ET.SubElement(asset, "mesh", name=submesh.name, file=submesh.mesh_file, inertia="shell")
+        ET.SubElement(world, "geom", {"class": "visual"}, name=submesh.name, mesh=submesh.name, material=submesh.name)
     ET.SubElement(
         world, "geom", {"class": "collision"}, name="floor", type="plane", size="0 0 1", rgba="0.5 0.5 0.5 0.2"
     )

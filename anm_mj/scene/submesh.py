@@ -11,10 +11,10 @@ from anm_mj.errors import SceneError
 
 
 @dataclass(frozen=True)
-class Part:
+class Submesh:
     """Triangles that share one material, in the world (z up, floor at z = 0) [m].
 
-    A part is drawn unlit: what the camera sees is the texture times ``rgb``, or ``rgb`` where there is no texture.
+    A submesh is drawn unlit: what the camera sees is the texture times ``rgb``, or ``rgb`` where there is no texture.
 
     Raises:
         SceneError: if vertices are not finite, a face names a vertex that is not there, or a texture has no ``uv``.
@@ -39,73 +39,73 @@ class Part:
         if not np.isfinite(self.vertices_m).all():
             bad = int(np.count_nonzero(~np.isfinite(self.vertices_m).all(axis=1)))
             raise SceneError(
-                f"Part {self.name!r} has {bad} vertices with NaN or infinite coordinates: repair the mesh."
+                f"Submesh {self.name!r} has {bad} vertices with NaN or infinite coordinates: repair the mesh."
             )
         if len(self.faces) and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices_m):
             raise SceneError(
-                f"Part {self.name!r} has faces that name vertices {self.faces.min()} to {self.faces.max()}, "
+                f"Submesh {self.name!r} has faces that name vertices {self.faces.min()} to {self.faces.max()}, "
                 f"but there are {len(self.vertices_m)} vertices: repair the mesh."
             )
         if self.texture is not None and self.uv is None:
-            raise SceneError(f"Part {self.name!r} has a texture but no texture coordinates.")
+            raise SceneError(f"Submesh {self.name!r} has a texture but no texture coordinates.")
 
 
-def without_degenerate_faces(part: Part) -> Part | None:
-    """The same part without faces of no area and vertices of no face; None when no face is left."""
-    corners = part.vertices_m[part.faces].astype(np.float64)
+def without_degenerate_faces(submesh: Submesh) -> Submesh | None:
+    """The same submesh without faces of no area and vertices of no face; None when no face is left."""
+    corners = submesh.vertices_m[submesh.faces].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # Below a square micrometre a face can neither be seen nor bumped into.
-    faces = part.faces[np.linalg.norm(normals, axis=1) > 1e-12]
+    faces = submesh.faces[np.linalg.norm(normals, axis=1) > 1e-12]
     if not len(faces):
         return None
     used, compact = np.unique(faces, return_inverse=True)
-    return Part(
-        part.name,
-        part.vertices_m[used],
+    return Submesh(
+        submesh.name,
+        submesh.vertices_m[used],
         compact.reshape(-1, 3).astype(np.int32),
-        part.rgb,
-        None if part.uv is None else part.uv[used],
-        part.texture,
-        part.tiled,
+        submesh.rgb,
+        None if submesh.uv is None else submesh.uv[used],
+        submesh.texture,
+        submesh.tiled,
     )
 
 
-def merge_geometry(parts: list[Part]) -> tuple[Float[np.ndarray, "v 3"], Integer[np.ndarray, "f 3"]]:
-    """Vertices and faces of all parts in one mesh, in order, without touching a vertex."""
-    offsets = np.cumsum([0] + [len(part.vertices_m) for part in parts[:-1]])
-    vertices = np.concatenate([part.vertices_m for part in parts])
-    faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=True)])
+def merge_geometry(submeshes: list[Submesh]) -> tuple[Float[np.ndarray, "v 3"], Integer[np.ndarray, "f 3"]]:
+    """Vertices and faces of all submeshes in one mesh, in order, without touching a vertex."""
+    offsets = np.cumsum([0] + [len(submesh.vertices_m) for submesh in submeshes[:-1]])
+    vertices = np.concatenate([submesh.vertices_m for submesh in submeshes])
+    faces = np.concatenate([submesh.faces + offset for submesh, offset in zip(submeshes, offsets, strict=True)])
     return vertices, faces
 
 
 def transformed(
-    part: Part, rotation: Float64[np.ndarray, "3 3"], shift: Float64[np.ndarray, "3"] | None = None
-) -> Part:
-    """The same part at ``rotation @ vertex + shift``; the matrix may scale too, and if it mirrors, faces are turned."""
-    vertices = part.vertices_m @ rotation.T
+    submesh: Submesh, rotation: Float64[np.ndarray, "3 3"], shift: Float64[np.ndarray, "3"] | None = None
+) -> Submesh:
+    """The submesh at ``rotation @ vertex + shift``; the matrix may scale too; where it mirrors, faces are reversed."""
+    vertices = submesh.vertices_m @ rotation.T
     if shift is not None:
         vertices = vertices + shift
-    faces = part.faces[:, ::-1] if np.linalg.det(rotation) < 0.0 else part.faces
-    return replace(part, vertices_m=vertices, faces=faces)
+    faces = submesh.faces[:, ::-1] if np.linalg.det(rotation) < 0.0 else submesh.faces
+    return replace(submesh, vertices_m=vertices, faces=faces)
 
 
-def merge_alike(parts: list[Part]) -> list[Part]:
-    """Parts of equal colour and texture as one, in order of first appearance.
+def merge_alike(submeshes: list[Submesh]) -> list[Submesh]:
+    """Submeshes of equal colour and texture as one, in order of first appearance.
 
     A world of hundreds of small objects is drawn and compiled several times as fast this way, and a renderer takes a
     thousand textured materials at most.
     """
-    groups: dict[tuple[object, ...], list[Part]] = {}
-    for part in parts:
-        groups.setdefault((part.rgb, None if part.texture is None else id(part.texture)), []).append(part)
+    groups: dict[tuple[object, ...], list[Submesh]] = {}
+    for submesh in submeshes:
+        groups.setdefault((submesh.rgb, None if submesh.texture is None else id(submesh.texture)), []).append(submesh)
     return [_merged(group) for group in groups.values()]
 
 
-def _merged(group: list[Part]) -> Part:
-    """One part of parts that look alike."""
+def _merged(group: list[Submesh]) -> Submesh:
+    """One submesh of submeshes that look alike."""
     first = group[0]
     if len(group) == 1:
         return first
     vertices, faces = merge_geometry(group)
-    uvs = [part.uv for part in group if part.uv is not None]
+    uvs = [submesh.uv for submesh in group if submesh.uv is not None]
     return replace(first, vertices_m=vertices, faces=faces, uv=None if first.texture is None else np.concatenate(uvs))

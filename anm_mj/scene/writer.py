@@ -1,4 +1,4 @@
-"""Writes scene folders: the one place that knows how parts become one, for imported and for generated scenes."""
+"""Writes scene folders: the one place that knows how submeshes become one, for imported and for generated scenes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from anm_mj.scene.importing.canonical_axes import covered_share
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, choose_starts, navigable_area
 from anm_mj.scene.rooms import find_rooms
-from anm_mj.scene.submesh import Part, merge_geometry, without_degenerate_faces
+from anm_mj.scene.submesh import Submesh, merge_geometry, without_degenerate_faces
 from anm_mj.types import Pose2
 
 _PNG_COMPRESSION = 3
@@ -58,14 +58,14 @@ class SceneInfo:
     two-sided: a one-sided wall seen from behind must not open the view into the next room."""
 
 
-def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pose2, ...] | None = None) -> Scene:
+def write_scene(submeshes: list[Submesh], info: SceneInfo, out: Path, starts: tuple[Pose2, ...] | None = None) -> Scene:
     """Write a scene folder and read it back.
 
     Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) are worked out
-    from the parts. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
+    from the submeshes. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
 
     Args:
-        parts: Everything in the scene, in the world (z up, floor at z = 0) [m].
+        submeshes: Everything in the scene, in the world (z up, floor at z = 0) [m].
         info: Name, origin and licence.
         out: The scene folder to make.
         starts: Start poses, the default one first; None to choose them.
@@ -73,9 +73,13 @@ def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pos
     Raises:
         SceneError: if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
     """
-    proper = [part for part in (without_degenerate_faces(part) for part in parts) if part is not None]
+    proper = [
+        submesh for submesh in (without_degenerate_faces(submesh) for submesh in submeshes) if submesh is not None
+    ]
     if not proper:
-        raise SceneError(f"Scene {info.name} holds no triangles (of {len(parts)} parts): give a file with a surface.")
+        raise SceneError(
+            f"Scene {info.name} holds no triangles (of {len(submeshes)} submeshes): give a file with a surface."
+        )
     vertices, faces = merge_geometry(proper)
     vertices, faces = vertices.astype(np.float32), faces.astype(np.int32)
     triangles = vertices[faces]
@@ -83,7 +87,7 @@ def write_scene(parts: list[Part], info: SceneInfo, out: Path, starts: tuple[Pos
     if starts is None or rooms is None:
         area = navigable_area(triangles, DEFAULT_FOOTPRINT)
         starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
-        # A scan may have no wall that parts a room from the open.
+        # A scan may have no wall that submeshes a room from the open.
         rooms = rooms or len(find_rooms(triangles, area).area_m2) or None
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
     entries = {
@@ -164,20 +168,22 @@ def check_destination(out: Path) -> None:
         raise SceneError(f"{out} cannot be written, because {parent} is not writable: choose another folder.")
 
 
-def _write_assets(parts: list[Part], assets: Path) -> list[Drawn]:
-    """Write one mesh per part and each texture once; what was drawn, in order."""
+def _write_assets(submeshes: list[Submesh], assets: Path) -> list[Drawn]:
+    """Write one mesh per submesh and each texture once; what was drawn, in order."""
     assets.mkdir()
     drawn, texture_files = [], {}
-    for i, part in enumerate(parts):
-        name = f"{i:03d}_{re.sub(r'[^A-Za-z0-9]+', '_', part.name).strip('_')[:40]}".rstrip("_")
+    for i, submesh in enumerate(submeshes):
+        name = f"{i:03d}_{re.sub(r'[^A-Za-z0-9]+', '_', submesh.name).strip('_')[:40]}".rstrip("_")
         texture_file = None
-        if part.texture is not None:
-            key = hashlib.sha256(part.texture.tobytes()).digest()
+        if submesh.texture is not None:
+            key = hashlib.sha256(submesh.texture.tobytes()).digest()
             texture_file = texture_files.setdefault(key, f"{name}.png")
             if texture_file == f"{name}.png":
-                _write_png(assets / texture_file, part.texture)
-        write_msh(assets / f"{name}.msh", part.vertices_m, part.faces, None if texture_file is None else part.uv)
-        drawn.append(Drawn(name, f"{name}.msh", texture_file, part.rgb))
+                _write_png(assets / texture_file, submesh.texture)
+        write_msh(
+            assets / f"{name}.msh", submesh.vertices_m, submesh.faces, None if texture_file is None else submesh.uv
+        )
+        drawn.append(Drawn(name, f"{name}.msh", texture_file, submesh.rgb))
     return drawn
 
 
@@ -186,14 +192,14 @@ def _write_png(path: Path, image: UInt8[np.ndarray, "h w 3"]) -> None:
     Image.fromarray(image).save(path, compress_level=_PNG_COMPRESSION)
 
 
-def _content_hash(parts: list[Part]) -> str:
+def _content_hash(submeshes: list[Submesh]) -> str:
     """sha256 over everything that can be seen or bumped into."""
     digest = hashlib.sha256()
-    for part in parts:
-        arrays: list[Float[np.ndarray, "..."] | None] = [part.vertices_m, part.faces, part.uv, part.texture]
+    for submesh in submeshes:
+        arrays: list[Float[np.ndarray, "..."] | None] = [submesh.vertices_m, submesh.faces, submesh.uv, submesh.texture]
         for array in arrays:
             digest.update(b"-" if array is None else f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
-        digest.update(repr(part.rgb).encode())
+        digest.update(repr(submesh.rgb).encode())
     return digest.hexdigest()
 
 

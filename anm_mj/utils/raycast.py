@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32
+from jaxtyping import Float, Float32, Int
 
 from anm_mj.errors import AnmError
 
@@ -48,12 +48,6 @@ class RayCaster:
         if len(origins_m) == 0:
             return np.zeros(0, np.float32)
         return self._scene.run(origins_m, directions, query="DISTANCE")
-
-    def faces_hit(
-        self, origins_m: Float32[np.ndarray, "n 3"], directions: Float32[np.ndarray, "n 3"]
-    ) -> Int32[np.ndarray, " n"]:
-        """Index of the face that each ray hits; -1 without a hit."""
-        return self._scene.run(origins_m, directions, query="INTERSECT")
 
     def hits(
         self, origins_m: Float32[np.ndarray, "n 3"], directions: Float32[np.ndarray, "n 3"]

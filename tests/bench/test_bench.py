@@ -12,7 +12,7 @@ import pytest
 from anm_mj.bench.bench import run_bench
 from anm_mj.bench.results_table import TIMINGS
 from anm_mj.bench.sweep import BenchError
-from anm_mj.scene.home.house import make_small_scene
+from tests.scene.small import make_small_scene
 
 POLICIES = ["random", "gvg", "frontier", "anm-s"]
 

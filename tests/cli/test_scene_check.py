@@ -7,14 +7,14 @@ from PIL import Image
 
 from anm_mj.cli.main import main
 from anm_mj.scene.folder import read_scene_folder
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
 from tests.scene.shapes import room
 
 
 def _write(mesh: trimesh.Trimesh, folder, starts=None):
-    part = Part("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+    part = Submesh("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
     return write_scene([part], SceneInfo("room", "tests", "CC0", cull_face=True), folder, starts)
 
 

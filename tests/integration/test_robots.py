@@ -10,7 +10,7 @@ import pytest
 
 from anm_mj.config import make_config
 from anm_mj.run import run
-from anm_mj.scene.home.house import make_small_scene
+from tests.scene.small import make_small_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 ROVER_XML = ROOT / "tests" / "rover.xml"

@@ -15,7 +15,7 @@ from PIL import Image
 from anm_mj.config import make_config
 from anm_mj.evaluation.evaluate import evaluate_run
 from anm_mj.run import run
-from anm_mj.scene.home.house import make_small_scene
+from tests.scene.small import make_small_scene
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 STEPS = 90

@@ -6,7 +6,7 @@ from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.build import build_model
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.mjcf import COLLISION_GROUP, VISUAL_GROUP
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from tests.scene.shapes import room
 
@@ -19,8 +19,8 @@ ROBOT = """
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     mesh = room()
-    walls = Part("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), (0.5, 0.6, 0.7))
-    poster = Part(
+    walls = Submesh("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), (0.5, 0.6, 0.7))
+    poster = Submesh(
         "poster",
         np.array([[2, 3.99, 1], [3, 3.99, 1], [3, 3.99, 2], [2, 3.99, 2]], np.float32),
         np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]], np.int32),
@@ -110,7 +110,7 @@ def test_a_robot_that_goes_into_no_scene_is_named(scene, robot):
 
 def test_a_scene_whose_assets_are_gone_is_named_and_not_the_robot_in_it(tmp_path, robot):
     mesh = room()
-    part = Part("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+    part = Submesh("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
     scene = write_scene([part], SceneInfo("hollow", "tests", "CC0"), tmp_path / "hollow")
     for file in (scene.folder / "assets").iterdir():
         file.unlink()
@@ -122,17 +122,19 @@ def test_a_scene_whose_assets_are_gone_is_named_and_not_the_robot_in_it(tmp_path
 
 def test_many_parts_with_odd_names_compile(tmp_path):
     pieces = trimesh.util.concatenate([room()]).split(only_watertight=False)
-    parts = [Part("Wand / №1 <&>", np.asarray(p.vertices, np.float32), np.asarray(p.faces, np.int32)) for p in pieces]
+    parts = [
+        Submesh("Wand / №1 <&>", np.asarray(p.vertices, np.float32), np.asarray(p.faces, np.int32)) for p in pieces
+    ]
     scene = write_scene(parts, SceneInfo("ünïcode <&>", "tests", "CC0"), tmp_path / "odd")
     assert build_model(scene).nmesh == len(parts)
 
 
 def test_a_lone_triangle_compiles(tmp_path):
     floor, uv = room(), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    walls = Part("walls", floor.vertices.astype(np.float32), floor.faces.astype(np.int32))
+    walls = Submesh("walls", floor.vertices.astype(np.float32), floor.faces.astype(np.int32))
     corners = np.array([[2, 3.9, 1], [3, 3.9, 1], [3, 3.9, 2]], np.float32)
     texture = np.full((4, 4, 3), 9, np.uint8)
-    plain = Part("flag", corners, np.array([[0, 1, 2]], np.int32), rgb=(1.0, 0.0, 0.0))
-    painted = Part("sign", corners, np.array([[0, 1, 2]], np.int32), uv=uv, texture=texture)
+    plain = Submesh("flag", corners, np.array([[0, 1, 2]], np.int32), rgb=(1.0, 0.0, 0.0))
+    painted = Submesh("sign", corners, np.array([[0, 1, 2]], np.int32), uv=uv, texture=texture)
     scene = write_scene([walls, plain, painted], SceneInfo("flags", "tests", "CC0"), tmp_path / "flags")
     assert build_model(scene).nmesh == 3

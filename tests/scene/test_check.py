@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.scene.check import check_scene, draw_both_sides
+from anm_mj.scene.check import check_scene, disable_backface_culling
 from anm_mj.scene.folder import read_scene_folder
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
 from anm_mj.scene.rooms import find_rooms
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
 from tests.scene.shapes import box, room, table, two_rooms
@@ -20,7 +20,7 @@ def _plan(mesh: trimesh.Trimesh):
 
 
 def _scene(mesh: trimesh.Trimesh, folder, starts=None, **info):
-    part = Part("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+    part = Submesh("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
     return write_scene([part], SceneInfo(folder.name, "tests", "CC0", **info), folder, starts)
 
 
@@ -100,6 +100,6 @@ def test_a_scene_without_a_floor_is_unusable(tmp_path):
 
 def test_drawing_both_sides_is_written_into_the_folder_once(tmp_path):
     scene = _scene(room(), tmp_path / "room", cull_face=True)
-    assert draw_both_sides(scene)
+    assert disable_backface_culling(scene)
     assert not read_scene_folder(scene.folder).cull_face
-    assert not draw_both_sides(scene)
+    assert not disable_backface_culling(scene)

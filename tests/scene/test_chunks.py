@@ -4,7 +4,7 @@ import pytest
 from anm_mj.scene import build, chunks
 from anm_mj.scene.build import build_model
 from anm_mj.scene.mjcf import VISUAL_GROUP, read_msh, write_msh
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from tests.scene.shapes import room
 
@@ -14,7 +14,7 @@ def scene(tmp_path_factory):
     mesh = room().subdivide().subdivide().subdivide()
     uv = np.random.default_rng(0).uniform(0.0, 1.0, (len(mesh.vertices), 2))
     texture = np.full((8, 8, 3), 90, np.uint8)
-    part = Part("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), uv=uv, texture=texture)
+    part = Submesh("walls", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), uv=uv, texture=texture)
     return write_scene([part], SceneInfo("room", "tests", "CC0"), tmp_path_factory.mktemp("scene") / "room")
 
 

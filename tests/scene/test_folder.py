@@ -8,14 +8,14 @@ import pytest
 from anm_mj.errors import SceneError
 from anm_mj.scene.catalogue import list_scenes
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
 from tests.scene.shapes import room
 
 
 def _part(mesh, name="walls"):
-    return Part(name, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), (0.5, 0.5, 0.5))
+    return Submesh(name, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), (0.5, 0.5, 0.5))
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_the_hash_changes_with_geometry_and_colour(tmp_path, written):
     info = SceneInfo(written.name, "tests", "CC0")
     moved = room()
     moved.vertices[0, 0] += 1e-3
-    red = Part("walls", room().vertices.astype(np.float32), room().faces.astype(np.int32), (1.0, 0.0, 0.0))
+    red = Submesh("walls", room().vertices.astype(np.float32), room().faces.astype(np.int32), (1.0, 0.0, 0.0))
     hashes = {write_scene(parts, info, tmp_path / "x").hash for parts in ([_part(moved)], [red])}
     assert len(hashes | {written.hash}) == 3
 
@@ -56,8 +56,8 @@ def test_the_hash_changes_with_geometry_and_colour(tmp_path, written):
 def test_degenerate_faces_are_left_out(tmp_path):
     mesh = room()
     faces = np.concatenate([mesh.faces, [[0, 0, 1], [5, 5, 5]]]).astype(np.int32)
-    line = Part("line", np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32))
-    part = Part("walls", mesh.vertices.astype(np.float32), faces)
+    line = Submesh("line", np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32))
+    part = Submesh("walls", mesh.vertices.astype(np.float32), faces)
     assert write_scene([part, line], SceneInfo("a", "tests", "CC0"), tmp_path / "x").num_triangles == len(mesh.faces)
     with pytest.raises(SceneError, match="no triangles"):
         write_scene([line], SceneInfo("a", "tests", "CC0"), tmp_path / "y")
@@ -66,11 +66,11 @@ def test_degenerate_faces_are_left_out(tmp_path):
 def test_parts_with_impossible_numbers_are_refused():
     corners = np.zeros((3, 3), np.float32)
     with pytest.raises(SceneError, match="faces that name vertices 0 to 3"):
-        Part("a", corners, np.array([[0, 1, 3]]))
+        Submesh("a", corners, np.array([[0, 1, 3]]))
     with pytest.raises(SceneError, match="1 vertices with NaN"):
-        Part("a", np.array([[0, 0, np.nan], [0, 0, 1], [1, 0, 0]]), np.array([[0, 1, 2]]))
+        Submesh("a", np.array([[0, 0, np.nan], [0, 0, 1], [1, 0, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(SceneError, match="no texture coordinates"):
-        Part("a", corners, np.array([[0, 1, 2]]), texture=np.zeros((2, 2, 3), np.uint8))
+        Submesh("a", corners, np.array([[0, 1, 2]]), texture=np.zeros((2, 2, 3), np.uint8))
 
 
 @pytest.fixture

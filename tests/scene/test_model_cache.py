@@ -4,7 +4,7 @@ import pytest
 
 from anm_mj.scene import model_cache
 from anm_mj.scene.build import build_model
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from tests.scene.shapes import room
 
@@ -13,7 +13,7 @@ ROBOT = '<mujoco><worldbody><body name="base"><freejoint/><geom size="0.1" mass=
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    part = Part("walls", room().vertices.astype(np.float32), room().faces.astype(np.int32))
+    part = Submesh("walls", room().vertices.astype(np.float32), room().faces.astype(np.int32))
     return write_scene([part], SceneInfo("room", "tests", "CC0"), tmp_path_factory.mktemp("scene") / "room")
 
 

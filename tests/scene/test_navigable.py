@@ -4,7 +4,7 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.navigable import choose_starts, is_clear, navigable_area, require_clear
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Footprint, Pose2
 from tests.scene.shapes import box, room, table, two_rooms
@@ -20,7 +20,7 @@ def _area(*meshes, footprint=FOOTPRINT):
 @pytest.fixture(scope="module")
 def furnished(tmp_path_factory):
     mesh = trimesh.util.concatenate([two_rooms(), table(4.0, 1.5)])
-    part = Part("all", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+    part = Submesh("all", mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
     return write_scene([part], SceneInfo("furnished", "tests", "CC0"), tmp_path_factory.mktemp("scene") / "furnished")
 
 

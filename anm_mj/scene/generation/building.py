@@ -28,8 +28,8 @@ class PlanRoom:
 
     name: str
     """Unlike any other in the building."""
-    kind: str
-    """What it is for, as the tables of kinds know it: "bedroom", "office", "corridor" ..."""
+    room_type: str
+    """What it is for, a key of ``ROOM_TYPES``: "bedroom", "office", "corridor" ..."""
     floor: shapely.Polygon
     """World x, y [m]; may have holes."""
 

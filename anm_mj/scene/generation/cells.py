@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anm_mj.scene.generation.kinds import KINDS
+from anm_mj.scene.generation.room_types import ROOM_TYPES
 
 _ROUND_M = 0.05
 """Walls stand on multiples of this [m]."""
@@ -18,7 +18,7 @@ _MIN_WIDTH_M = 2.1
 class Cell:
     """A rectangle between the middles of its walls [m]."""
 
-    kind: str
+    room_type: str
     low_m: tuple[float, float]
     high_m: tuple[float, float]
 
@@ -28,19 +28,19 @@ class Cell:
         return (self.high_m[0] - self.low_m[0]) * (self.high_m[1] - self.low_m[1])
 
 
-def cluster(kinds: list[str], rng: np.random.Generator) -> list[Cell]:
+def cluster(room_types: list[str], rng: np.random.Generator) -> list[Cell]:
     """Rooms that adjoin one another without a corridor: a rectangle, halved again and again."""
-    areas = np.array([rng.uniform(*KINDS[kind].area_m2) for kind in kinds])
-    order = rng.permutation(len(kinds))
+    areas = np.array([rng.uniform(*ROOM_TYPES[room_type].area_m2) for room_type in room_types])
+    order = rng.permutation(len(room_types))
     ratio = rng.uniform(1.1, 1.5)
     width = float(np.sqrt(areas.sum() * ratio))
     cells: list[Cell] = []
-    _halve([kinds[k] for k in order], areas[order], (0.0, 0.0), (_round(width), _round(width / ratio)), rng, cells)
+    _halve([room_types[k] for k in order], areas[order], (0.0, 0.0), (_round(width), _round(width / ratio)), rng, cells)
     return cells
 
 
 def _halve(
-    kinds: list[str],
+    room_types: list[str],
     areas: np.ndarray,
     low: tuple[float, float],
     high: tuple[float, float],
@@ -48,10 +48,10 @@ def _halve(
     cells: list[Cell],
 ) -> None:
     """Split a rectangle across its longer side until every part is one room."""
-    if len(kinds) == 1:
-        cells.append(Cell(kinds[0], low, high))
+    if len(room_types) == 1:
+        cells.append(Cell(room_types[0], low, high))
         return
-    num = max(1, min(len(kinds) - 1, round(len(kinds) / 2 + float(rng.uniform(-0.4, 0.4)))))
+    num = max(1, min(len(room_types) - 1, round(len(room_types) / 2 + float(rng.uniform(-0.4, 0.4)))))
     share = float(areas[:num].sum() / areas.sum())
     axis = 0 if high[0] - low[0] >= high[1] - low[1] else 1
     span = high[axis] - low[axis]
@@ -60,31 +60,31 @@ def _halve(
     )
     first_high = (cut, high[1]) if axis == 0 else (high[0], cut)
     second_low = (cut, low[1]) if axis == 0 else (low[0], cut)
-    _halve(kinds[:num], areas[:num], low, first_high, rng, cells)
-    _halve(kinds[num:], areas[num:], second_low, high, rng, cells)
+    _halve(room_types[:num], areas[:num], low, first_high, rng, cells)
+    _halve(room_types[num:], areas[num:], second_low, high, rng, cells)
 
 
-def wings(num_rooms: int, style: str, kinds: list[str], rng: np.random.Generator) -> list[Cell]:
+def wings(num_rooms: int, style: str, room_types: list[str], rng: np.random.Generator) -> list[Cell]:
     """Rows of rooms on both sides of corridors, which cross corridors join where there are several.
 
     Args:
         num_rooms: Number of rooms, corridors counted; at least 4.
         style: "apartment" or "office": offices have deeper rooms and wider corridors.
-        kinds: Kinds of at least as many rooms; those that do not find a place are left out.
+        room_types: Types of at least as many rooms; those that do not find a place are left out.
         rng: Where chance comes from.
     """
     office = style == "office"
     num_corridors = max(1, round(num_rooms / _ROOMS_PER_CORRIDOR))
     num_links = 0 if num_corridors == 1 else 2
-    kinds = kinds[: num_rooms - num_corridors - num_links * (num_corridors - 1)]
+    room_types = room_types[: num_rooms - num_corridors - num_links * (num_corridors - 1)]
     corridor_m = _round(float(rng.uniform(1.75, 2.2) if office else rng.uniform(1.25, 1.5)))
     # With one corridor, the largest room may close its end and be as deep as the whole building.
     head = None
-    if num_corridors == 1 and len(kinds) >= 4 and rng.random() < 0.65:
-        head = max(kinds, key=lambda kind: KINDS[kind].area_m2[1])
-        kinds.remove(head)
+    if num_corridors == 1 and len(room_types) >= 4 and rng.random() < 0.65:
+        head = max(room_types, key=lambda room_type: ROOM_TYPES[room_type].area_m2[1])
+        room_types.remove(head)
 
-    rows = _dealt(kinds, 2 * num_corridors, rng)
+    rows = _dealt(room_types, 2 * num_corridors, rng)
     depths = [_round(float(rng.uniform(4.2, 5.4) if office else rng.uniform(3.4, 4.4))) for _ in rows]
     lengths = [sum(area for _, area in row) / depth for row, depth in zip(rows, depths, strict=True)]
     shortest = max(len(row) for row in rows) * _MIN_WIDTH_M
@@ -106,18 +106,18 @@ def wings(num_rooms: int, style: str, kinds: list[str], rng: np.random.Generator
         cells += _row(rows[north], length, (high, top), links, corridor_m, "north" if is_last else "", rng)
         y, y_link = top, high
     if head is not None:
-        width = _round(max(3.4, float(rng.uniform(*KINDS[head].area_m2)) / y))
+        width = _round(max(3.4, float(rng.uniform(*ROOM_TYPES[head].area_m2)) / y))
         cells.append(Cell(head, (-width, 0.0), (0.0, y)))
     return cells
 
 
-def _dealt(kinds: list[str], num_rows: int, rng: np.random.Generator) -> list[list[tuple[str, float]]]:
-    """Rooms (kind, area) dealt to rows so that the rows' areas are about equal, in no fixed order."""
-    rooms = [(kind, float(rng.uniform(*KINDS[kind].area_m2))) for kind in kinds]
+def _dealt(room_types: list[str], num_rows: int, rng: np.random.Generator) -> list[list[tuple[str, float]]]:
+    """Rooms (room_type, area) dealt to rows so that the rows' areas are about equal, in no fixed order."""
+    rooms = [(room_type, float(rng.uniform(*ROOM_TYPES[room_type].area_m2))) for room_type in room_types]
     rows: list[list[tuple[str, float]]] = [[] for _ in range(num_rows)]
-    for kind, area in sorted(rooms, key=lambda room: -room[1]):
+    for room_type, area in sorted(rooms, key=lambda room: -room[1]):
         # A row without a room would leave a corridor without a wall.
-        min(rows, key=lambda row: sum(a for _, a in row)).append((kind, area))
+        min(rows, key=lambda row: sum(a for _, a in row)).append((room_type, area))
     return [[row[k] for k in rng.permutation(len(row))] for row in rows]
 
 
@@ -154,11 +154,11 @@ def _row(
         spare = b - a - count * _MIN_WIDTH_M
         widths = _MIN_WIDTH_M + spare * areas / areas.sum() if spare > 0 else np.full(count, (b - a) / max(count, 1))
         cuts = [_round(a + float(x)) for x in np.concatenate([[0.0], np.cumsum(widths)])]
-        for (kind, _), left, right in zip(group, cuts[:-1], cuts[1:], strict=True):
+        for (room_type, _), left, right in zip(group, cuts[:-1], cuts[1:], strict=True):
             out = _round(float(rng.choice([0.0, 0.0, 0.4, 0.8]))) if facade else 0.0
             low = y_m[0] - (out if facade == "south" else 0.0)
             high = y_m[1] + (out if facade == "north" else 0.0)
-            cells.append(Cell(kind, (left, low), (right, high)))
+            cells.append(Cell(room_type, (left, low), (right, high)))
     return cells
 
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from anm_mj.scene.generation.building import Building, PlanRoom, RoomWall
-from anm_mj.scene.generation.passable import RoomGrid
+from anm_mj.scene.generation.furniture_catalogue.home import curtains
 from anm_mj.scene.generation.piece import Piece, Placed
-from anm_mj.scene.generation.pieces_home import curtains
-from anm_mj.scene.generation.placing import RoomSpace
-from anm_mj.scene.generation.recipes import pieces_for
+from anm_mj.scene.generation.placement import RoomSpace
+from anm_mj.scene.generation.room_templates import pieces_for
 from anm_mj.scene.generation.style import Style, draw_style
+from anm_mj.scene.generation.traversability import RoomGrid
 from anm_mj.scene.generation.windows import with_given_windows, with_windows
 
 _CURTAINED = ("living", "bedroom", "child", "dining", "library", "lounge")
@@ -48,28 +48,28 @@ def furnish(
 def _furnish_room(building: Building, index: int, seed: int, furniture: bool) -> FurnishedRoom:
     room = building.rooms[index]
     # Materials have a generator of their own, so that an emptied room looks the same.
-    style = draw_style(room.kind, np.random.default_rng([seed, index, 1]))
+    style = draw_style(room.room_type, np.random.default_rng([seed, index, 1]))
     rng = np.random.default_rng([seed, index, 2])
     bare_walls = building.walls[index]
     if building.windows is None:
-        walls = with_windows(bare_walls, room.kind, building.ceiling_m, rng)
+        walls = with_windows(bare_walls, room.room_type, building.ceiling_m, rng)
     else:
         walls = with_given_windows(bare_walls, building.windows)
     grid = RoomGrid(room.floor, walls)
     if not furniture:
         return FurnishedRoom(room, walls, style, (), grid)
     space = RoomSpace(room.floor, walls, rng)
-    kind = "office corridor" if room.kind == "corridor" and building.style == "office" else room.kind
+    room_type = "office corridor" if room.room_type == "corridor" and building.style == "office" else room.room_type
     area_m2 = float(room.floor.area)
     placed: list[Placed] = []
     # What is large is made from several rooms' worth of furniture.
     for _ in range(max(1, min(4, round(area_m2 / 45.0)))):
-        for choice in pieces_for(kind, area_m2, style, rng):
+        for choice in pieces_for(room_type, area_m2, style, rng):
             alternatives = (choice,) if isinstance(choice, Piece) else choice
             # Asked one after the other: what fits is taken, and nothing smaller is tried.
             put = next((put for piece in alternatives if (put := space.put(piece)) is not None), None)
             placed += [put] if put is not None else []
-    if room.kind in _CURTAINED and rng.random() < 0.7:
+    if room.room_type in _CURTAINED and rng.random() < 0.7:
         for wall in walls:
             for window in wall.windows:
                 put = space.curtain(curtains(style, rng, window.end_m - window.start_m), wall, window)

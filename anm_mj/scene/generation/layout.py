@@ -11,7 +11,7 @@ import shapely
 from anm_mj.errors import SceneError
 from anm_mj.scene.generation.building import Building, Passage, PlanRoom
 from anm_mj.scene.generation.cells import Cell, cluster, wings
-from anm_mj.scene.generation.kinds import KINDS, choose_kinds
+from anm_mj.scene.generation.room_types import ROOM_TYPES, choose_room_types
 
 Style = Literal["apartment", "office"]
 
@@ -21,7 +21,7 @@ WALL_M = 0.12
 _DOOR_WIDTHS_M = (0.8, 0.85, 0.9, 0.95, 1.0)
 _WIDE_M = (1.3, 1.9)
 """Narrowest and widest opening that is not a door."""
-_CLOSED = {kind for kind in KINDS if KINDS[kind].private} | {"bedroom", "child"}
+_CLOSED = {room_type for room_type in ROOM_TYPES if ROOM_TYPES[room_type].private} | {"bedroom", "child"}
 """Rooms that are never open to others."""
 _DOOR_MARGIN_M = 0.2
 """Doors keep this far from corners: room for the frame."""
@@ -57,9 +57,9 @@ def plan_building(rooms: int, seed: int, style: Style = "apartment") -> Building
 
 def _attempt(num: int, style: Style, rng: np.random.Generator) -> Building | None:
     """One try; None if two rooms that should be joined share too short a wall."""
-    kinds = choose_kinds(num, style, rng)
+    room_types = choose_room_types(num, style, rng)
     clustered = num < 4 or (num <= 8 and rng.random() < (0.45 if style == "apartment" else 0.25))
-    cells = cluster(kinds, rng) if clustered else wings(num, style, kinds, rng)
+    cells = cluster(room_types, rng) if clustered else wings(num, style, room_types, rng)
     if len(cells) != num or min(min(np.subtract(cell.high_m, cell.low_m)) for cell in cells) < 1.2:
         return None
     pairs = _adjacent(cells)
@@ -68,7 +68,7 @@ def _attempt(num: int, style: Style, rng: np.random.Generator) -> Building | Non
         return None
     wanted = max(1, num // 6) if num >= 5 else int(num >= 3 and rng.random() < 0.5)
     extra = [pair for pair in sorted(pairs, key=lambda pair: pairs[pair][3]) if pair not in joined]
-    loops = [pair for pair in extra if not any(KINDS[cells[k].kind].private for k in pair)][:wanted]
+    loops = [pair for pair in extra if not any(ROOM_TYPES[cells[k].room_type].private for k in pair)][:wanted]
     if num >= 5 and not loops:
         return None
     passages = tuple(_passage(cells, pair, pairs[pair], rng) for pair in sorted([*joined, *loops]))
@@ -77,14 +77,14 @@ def _attempt(num: int, style: Style, rng: np.random.Generator) -> Building | Non
 
 def _rooms(cells: list[Cell]) -> tuple[PlanRoom, ...]:
     """The cells' clear floors, each with a name of its own."""
-    total, seen = Counter(cell.kind for cell in cells), Counter[str]()
+    total, seen = Counter(cell.room_type for cell in cells), Counter[str]()
     rooms = []
     for cell in cells:
-        seen[cell.kind] += 1
-        name = cell.kind if total[cell.kind] == 1 else f"{cell.kind} {seen[cell.kind]}"
+        seen[cell.room_type] += 1
+        name = cell.room_type if total[cell.room_type] == 1 else f"{cell.room_type} {seen[cell.room_type]}"
         half = WALL_M / 2
         floor = shapely.box(cell.low_m[0] + half, cell.low_m[1] + half, cell.high_m[0] - half, cell.high_m[1] - half)
-        rooms.append(PlanRoom(name, cell.kind, floor))
+        rooms.append(PlanRoom(name, cell.room_type, floor))
     return tuple(rooms)
 
 
@@ -111,15 +111,17 @@ def _adjacent(cells: list[Cell]) -> dict[tuple[int, int], _Shared]:
 
 def _reluctance(a: Cell, b: Cell) -> float:
     """How little a door between two rooms suggests itself."""
-    kinds = {a.kind, b.kind}
-    if kinds == {"corridor"}:
+    room_types = {a.room_type, b.room_type}
+    if room_types == {"corridor"}:
         return 0.0
-    if "corridor" in kinds:
+    if "corridor" in room_types:
         return 1.0
-    if kinds in ({"living", "kitchen"}, {"living", "dining"}, {"kitchen", "dining"}, {"reception", "lounge"}):
+    if room_types in ({"living", "kitchen"}, {"living", "dining"}, {"kitchen", "dining"}, {"reception", "lounge"}):
         return 2.0
     # Of doors alike, those between large rooms come first; the numbers never tie in practice.
-    return 10.0 * (1 + sum(KINDS[kind].private for kind in (a.kind, b.kind))) - 0.01 * (a.area_m2 + b.area_m2)
+    return 10.0 * (1 + sum(ROOM_TYPES[room_type].private for room_type in (a.room_type, b.room_type))) - 0.01 * (
+        a.area_m2 + b.area_m2
+    )
 
 
 def _tree(
@@ -134,7 +136,7 @@ def _tree(
     entered: set[int] = set()
     postponed = []
     for pair in sorted(pairs, key=lambda pair: reluctance[pair]):
-        if any(KINDS[cells[k].kind].private and k in entered for k in pair):
+        if any(ROOM_TYPES[cells[k].room_type].private and k in entered for k in pair):
             postponed.append(pair)
             continue
         _join(pair, group, joined, entered)
@@ -160,22 +162,22 @@ def _passage(cells: list[Cell], pair: tuple[int, int], shared: _Shared, rng: np.
     """An opening in a shared wall: as wide as the corridor between corridors, wide between some rooms, else a door."""
     axis, line, (low, high), _ = shared
     a, b = cells[pair[0]], cells[pair[1]]
-    kinds = {a.kind, b.kind}
+    room_types = {a.room_type, b.room_type}
     room = high - low - 2 * _DOOR_MARGIN_M
     width = float(rng.choice(_DOOR_WIDTHS_M))
     position = float(rng.uniform(0.0, 1.0))
-    if kinds == {"corridor"}:
+    if room_types == {"corridor"}:
         width, position = high - low - 0.1, 0.5
         room = width
     elif room >= _WIDE_M[0] and (
         _reluctance(a, b) == 2.0
-        or ("living" in kinds and not kinds & _CLOSED and rng.random() < 0.5)
-        or kinds == {"reception", "corridor"}
+        or ("living" in room_types and not room_types & _CLOSED and rng.random() < 0.5)
+        or room_types == {"reception", "corridor"}
     ):
         width = min(room, round(float(rng.uniform(*_WIDE_M)), 2))
     # Doors mostly lie near a corner, which leaves a long stretch of wall for furniture.
     position = position**2 if rng.random() < 0.5 else 1.0 - position**2
-    if kinds == {"corridor"}:
+    if room_types == {"corridor"}:
         position = 0.5
     start = round((low + high - room) / 2 + position * (room - width), 3)
     first, last = (start, line - WALL_M / 2), (start + width, line + WALL_M / 2)

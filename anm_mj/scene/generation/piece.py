@@ -16,7 +16,7 @@ from anm_mj.scene.generation.furniture.quads import Quads
 
 Box = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max in the piece's own frame [m]."""
-Manner = Literal["wall", "corner", "middle", "rug", "hang", "window"]
+Placement = Literal["wall", "corner", "middle", "rug", "hang", "window"]
 """How a piece is put: back to a wall, in a corner, free in the room, on the floor below others, on a wall above what
 stands there, about a window."""
 
@@ -29,7 +29,7 @@ class Piece:
     """
 
     name: str
-    manner: Manner
+    placement: Placement
     solids_m: tuple[Box, ...]
     """What the robot cannot pass, seen from above; the first box counts for all when there is only one."""
     make: Callable[[], Quads]

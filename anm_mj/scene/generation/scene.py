@@ -67,13 +67,13 @@ def write_building(building: Building, seed: int, info: SceneInfo, out: Path, fu
     """
     furnished, surfaces, area = _reachable(building, seed, furniture)
     lighting = _lighting(building, furnished)
-    parts = [
+    submeshes = [
         paint(room.room.name, _coarsened(surface.quads()), lighting, _LIGHT_SPACING_M, surface.cuts, _SHADES)
         for room, surface in zip(furnished, surfaces, strict=True)
     ]
     num = len(building.rooms)
     info = replace(info, rooms=num, budget_steps=_BASE_STEPS + _STEPS_PER_ROOM * num, cull_face=True)
-    return write_scene(parts, info, out, choose_starts(area, DEFAULT_FOOTPRINT))
+    return write_scene(submeshes, info, out, choose_starts(area, DEFAULT_FOOTPRINT))
 
 
 def _reachable(
@@ -156,7 +156,7 @@ def _lighting(building: Building, furnished: list[FurnishedRoom]) -> VoxelLighti
         shapely.prepare(floor)
         inside = shapely.contains_xy(floor, *np.meshgrid(xs[j], ys[i]))
         open_voxels[:, i, j] |= inside[None] & ((zs > 0.0) & (zs < top_m))[:, None, None]
-    pieces = [piece.quads() for room in furnished for piece in room.placed if piece.piece.manner != "rug"]
+    pieces = [piece.quads() for room in furnished for piece in room.placed if piece.piece.placement != "rug"]
     points = points_on(join(*pieces), 0.6 * VOXEL_M) if pieces else np.zeros((0, 3))
     sources = [light for room in furnished for light in lights(building, room)]
     return VoxelLighting(origin, open_voxels, points, sources)

@@ -69,13 +69,13 @@ class Style:
     """Bright colours for small things."""
 
 
-def draw_style(kind: str, rng: np.random.Generator) -> Style:
-    """Materials that suit a kind of room."""
+def draw_style(room_type: str, rng: np.random.Generator) -> Style:
+    """Materials that suit a type of room."""
     accents = [rgb(str(code)) for code in rng.permutation(_ACCENTS)]
     light = rgb(str(rng.choice(_LIGHTS)))
     return Style(
-        floor=_floor(kind, rng),
-        wall=_wall(kind, light, accents[5], rng),
+        floor=_floor(room_type, rng),
+        wall=_wall(room_type, light, accents[5], rng),
         trim=WHITE if rng.random() < 0.7 else wood(rgb(str(rng.choice(_WOODS))), 0.15),
         wood=wood(rgb(str(rng.choice(_WOODS)))),
         wood_dark=wood(rgb(str(rng.choice(_WOODS)))),
@@ -86,16 +86,16 @@ def draw_style(kind: str, rng: np.random.Generator) -> Style:
     )
 
 
-def _floor(kind: str, rng: np.random.Generator) -> Material:
-    if kind in ("bathroom", "kitchen", "washroom", "break room", "laboratory"):
+def _floor(room_type: str, rng: np.random.Generator) -> Material:
+    if room_type in ("bathroom", "kitchen", "washroom", "break room", "laboratory"):
         first, second = _TILES[int(rng.integers(len(_TILES)))]
         return tiles(rgb(first), rgb(second), float(rng.choice([0.2, 0.3, 0.4])), rgb("8f8a80"))
-    carpet = kind in ("open office", "office", "meeting", "lounge", "library", "child") and rng.random() < 0.65
+    carpet = room_type in ("open office", "office", "meeting", "lounge", "library", "child") and rng.random() < 0.65
     if carpet:
         ground = rgb(str(rng.choice(_CARPETS)))
         fleck = tuple(min(1.0, 1.16 * channel) for channel in ground)
         return spots(ground, (fleck[0], fleck[1], fleck[2]), 0.5, 30.0)
-    if kind in ("reception", "corridor") and rng.random() < 0.4:
+    if room_type in ("reception", "corridor") and rng.random() < 0.4:
         return (
             stone(rgb("d9d2c4"), rgb("8f8578"))
             if rng.random() < 0.5
@@ -109,12 +109,12 @@ def _floor(kind: str, rng: np.random.Generator) -> Material:
     )
 
 
-def _wall(kind: str, light: Colour, accent: Colour, rng: np.random.Generator) -> Material:
-    if kind in ("bathroom", "washroom"):
+def _wall(room_type: str, light: Colour, accent: Colour, rng: np.random.Generator) -> Material:
+    if room_type in ("bathroom", "washroom"):
         return tiles(light, light, 0.2, rgb("ffffff"), 0.05)
     softer = tuple(0.55 * a + 0.45 * b for a, b in zip(light, accent, strict=True))
     second = (softer[0], softer[1], softer[2])
     chance = rng.random()
-    if kind in ("bedroom", "living", "child", "corridor", "dining", "library") and chance < 0.45:
+    if room_type in ("bedroom", "living", "child", "corridor", "dining", "library") and chance < 0.45:
         return [stripes(light, second, 0.18), leaves(light, second), dots(light, second)][int(rng.integers(3))]
     return plaster(light if chance < 0.85 else second, 0.05, texel_m=0.03)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64, Int16
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
 from anm_mj.scene.generation.layout import Style, plan_building
-from anm_mj.scene.generation.passable import CELL_M
+from anm_mj.scene.generation.traversability import CELL_M
 
 _MARGIN_CELLS = 4
 """Wall about the outer rooms."""
@@ -24,8 +24,8 @@ class TopdownMap:
     """True for walls, furniture and whatever lies outside."""
     rooms: Int16[np.ndarray, "rows cols"]
     """Index of the room; -1 for walls, passages and the outside, but not for furniture."""
-    kinds: tuple[str, ...]
-    """Kind of each room."""
+    room_types: tuple[str, ...]
+    """Type of each room."""
     origin_xy_m: Float64[np.ndarray, "2"]
     """World x, y of the outer corner of cell [0, 0] [m]."""
     resolution_m: float
@@ -63,4 +63,4 @@ def building_map(building: Building, furnished: list[FurnishedRoom]) -> TopdownM
         part = (slice(row, row + room.grid.floor.shape[0]), slice(col, col + room.grid.floor.shape[1]))
         labels[part][room.grid.floor] = index
         obstacles[part][room.grid.floor] = room.grid.solid(list(room.placed))[room.grid.floor]
-    return TopdownMap(obstacles, labels, tuple(room.room.kind for room in furnished), low * CELL_M, CELL_M)
+    return TopdownMap(obstacles, labels, tuple(room.room.room_type for room in furnished), low * CELL_M, CELL_M)

@@ -18,10 +18,10 @@ _DARK = ("storage", "archive")
 
 
 def with_windows(
-    walls: tuple[RoomWall, ...], kind: str, ceiling_m: float, rng: np.random.Generator
+    walls: tuple[RoomWall, ...], room_type: str, ceiling_m: float, rng: np.random.Generator
 ) -> tuple[RoomWall, ...]:
     """The same walls with windows where there is nothing behind them."""
-    return tuple(replace(wall, windows=_windows(wall, kind, ceiling_m, rng)) for wall in walls)
+    return tuple(replace(wall, windows=_windows(wall, room_type, ceiling_m, rng)) for wall in walls)
 
 
 def with_given_windows(walls: tuple[RoomWall, ...], windows: tuple[GivenWindow, ...]) -> tuple[RoomWall, ...]:
@@ -44,10 +44,10 @@ def _given(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[WindowPlan
     return tuple(found)
 
 
-def _windows(wall: RoomWall, kind: str, ceiling_m: float, rng: np.random.Generator) -> tuple[WindowPlan, ...]:
-    if not wall.outer or (kind in _DARK and rng.random() < 0.6):
+def _windows(wall: RoomWall, room_type: str, ceiling_m: float, rng: np.random.Generator) -> tuple[WindowPlan, ...]:
+    if not wall.outer or (room_type in _DARK and rng.random() < 0.6):
         return ()
-    high = kind in _HIGH
+    high = room_type in _HIGH
     z_low, z_high = (1.45, 2.0) if high else (0.9, min(2.1, ceiling_m - 0.35))
     windows = []
     for start, end in wall.solid(0.2):

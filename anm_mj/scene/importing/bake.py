@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float64, Int64, Integer, UInt8
 
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 
 _MAX_SIDE_PX = 4096
 """Largest texture that every GL offers; four million triangles fit."""
@@ -22,14 +22,14 @@ def bake_colours(
     vertices_m: Float[np.ndarray, "v 3"],
     faces: Integer[np.ndarray, "f 3"],
     corner_rgb: UInt8[np.ndarray, "f 3 3"],
-) -> list[Part]:
-    """Parts that show the colours given for the three corners of every face, blended over the face.
+) -> list[Submesh]:
+    """Submeshes that show the colours given for the three corners of every face, blended over the face.
 
-    A mesh of one colour becomes one part without a texture; one with more than four million triangles is split.
+    A mesh of one colour becomes one submesh without a texture; one with more than four million triangles is split.
     """
     if (corner_rgb == corner_rgb[:1, :1]).all():
         red, green, blue = (float(value) / 255.0 for value in corner_rgb[0, 0])
-        return [Part(name, vertices_m, faces, (red, green, blue))]
+        return [Submesh(name, vertices_m, faces, (red, green, blue))]
     order = np.argsort(_morton_of_centres(vertices_m[faces].mean(axis=1)), kind="stable")
     per_atlas = (_MAX_SIDE_PX // 2) ** 2
     return [
@@ -43,8 +43,8 @@ def _bake_atlas(
     vertices_m: Float[np.ndarray, "v 3"],
     faces: Integer[np.ndarray, "f 3"],
     corner_rgb: UInt8[np.ndarray, "f 3 3"],
-) -> Part:
-    """One part with one atlas; faces come in Morton order."""
+) -> Submesh:
+    """One submesh with one atlas; faces come in Morton order."""
     tiles = 1
     while tiles * tiles < len(faces):
         tiles *= 2
@@ -61,7 +61,7 @@ def _bake_atlas(
     for corner, (right, down) in enumerate(((0, 0), (1, 0), (0, 1))):
         uv[:, corner, 0] = (col + right + 0.5) / (2 * tiles)
         uv[:, corner, 1] = 1.0 - (row + down + 0.5) / (2 * tiles)
-    return Part(
+    return Submesh(
         name,
         vertices_m[faces.ravel()],
         np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3),

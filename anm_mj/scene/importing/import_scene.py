@@ -15,11 +15,11 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.importing.canonical_axes import UNITS, find_floor, find_scale, find_up, rotation_to_z_up
 from anm_mj.scene.importing.floorplan import import_floorplan, is_floorplan
-from anm_mj.scene.importing.readers.content import Content
-from anm_mj.scene.importing.readers.kinds import find_kind
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.formats import find_format
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
-from anm_mj.scene.submesh import Part, merge_alike, merge_geometry
+from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
 
 _logger = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ def import_scene(
     src: Path,
     out: Path,
     *,
-    kind: str = "auto",
+    source_format: str = "auto",
     up: UpAxis = "auto",
     scale: float | None = None,
     name: str | None = None,
@@ -55,9 +55,10 @@ def import_scene(
     Args:
         src: The file, or the folder of a scene of a known layout.
         out: The folder to make; a scene folder already there is replaced.
-        kind: What ``src`` is (:data:`anm_mj.scene.importing.readers.kinds.KINDS` or "floorplan"), or "auto" to find it.
+        source_format: A name in :data:`anm_mj.scene.importing.readers.formats.FORMATS`, "floorplan", or "auto" to
+            find it.
         up: The source's up axis, or "auto" to find it.
-        scale: Metres per unit of the source, or None to find it: fixed by the kind, or among m, cm and mm by size.
+        scale: Metres per unit of the source, or None to find it: fixed by the format, or among m, cm and mm by size.
         name: Name of the scene; the name of ``out`` by default.
         licence: Licence of the source; by default the data set's, or "unknown".
         source: Where the source came from; by default the data set and the file.
@@ -76,22 +77,22 @@ def import_scene(
     if missing is not None:
         raise SceneError(f"{missing} is not a folder: give folders that hold models with --model-path.")
     check_destination(out)
-    if kind == "floorplan" or (kind == "auto" and is_floorplan(src)):
+    if source_format == "floorplan" or (source_format == "auto" and is_floorplan(src)):
         if up != "auto" or scale is not None or model_paths:
             raise SceneError(
                 f"{src} is a floor plan, whose format fixes axes and units: leave --up, --scale and --model-path out."
             )
         return import_floorplan(src, out, name=name, licence=licence, source=source, furniture=furniture)
-    found = find_kind(src, kind)
+    found = find_format(src, source_format)
     if not furniture:
         raise SceneError(
             f"{src} is no floor plan ({found.name}), so that its furniture stays: leave --no-furniture out."
         )
-    notes = Notes()
-    content = found.read(src, list(model_paths), notes)
-    notes.log()
+    report = ImportReport()
+    parsed = found.read(src, list(model_paths), report)
+    report.log()
 
-    info, parts = _placed(content, src, up, scale)
+    info, submeshes = _placed(parsed, src, up, scale)
     _logger.info(
         "%s (%s): %s is up (%s), 1 unit is %g m (%s, %s), the floor was at %.3f m",
         src.name,
@@ -106,21 +107,21 @@ def import_scene(
     info = replace(
         info,
         name=name or out.resolve().name,
-        source=source or content.source,
-        licence=licence or content.licence,
+        source=source or parsed.source,
+        licence=licence or parsed.licence,
     )
-    return write_scene(parts, info, out)
+    return write_scene(submeshes, info, out)
 
 
-def _placed(content: Content, src: Path, up: UpAxis, scale: float | None) -> tuple[SceneInfo, list[Part]]:
-    """The parts in the world, with textures that can be drawn, and how axes and units were found."""
-    parts = content.parts
-    vertices, faces = merge_geometry(parts)
+def _placed(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None) -> tuple[SceneInfo, list[Submesh]]:
+    """The submeshes in the world, with textures that can be drawn, and how axes and units were found."""
+    submeshes = parsed.submeshes
+    vertices, faces = merge_geometry(submeshes)
     if not len(faces):
         raise SceneError(f"{src} holds no triangles: give a file with a surface.")
     scale_how, up_how = ("given" if scale is not None else "found"), ("given" if up != "auto" else "found")
-    if scale is None and content.scale is not None:
-        scale, scale_how = content.scale, "known"
+    if scale is None and parsed.scale is not None:
+        scale, scale_how = parsed.scale, "known"
     if scale is None:
         scale = find_scale(np.ptp(vertices[faces].reshape(-1, 3), axis=0))
     triangles = vertices[faces] * scale
@@ -130,10 +131,10 @@ def _placed(content: Content, src: Path, up: UpAxis, scale: float | None) -> tup
             f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "
             "give another scale, or remove stray parts."
         )
-    if up == "auto" and math.isinf(content.up_certainty):
-        up, up_how = content.up, "known"
+    if up == "auto" and math.isinf(parsed.up_certainty):
+        up, up_how = parsed.up, "known"
     elif up == "auto":
-        up = find_up(triangles, content.up, content.up_certainty)
+        up = find_up(triangles, parsed.up, parsed.up_certainty)
     rotation = rotation_to_z_up(up)
     turned = triangles @ rotation.T
     floor = find_floor(turned)
@@ -141,9 +142,9 @@ def _placed(content: Content, src: Path, up: UpAxis, scale: float | None) -> tup
     if abs(floor_m) < _FLOOR_AT_ZERO_M:
         floor_m = 0.0
 
-    def to_world(part: Part) -> Part:
-        moved = part.vertices_m * scale @ rotation.T - np.array([0.0, 0.0, floor_m])
-        return replace(part, vertices_m=moved.astype(np.float32))
+    def to_world(submesh: Submesh) -> Submesh:
+        moved = submesh.vertices_m * scale @ rotation.T - np.array([0.0, 0.0, floor_m])
+        return replace(submesh, vertices_m=moved.astype(np.float32))
 
     info = SceneInfo(
         name="",
@@ -155,4 +156,4 @@ def _placed(content: Content, src: Path, up: UpAxis, scale: float | None) -> tup
         scale_how=scale_how,
         floor_removed_m=floor_m,
     )
-    return info, merge_alike(limit_textures([to_world(part) for part in parts]))
+    return info, merge_alike(limit_textures([to_world(submesh) for submesh in submeshes]))

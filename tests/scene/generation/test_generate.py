@@ -98,7 +98,7 @@ def test_a_topdown_map_is_the_same_every_time_and_all_of_one_piece():
     assert (one.obstacles == two.obstacles).all()
     assert num >= 1
     assert set(np.unique(one.rooms[free == 1 + np.argmax(sizes)])) >= set(range(6))
-    assert len(one.kinds) == 6
+    assert len(one.room_types) == 6
     assert (topdown(6, 10).obstacles.shape != one.obstacles.shape) or (topdown(6, 10).obstacles != one.obstacles).any()
 
 

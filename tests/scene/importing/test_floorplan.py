@@ -126,7 +126,7 @@ def test_every_format_gives_its_rooms_and_the_door_between_them(plan, area_m2, k
     assert is_floorplan(src)
     assert len(building.rooms) == 2
     assert sum(room.floor.area for room in building.rooms) == pytest.approx(area_m2, rel=0.04)
-    assert kinds is None or {room.kind for room in building.rooms} == kinds
+    assert kinds is None or {room.room_type for room in building.rooms} == kinds
     assert [set(passage.rooms) for passage in building.passages] == [{0, 1}]
     gaps = [end - start for walls in building.walls for wall in walls for start, end, door in wall.gaps if door]
     assert len(gaps) >= 2

@@ -7,9 +7,9 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.gazebo import read_gazebo
-from anm_mj.scene.importing.readers.kinds import find_kind
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.submesh import merge_geometry
 from tests.scene.furnished import looks_at_the_poster, picture, poster
 from tests.scene.view import look
@@ -49,8 +49,8 @@ def _model(folder, name: str, content: str, files: dict[str, bytes] | None = Non
 
 
 def _read(src, *model_paths):
-    notes = Notes()
-    return read_gazebo(src, list(model_paths), notes).parts, notes.sentences()
+    report = ImportReport()
+    return read_gazebo(src, list(model_paths), report).submeshes, report.sentences()
 
 
 def _bounds(parts):
@@ -61,7 +61,7 @@ def _bounds(parts):
 
 def test_a_room_of_boxes_on_a_ground_plane_becomes_a_scene(tmp_path):
     src = _world(tmp_path / "room.world", GROUND + ROOM)
-    assert find_kind(src).name == "gazebo"
+    assert find_format(src).name == "gazebo"
     scene = import_scene(src, tmp_path / "out")
     # The plane of 100 m is cut to the building on it.
     assert np.allclose(scene.bounds_m, [[-0.1, -0.1, 0.0], [6.1, 4.1, 2.5]], atol=1e-4)

@@ -7,9 +7,9 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.habitat import DATASETS, read_scene_instance
-from anm_mj.scene.importing.readers.kinds import find_kind
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.urdf import read_urdf
 from anm_mj.scene.submesh import merge_geometry
 from tests.scene.furnished import BOUNDS_M, looks_at_the_poster, poster, write_glb
@@ -58,7 +58,7 @@ POSTER = {"template_name": "objects/poster", "translation": [3.0, 0.5, -3.99], "
 def test_a_replicacad_scene_is_put_together(tmp_path):
     cube = {"template_name": "cube", "translation": [0.5, 0.5, -0.5], "rotation": [1, 0, 0, 0]}
     src = _replica_cad(tmp_path / "cad", {"object_instances": [POSTER, cube]})
-    assert find_kind(src).name == "replicacad"
+    assert find_format(src).name == "replicacad"
     scene = import_scene(src, tmp_path / "out")
     assert np.allclose(scene.bounds_m, BOUNDS_M, atol=2e-3)
     assert looks_at_the_poster(scene)
@@ -70,7 +70,7 @@ def test_a_replicacad_scene_is_put_together(tmp_path):
 def _one(tmp_path, **instance):
     """Bounds of one cube in an otherwise empty scene, in the scene's axes."""
     src = _replica_cad(tmp_path, {"stage_instance": None, "object_instances": [{"template_name": "cube", **instance}]})
-    return _bounds(read_scene_instance(DATASETS[1], src, [], Notes()).parts)
+    return _bounds(read_scene_instance(DATASETS[1], src, [], ImportReport()).submeshes)
 
 
 def test_an_object_stands_by_its_origin_or_by_its_middle(tmp_path):
@@ -109,7 +109,7 @@ def test_an_hssd_scene_finds_its_templates_by_hash(tmp_path):
     }
     src = root / "scenes" / f"{stage}.scene_instance.json"
     _write(src, scene)
-    assert find_kind(src).name == "hssd"
+    assert find_format(src).name == "hssd"
     imported = import_scene(src, tmp_path / "out")
     assert looks_at_the_poster(imported)
     assert np.allclose(imported.bounds_m, BOUNDS_M, atol=2e-3)
@@ -144,7 +144,7 @@ def _write_urdf(folder):
 
 
 def test_a_urdf_stands_in_its_rest_pose(tmp_path):
-    body, door = read_urdf(_write_urdf(tmp_path), Notes())
+    body, door = read_urdf(_write_urdf(tmp_path), ImportReport())
     assert np.allclose(_bounds([body]), [[5, 1, 0], [7, 3, 2]], atol=1e-6)
     assert np.allclose(_bounds([door]), [[4.95, -1, 2.5], [5.05, 1, 3.5]], atol=1e-6)
     assert door.rgb == (1.0, 0.0, 0.0)
@@ -156,7 +156,7 @@ def test_articulated_objects_are_part_of_the_scene(tmp_path):
     scene = {"stage_instance": None, "articulated_object_instances": [placed]}
     src = _replica_cad(root, scene)
     _write_urdf(root / "urdf" / "cupboard")
-    parts = read_scene_instance(DATASETS[1], src, [], Notes()).parts
+    parts = read_scene_instance(DATASETS[1], src, [], ImportReport()).submeshes
     assert np.allclose(_bounds(parts), [[2.475, -0.5, 0], [3.5, 1.5, 1.75]], atol=1e-6)
 
 
@@ -164,10 +164,10 @@ def test_what_is_missing_is_said_once_and_left_out(tmp_path):
     gone = [{"template_name": "sofa"}, {"template_name": "sofa"}, {"template_name": "lamp"}]
     src = _replica_cad(tmp_path, {"object_instances": [*gone, {"template_name": "broken"}]})
     (tmp_path / "objects" / "broken.glb").write_bytes(b"no glb at all, but long enough for a header")
-    notes = Notes()
-    parts = read_scene_instance(DATASETS[1], src, [], notes).parts
+    report = ImportReport()
+    parts = read_scene_instance(DATASETS[1], src, [], report).submeshes
     assert len(parts) == 1
-    missing, broken = notes.sentences()
+    missing, broken = report.sentences()
     assert missing == "Not found in the dataset's folder: sofa, lamp, which are left out."
     assert broken.startswith("Left out, because they cannot be read: broken (")
 
@@ -178,7 +178,7 @@ def test_a_scene_that_was_taken_out_of_its_dataset_asks_for_it(tmp_path):
     alone.write_bytes(src.read_bytes())
     with pytest.raises(SceneError, match="--model-path"):
         import_scene(alone, tmp_path / "out")
-    scene = import_scene(alone, tmp_path / "out", kind="replicacad", model_paths=[tmp_path / "cad"])
+    scene = import_scene(alone, tmp_path / "out", source_format="replicacad", model_paths=[tmp_path / "cad"])
     assert looks_at_the_poster(scene)
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from anm_mj.cli.main import main
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.importing.readers.kinds import kind_names
+from anm_mj.scene.importing.readers.formats import format_names
 from tests.cli.test_cli import fails
 from tests.scene.furnished import furnished, write_glb
 
@@ -41,6 +41,6 @@ def test_every_kind_is_in_the_help_and_in_the_documentation(capsys):
     with pytest.raises(SystemExit):
         main(["scene", "import", "--help"])
     helped, documented = capsys.readouterr().out, _DOCS.read_text()
-    for name in kind_names():
+    for name in format_names():
         assert name in helped
         assert f"| `{name}` |" in documented

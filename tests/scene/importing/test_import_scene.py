@@ -195,7 +195,7 @@ def test_the_same_file_gives_the_same_folder(tmp_path):
 
 
 def _broken_files(folder):
-    """Every kind of file that must be refused, with a word of the refusal."""
+    """Every file that must be refused, with a word of the refusal."""
     whole = _export(folder / "whole.glb", room()).read_bytes()
     (folder / "cut.glb").write_bytes(whole[: len(whole) // 2])
     (folder / "noise.glb").write_bytes(b"\x00\x01 this is no glTF" * 20)
@@ -218,7 +218,7 @@ def _broken_files(folder):
     yield folder / "points.ply", "no triangles"
     yield folder / "nan.ply", "NaN"
     yield folder / "missing.glb", "does not exist"
-    yield folder, "kind"
+    yield folder, "format"
 
 
 def test_bad_files_are_refused_in_one_sentence_and_leave_nothing_behind(tmp_path):

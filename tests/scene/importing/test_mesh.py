@@ -5,8 +5,8 @@ from trimesh.exchange.gltf import export_glb
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import read_mesh, usual_up
-from anm_mj.scene.importing.readers.notes import Notes
 from tests.scene.furnished import BOUNDS_M, furnished, looks_at_the_poster, write_glb, write_obj
 from tests.scene.glb import patch_glb
 from tests.scene.shapes import to_y_up
@@ -103,7 +103,7 @@ def test_a_texture_that_many_meshes_share_is_kept_once(tmp_path):
     one, other = furnished()[1], furnished()[1]
     other.apply_translation([0.0, -2.0, 0.0])
     other.visual.material = one.visual.material
-    parts = read_mesh(write_glb(tmp_path / "a.glb", one, other), Notes())
+    parts = read_mesh(write_glb(tmp_path / "a.glb", one, other), ImportReport())
     assert parts[0].texture is parts[1].texture
     assert len({id(part.texture) for part in parts}) == 1
 
@@ -112,7 +112,7 @@ def test_a_mirrored_node_keeps_its_outside_outside(tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(furnished()[3], transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
     scene.export(tmp_path / "a.glb")
-    (part,) = read_mesh(tmp_path / "a.glb", Notes())
+    (part,) = read_mesh(tmp_path / "a.glb", ImportReport())
     assert trimesh.Trimesh(part.vertices_m, part.faces).volume == pytest.approx(0.5 * 1.0 * 1.8, rel=1e-5)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers.kinds import find_kind
+from anm_mj.scene.importing.readers.formats import find_format
 from tests.scene.furnished import (
     BLUE,
     BOUNDS_M,
@@ -37,7 +37,7 @@ def _check(scene, licence: str, source: str, up: str = "z"):
 def test_a_gibson_scene_of_habitat_is_z_up_in_a_glb(tmp_path):
     src = write_glb(tmp_path / "gibson" / "Denmark.glb", *furnished())
     (tmp_path / "gibson" / "Denmark.navmesh").write_bytes(b"recast")
-    assert find_kind(src).name == "gibson"
+    assert find_format(src).name == "gibson"
     _check(import_scene(src, tmp_path / "out"), "Gibson", "Denmark.glb")
 
 
@@ -45,7 +45,7 @@ def test_a_gibson_scene_of_habitat_is_z_up_in_a_glb(tmp_path):
 def test_the_folder_of_an_original_gibson_scene_is_read(tmp_path, name, y_up):
     write_obj(tmp_path / "Rs" / name, y_up=y_up)
     (tmp_path / "Rs" / "camera_poses.csv").write_text("")
-    assert find_kind(tmp_path / "Rs").name == "gibson"
+    assert find_format(tmp_path / "Rs").name == "gibson"
     scene = import_scene(tmp_path / "Rs", tmp_path / "out")
     _check(scene, "Gibson", f"Rs/{name}", "y" if y_up else "z")
     assert np.abs(look(scene, (3.0, 1.5, 1.5), (-1.0, 0.0, 0.0))[32, 32].astype(int) - (0, 102, 255)).max() <= 3
@@ -64,14 +64,14 @@ def test_a_matterport3d_scene_of_habitat_is_z_up_in_a_glb(tmp_path, as_folder):
     (folder / f"{MATTERPORT}.house").write_text("ASCII 1.1")
     write_quad_ply(folder / f"{MATTERPORT}_semantic.ply", object_ids=True)
     src = folder if as_folder else src
-    assert find_kind(src).name == "matterport3d"
+    assert find_format(src).name == "matterport3d"
     _check(import_scene(src, tmp_path / "out"), "Matterport3D Terms", f"{MATTERPORT}.glb")
 
 
 def test_an_original_matterport3d_scan_is_read_with_its_split_textures(tmp_path):
     scan = tmp_path / "v1" / "scans" / MATTERPORT
     write_obj(scan / "matterport_mesh" / "0f3a" / "0f3a.obj")
-    assert find_kind(scan).name == "matterport3d"
+    assert find_format(scan).name == "matterport3d"
     _check(import_scene(scan, tmp_path / "out"), "Matterport3D Terms", "matterport_mesh/0f3a/0f3a.obj")
 
 
@@ -89,7 +89,7 @@ def test_an_hm3d_scene_is_taken_in_the_variant_that_can_be_decoded(tmp_path, bas
     write_glb(folder / f"{HM3D}.basis.glb", *furnished())
     if not basis:
         write_glb(folder / f"{HM3D}.glb", *furnished())
-    assert find_kind(folder).name == "hm3d"
+    assert find_format(folder).name == "hm3d"
     scene = import_scene(folder, tmp_path / "out")
     _check(scene, "Matterport End User License", f"{HM3D}.basis.glb" if basis else f"{HM3D}.glb")
 
@@ -99,7 +99,7 @@ def test_a_replica_scene_has_quads_and_colours_per_vertex(tmp_path, name):
     write_quad_ply(tmp_path / "room_0" / name, object_ids="semantic" in name)
     (tmp_path / "room_0" / "habitat").mkdir(exist_ok=True)
     src = tmp_path / "room_0" if name == "mesh.ply" else tmp_path / "room_0" / name
-    assert find_kind(src).name == "replica"
+    assert find_format(src).name == "replica"
     scene = import_scene(src, tmp_path / "out")
     assert np.allclose(scene.bounds_m, [[0, 0, 0], [6, 4, 2.5]], atol=1e-5)
     assert scene.num_triangles == 2 * 2 * 4 * (6 * 4 + 4 * 2.5 + 2.5 * 6)
@@ -112,7 +112,7 @@ def test_a_replica_scene_has_quads_and_colours_per_vertex(tmp_path, name):
 
 def test_what_the_user_says_about_a_data_set_wins(tmp_path):
     src = write_glb(tmp_path / "gibson" / "Denmark.glb", *furnished(), y_up=True)
-    scene = import_scene(src, tmp_path / "out", up="y", licence="by letter", source="a friend", kind="hm3d")
+    scene = import_scene(src, tmp_path / "out", up="y", licence="by letter", source="a friend", source_format="hm3d")
     assert np.allclose(scene.bounds_m, BOUNDS_M, atol=2e-3)
     assert (scene.licence, scene.source) == ("by letter", "a friend")
     assert _entries(scene)["up_how"] == "given"
@@ -128,7 +128,7 @@ def test_a_layout_is_not_believed_against_overwhelming_evidence(tmp_path):
 @pytest.mark.parametrize(("y_up", "up"), [(False, "z"), (True, "y")])
 def test_a_bare_glb_of_no_data_set_may_be_either_way_up(tmp_path, y_up, up):
     src = write_glb(tmp_path / "house.glb", *furnished(), y_up=y_up)
-    assert find_kind(src).name == "mesh"
+    assert find_format(src).name == "mesh"
     scene = import_scene(src, tmp_path / "out")
     assert np.allclose(scene.bounds_m, BOUNDS_M, atol=2e-3)
     assert (_entries(scene)["up"], scene.licence) == (up, "unknown")
@@ -136,10 +136,10 @@ def test_a_bare_glb_of_no_data_set_may_be_either_way_up(tmp_path, y_up, up):
 
 def test_folders_of_no_known_layout_are_refused_with_advice(tmp_path):
     (tmp_path / "stuff").mkdir()
-    with pytest.raises(SceneError, match="folder of no kind"):
+    with pytest.raises(SceneError, match="folder of no format"):
         import_scene(tmp_path / "stuff", tmp_path / "out")
     with pytest.raises(SceneError, match=r"does not hold a Replica scene.*mesh\.ply"):
-        import_scene(tmp_path / "stuff", tmp_path / "out", kind="replica")
-    with pytest.raises(SceneError, match=r"no kind 'scannet'.*gibson"):
-        import_scene(tmp_path / "stuff", tmp_path / "out", kind="scannet")
+        import_scene(tmp_path / "stuff", tmp_path / "out", source_format="replica")
+    with pytest.raises(SceneError, match=r"no format 'scannet'.*gibson"):
+        import_scene(tmp_path / "stuff", tmp_path / "out", source_format="scannet")
     assert not (tmp_path / "out").exists()

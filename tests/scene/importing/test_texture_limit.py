@@ -2,12 +2,12 @@ import numpy as np
 
 from anm_mj.scene.importing.readers import texture_limit
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 
 
-def _square(side_m: float, texture, *, tiled: bool = False) -> Part:
+def _square(side_m: float, texture, *, tiled: bool = False) -> Submesh:
     corners = np.array([[0.0, 0.0, 0.0], [side_m, 0.0, 0.0], [side_m, side_m, 0.0], [0.0, side_m, 0.0]])
-    return Part("square", corners, np.array([[0, 1, 2], [0, 2, 3]]), uv=corners[:, :2], texture=texture, tiled=tiled)
+    return Submesh("square", corners, np.array([[0, 1, 2], [0, 2, 3]]), uv=corners[:, :2], texture=texture, tiled=tiled)
 
 
 def _texture(side_px: int, grey: int):

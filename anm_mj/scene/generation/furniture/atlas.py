@@ -7,29 +7,18 @@ that bilinear filtering shows exactly what was painted. One texel of margin keep
 from __future__ import annotations
 
 import math
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
 from anm_mj.scene.generation.furniture.light import to_linear, to_srgb
 from anm_mj.scene.generation.furniture.quads import Quads
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.generation.furniture.voxel_light import VoxelLighting
+from anm_mj.scene.submesh import Submesh
 
 _MARGIN_PX = 1
 _INSET_M = 0.012
 """Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
-
-
-@runtime_checkable
-class Lit(Protocol):
-    """Whatever knows how much light falls where."""
-
-    def falling_on(
-        self, points_m: Float64[np.ndarray, "n 3"], normals: Float64[np.ndarray, "n 3"]
-    ) -> Float64[np.ndarray, "n 3"]:
-        """Light per colour channel; 1 shows a surface in its own colour."""
-        ...
 
 
 Cuts = dict[int, Float64[np.ndarray, "k 3 2"]]
@@ -39,15 +28,15 @@ Cuts = dict[int, Float64[np.ndarray, "k 3 2"]]
 def paint(
     name: str,
     surface: Quads,
-    lighting: Lit,
+    lighting: VoxelLighting,
     light_spacing_m: float,
     cuts: Cuts | None = None,
     shades: int = 256,
-) -> Part:
-    """One textured part.
+) -> Submesh:
+    """One textured submesh.
 
     Args:
-        name: The part's name.
+        name: The submesh's name.
         surface: What to paint.
         lighting: Light in the whole scene.
         light_spacing_m: Distance between the points that light is worked out for; between them it is interpolated.
@@ -67,7 +56,7 @@ def paint(
     image = np.zeros((image_size[1], image_size[0], 3), np.uint8)
     shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
     image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
-    return _part(name, surface, corner_px, size_px, image, cuts or {})
+    return _submesh(name, surface, corner_px, size_px, image, cuts or {})
 
 
 def points_on(surface: Quads, spacing_m: float) -> Float64[np.ndarray, "n 3"]:
@@ -137,7 +126,7 @@ def _pattern(
 
 def _light_at(
     surface: Quads,
-    lighting: Lit,
+    lighting: VoxelLighting,
     spacing_m: float,
     quad: Int64[np.ndarray, " k"],
     s: Float64[np.ndarray, " k"],
@@ -165,14 +154,14 @@ def _light_at(
     return _bilinear(around, x - i, y - j)
 
 
-def _part(
+def _submesh(
     name: str,
     surface: Quads,
     corner_px: Int64[np.ndarray, "n 2"],
     size_px: Int64[np.ndarray, "n 2"],
     image: UInt8[np.ndarray, "h w 3"],
     cuts: Cuts,
-) -> Part:
+) -> Submesh:
     """The quads as triangles, with texture coordinates at the centres of their corner texels."""
     ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     whole = np.array([k for k in range(len(corner_px)) if k not in cuts], dtype=np.int64)
@@ -186,7 +175,7 @@ def _part(
         corners = np.broadcast_to(surface.corners_m[k], (len(shares), 4, 3))
         vertices.append(_bilinear(corners, shares[:, 0], shares[:, 1]))
     uv = np.concatenate(texels) / (image.shape[1], image.shape[0])
-    return Part(
+    return Submesh(
         name,
         np.concatenate(vertices).astype(np.float32),
         np.concatenate(faces).astype(np.int32),

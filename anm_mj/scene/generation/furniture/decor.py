@@ -1,4 +1,4 @@
-"""Lamps, plants, pictures, rugs, screens and doors; each stands about the origin or hangs on a wall along y = 0."""
+"""Lamps, plants, pictures, rugs and screens; each stands about the origin or hangs on a wall along y = 0."""
 
 from __future__ import annotations
 
@@ -15,19 +15,18 @@ from anm_mj.scene.generation.furniture.quads import (
     grid_quads,
     join,
     lathe,
-    strut,
 )
 from anm_mj.scene.generation.furniture.textures import Colour, glow, plain, rgb, rug, spots
 
 _DARK = plain(rgb("2b2d31"))
 _LEAF_GREENS = [plain(rgb(code), 0.2) for code in ("3f7d4e", "55925a", "2f6b45")]
-RUG_THICKNESS_M = 0.008
+_RUG_THICKNESS_M = 0.008
 
 
 def rug_on_floor(size_m: tuple[float, float], ground: Colour, border: Colour, motif: Colour) -> Quads:
     """A carpet, low enough to drive over."""
     x, y = size_m[0] / 2, size_m[1] / 2
-    return box((-x, -y, 0.0), (x, y, RUG_THICKNESS_M), rug(ground, border, motif, size_m), "-z")
+    return box((-x, -y, 0.0), (x, y, _RUG_THICKNESS_M), rug(ground, border, motif, size_m), "-z")
 
 
 def ceiling_lamp(ceiling_m: float, shade: Colour) -> Quads:
@@ -145,23 +144,4 @@ def monitor(screen: Material) -> Quads:
         television(0.6, screen).placed(0.0, -0.18),
         box((-0.22, -0.52, 0.0), (0.22, -0.38, 0.018), keys, "-z"),
         cushion((0.28, -0.5, -0.01), (0.34, -0.4, 0.03), 0.018, keys, "-z", segments=1),
-    )
-
-
-def front_door(leaf: Material, handle: Material) -> Quads:
-    """A closed house door on a wall along y = 0, facing -y."""
-    frame = plain(rgb("f4f1ea"), 0.01)
-    panels = [
-        box((x, -0.05, z), (x + 0.3, -0.04, z + height), leaf, "+y")
-        for x in (-0.37, 0.07)
-        for z, height in ((0.2, 0.65), (1.05, 0.8))
-    ]
-    return join(
-        box((-0.45, -0.04, 0.0), (0.45, 0.0, 2.05), leaf, "-z +y"),
-        *panels,
-        box((-0.52, -0.03, 0.0), (-0.45, 0.0, 2.12), frame, "-z +y"),
-        box((0.45, -0.03, 0.0), (0.52, 0.0, 2.12), frame, "-z +y"),
-        box((-0.45, -0.03, 2.05), (0.45, 0.0, 2.12), frame, "+y -x +x"),
-        strut((0.36, -0.04, 1.02), (0.36, -0.09, 1.02), 0.011, handle),
-        strut((0.37, -0.09, 1.02), (0.25, -0.09, 1.02), 0.011, handle),
     )

@@ -99,19 +99,6 @@ def around_holes(length_m: float, holes: list[Hole], ceiling_m: float) -> list[t
     return [*rectangles, (start, length_m, SKIRTING_HEIGHT_M, ceiling_m)]
 
 
-def skirting(wall: Wall, doors: list[Hole], trim: Material) -> list[Quads]:
-    """Boards along the wall's foot, up to the casings of its doors."""
-    ends = [0.0]
-    for door in sorted(doors, key=lambda door: door.start_m):
-        ends += [door.start_m - CASING_WIDTH_M, door.end_m + CASING_WIDTH_M]
-    ends.append(wall.length_m)
-    return [
-        wall.block(start, end, 0.0, SKIRTING_HEIGHT_M, SKIRTING_DEPTH_M, trim, "-z +y -x +x")
-        for start, end in zip(ends[::2], ends[1::2], strict=True)
-        if end > start
-    ]
-
-
 def casing(wall: Wall, door: Hole, trim: Material) -> list[Quads]:
     """The frame about a door opening: two posts and a head."""
     top = door.z_high_m

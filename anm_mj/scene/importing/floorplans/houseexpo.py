@@ -17,7 +17,7 @@ from skimage.segmentation import watershed
 
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.importing.floorplans.cells import CellPlan, grid_axes, take_passages, whole_rooms
-from anm_mj.scene.importing.floorplans.kinds import kind_of_word, named_rooms
+from anm_mj.scene.importing.floorplans.room_types import named_rooms, room_type_of_word
 from anm_mj.scene.raster import distance_cells, label_components
 
 _CELL_M = 0.05
@@ -50,8 +50,8 @@ def read_houseexpo(plan: Any) -> Building:
     plan_cells = CellPlan(labels, origin, _CELL_M)
     cells, passages = take_passages(plan_cells, _borders(plan_cells), _PASSAGE_M)
     outlines = [cells.outline(cells.labels == index) for index in range(int(cells.labels.max()) + 1)]
-    kinds = [_kind(outline, plan["room_category"]) for outline in outlines]
-    return Building(named_rooms(outlines, kinds), tuple(passages))
+    room_types = [_room_type(outline, plan["room_category"]) for outline in outlines]
+    return Building(named_rooms(outlines, room_types), tuple(passages))
 
 
 def _parted(free: Bool[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
@@ -99,13 +99,13 @@ def _clusters(points: Float64[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " n"]
     return labels.astype(np.int64), int(num)
 
 
-def _kind(outline: shapely.Polygon, categories: dict[str, list[list[float]]]) -> str:
-    """The kind whose box covers most of a room; what no box covers is a corridor."""
+def _room_type(outline: shapely.Polygon, categories: dict[str, list[list[float]]]) -> str:
+    """The room type whose box covers most of a room; what no box covers is a corridor."""
     best, most = "corridor", 0.15 * float(outline.area)
     for word, boxes in categories.items():
         for x0, y0, x1, y1 in boxes:
             covered = float(outline.intersection(shapely.box(x0, y0, x1, y1)).area)
-            kind = kind_of_word(word)
-            if kind is not None and covered > most:
-                best, most = kind, covered
+            room_type = room_type_of_word(word)
+            if room_type is not None and covered > most:
+                best, most = room_type, covered
     return best

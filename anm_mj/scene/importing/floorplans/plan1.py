@@ -9,7 +9,7 @@ import shapely
 
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.importing.floorplans.cells import CellPlan, fill_nearest, grid_axes, take_passages, whole_rooms
-from anm_mj.scene.importing.floorplans.kinds import doors_of, kind_of_office_room, named_rooms
+from anm_mj.scene.importing.floorplans.room_types import doors_of, named_rooms, office_room_type
 
 _CELL_M = 0.0625
 """Plans are drawn on this grid: walls follow it exactly [m]."""
@@ -46,9 +46,9 @@ def read_plan1(plan: Any) -> Building:
     cells, passages = take_passages(cells, doors, _PASSAGE_M)
     outlines = [cells.outline(cells.labels == index) for index in range(int(cells.labels.max()) + 1)]
     num_doors = doors_of(len(outlines), passages)
-    kinds = [kind_of_office_room(floor, int(num_doors[k]), k) for k, floor in enumerate(outlines)]
+    room_types = [office_room_type(floor, int(num_doors[k]), k) for k, floor in enumerate(outlines)]
     return Building(
-        named_rooms(outlines, kinds),
+        named_rooms(outlines, room_types),
         tuple(passages),
         "office",
         float(plan.get("wall_height", 2.7)),

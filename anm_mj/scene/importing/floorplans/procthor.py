@@ -14,7 +14,7 @@ from jaxtyping import Float64
 
 from anm_mj.scene.generation.building import Building, GivenWindow, Passage
 from anm_mj.scene.generation.layout import WALL_M
-from anm_mj.scene.importing.floorplans.kinds import kind_of_word, named_rooms
+from anm_mj.scene.importing.floorplans.room_types import named_rooms, room_type_of_word
 
 
 def is_procthor(plan: Any) -> bool:
@@ -59,9 +59,9 @@ def read_procthor(plan: Any) -> Building:
         p, q, low, top = _opening(window, walls)
         windows.append(GivenWindow((float(p[0]), float(p[1])), (float(q[0]), float(q[1])), low, top))
     ceiling_m = max(float(wall[:, 1].max()) for wall in walls.values())
-    kinds = [kind_of_word(str(room.get("roomType", ""))) or "living" for room in rooms]
+    room_types = [room_type_of_word(str(room.get("roomType", ""))) or "living" for room in rooms]
     return Building(
-        named_rooms(floors, kinds),
+        named_rooms(floors, room_types),
         tuple(passages),
         "apartment",
         ceiling_m,

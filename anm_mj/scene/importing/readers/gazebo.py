@@ -17,15 +17,15 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.readers.content import Content
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import find_uri, model_file, search_folders
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.sdf_material import Look, Materials, painted
 from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, pose_of, state_poses
-from anm_mj.scene.importing.readers.sdf_shape import plane_part, shape_part
+from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
 from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
-from anm_mj.scene.submesh import Part, merge_geometry, transformed
+from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
 
 _FOLDER = "anm_mj_folder"
 """Attribute that remembers the folder of the file an element came from; relative paths start there."""
@@ -57,7 +57,7 @@ def is_gazebo(src: Path) -> bool:
     return src.suffix.lower() in (".world", ".sdf")
 
 
-def read_gazebo(src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
+def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
     """The first world of an SDF file, or its models if it has none.
 
     Raises:
@@ -66,29 +66,29 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], notes: Notes) -> Content
     file = model_file(src)
     if file is None:
         raise SceneError(f"{src} is no Gazebo model: it holds neither model.config nor model.sdf.")
-    reader = _Reader(search_folders(file, model_paths), notes)
-    parts = reader.read(file)
-    if not parts:
+    reader = _Reader(search_folders(file, model_paths), report)
+    submeshes = reader.read(file)
+    if not submeshes:
         raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
     models = ", ".join(sorted(reader.models))
     source = f"Gazebo world {file.name}" + (f" with the models {models}" if models else "")
-    return Content(parts, source, up="z", up_certainty=float("inf"), scale=1.0)
+    return ParsedScene(submeshes, source, up="z", up_certainty=float("inf"), scale=1.0)
 
 
 class _Reader:
-    """Gathers the parts of one world."""
+    """Gathers the submeshes of one world."""
 
-    def __init__(self, folders: list[Path], notes: Notes) -> None:
+    def __init__(self, folders: list[Path], report: ImportReport) -> None:
         self.models: set[str] = set()
         """Names of the model folders that were used."""
         self._folders = folders
-        self._notes = notes
-        self._materials = Materials(folders, notes)
-        self._meshes: dict[Path, list[Part]] = {}
-        self._parts: list[Part] = []
-        self._grounds: list[tuple[Part, Look]] = []
+        self._report = report
+        self._materials = Materials(folders, report)
+        self._meshes: dict[Path, list[Submesh]] = {}
+        self._submeshes: list[Submesh] = []
+        self._grounds: list[tuple[Submesh, Look]] = []
 
-    def read(self, file: Path) -> list[Part]:
+    def read(self, file: Path) -> list[Submesh]:
         """Everything that can be drawn of a file's world, in world coordinates [m]."""
         root = _parse(file)
         if root.tag != "sdf":
@@ -101,9 +101,9 @@ class _Reader:
             self._expand(world, child, file.absolute().parent, 0)
         for scaled in world.findall("state//model"):
             if numbers(scaled.find("scale"), 3, (1.0, 1.0, 1.0)) != (1.0, 1.0, 1.0):
-                self._notes.add(_SCALED, scaled.get("name", "a model"))
+                self._report.add(_SCALED, scaled.get("name", "a model"))
         self._read_scope(Scope(world, np.eye(4), state_poses(world), ""))
-        return self._parts + [part for ground in self._grounds for part in self._cut_ground(*ground)]
+        return self._submeshes + [submesh for ground in self._grounds for submesh in self._cut_ground(*ground)]
 
     def _expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
         """Put the model that an <include> names in its place, and mark models with the folder they came from."""
@@ -131,7 +131,7 @@ class _Reader:
                 parent.insert(at, _ground_plane())
             # Gazebo's sun is a light.
             elif name != "sun":
-                self._notes.add(_NO_MODEL, name)
+                self._report.add(_NO_MODEL, name)
             return
         root = _parse(file)
         model = next((root.find(tag) for tag in ("model", "world/model") if root.find(tag) is not None), None)
@@ -152,12 +152,12 @@ class _Reader:
         self._expand(parent, model, file.absolute().parent, depth + 1)
 
     def _read_scope(self, scope: Scope) -> None:
-        """Gather the parts of a world or model, and of the models in it."""
+        """Gather the submeshes of a world or model, and of the models in it."""
         for child in scope.element:
             if child.tag == "model":
                 inner = scope.inner(child)
                 if np.abs(inner.T_world_scope[:3, 3]).max() > _FAR_M:
-                    self._notes.add(_FALLEN, child.get("name", "a model"))
+                    self._report.add(_FALLEN, child.get("name", "a model"))
                 else:
                     self._read_scope(inner)
             elif child.tag == "link":
@@ -165,12 +165,12 @@ class _Reader:
                 for visual in child.findall("visual"):
                     self._read_visual(visual, scope, scope.place(child), folder)
             elif child.tag in ("actor", "population", "road"):
-                self._notes.add(_NO_SHAPE, f"<{child.tag}> {child.get('name', '')}".strip())
+                self._report.add(_NO_SHAPE, f"<{child.tag}> {child.get('name', '')}".strip())
 
     def _read_visual(
         self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path
     ) -> None:
-        """Gather the parts of one <visual>."""
+        """Gather the submeshes of one <visual>."""
         shape = next(iter(visual.findall("geometry/*")), None)
         if shape is None or shape.tag == "empty" or numbers(visual.find("transparency"), 1, (0.0,))[0] >= 1.0:
             return
@@ -180,60 +180,62 @@ class _Reader:
         look = self._materials.look(visual.find("material"), folder)
         name = f"{scope.element.get('name', 'model')}_{visual.get('name', 'visual')}"
 
-        def stand(part: Part) -> Part:
-            return transformed(part, T_world_visual[:3, :3], T_world_visual[:3, 3])
+        def stand(submesh: Submesh) -> Submesh:
+            return transformed(submesh, T_world_visual[:3, :3], T_world_visual[:3, 3])
 
         if shape.tag == "mesh":
-            for part in self._mesh_parts(shape, folder):
-                self._parts.append(stand(part if look is None else painted(part, look)))
+            for submesh in self._mesh_submeshes(shape, folder):
+                self._submeshes.append(stand(submesh if look is None else painted(submesh, look)))
             return
         look = Look(PLAIN_RGB) if look is None else look
         if shape.tag == "plane":
             width, depth = numbers(shape.find("size"), 2, (1.0, 1.0))
             normal = np.array(numbers(shape.find("normal"), 3, (0.0, 0.0, 1.0)))
-            plane = stand(plane_part((width, depth), normal, name))
+            plane = stand(plane_submesh((width, depth), normal, name))
             if max(width, depth) > _WIDE_M and level_mask(plane.vertices_m[plane.faces]).all():
                 self._grounds.append((plane, look))
             else:
-                self._parts.append(painted(plane, look))
+                self._submeshes.append(painted(plane, look))
             return
-        part = shape_part(shape, name)
-        if part is None:
-            self._notes.add(_NO_SHAPE, f"<{shape.tag}> of {name}")
+        submesh = shape_submesh(shape, name)
+        if submesh is None:
+            self._report.add(_NO_SHAPE, f"<{shape.tag}> of {name}")
         else:
-            self._parts.append(stand(painted(part, look)))
+            self._submeshes.append(stand(painted(submesh, look)))
 
-    def _mesh_parts(self, shape: ET.Element, folder: Path) -> Iterator[Part]:
-        """The parts of a <mesh>, scaled; none, with a note, where they cannot be had."""
+    def _mesh_submeshes(self, shape: ET.Element, folder: Path) -> Iterator[Submesh]:
+        """The submeshes of a <mesh>, scaled; none, with a note, where they cannot be had."""
         uri = (shape.findtext("uri") or "").strip()
         path = find_uri(uri, folder, self._folders)
         if path is None or not path.is_file():
-            self._notes.add(_NO_MESH, uri.partition("://")[2] or uri)
+            self._report.add(_NO_MESH, uri.partition("://")[2] or uri)
             return
         if path not in self._meshes:
             try:
-                self._meshes[path] = read_mesh(path, self._notes)
+                self._meshes[path] = read_mesh(path, self._report)
             except SceneError as err:
-                self._notes.add(_BAD_MESH, f"{path.name} ({str(err).removeprefix(str(path)).strip()})")
+                self._report.add(_BAD_MESH, f"{path.name} ({str(err).removeprefix(str(path)).strip()})")
                 self._meshes[path] = []
-        parts = self._meshes[path]
+        submeshes = self._meshes[path]
         wanted = (shape.findtext("submesh/name") or "").strip()
         if wanted:
-            parts = [part for part in parts if _same_name(part.name, wanted)]
-            if not parts:
-                self._notes.add(_NO_MESH, f"{wanted} in {path.name}")
-        if parts and (shape.findtext("submesh/center") or "").strip().lower() in ("true", "1"):
-            vertices, faces = merge_geometry(parts)
+            submeshes = [submesh for submesh in submeshes if _same_name(submesh.name, wanted)]
+            if not submeshes:
+                self._report.add(_NO_MESH, f"{wanted} in {path.name}")
+        if submeshes and (shape.findtext("submesh/center") or "").strip().lower() in ("true", "1"):
+            vertices, faces = merge_geometry(submeshes)
             low, high = vertices[faces].reshape(-1, 3).min(axis=0), vertices[faces].reshape(-1, 3).max(axis=0)
-            parts = [transformed(part, np.eye(3), -(low + high).astype(np.float64) / 2.0) for part in parts]
+            submeshes = [
+                transformed(submesh, np.eye(3), -(low + high).astype(np.float64) / 2.0) for submesh in submeshes
+            ]
         scale = np.diag(numbers(shape.find("scale"), 3, (1.0, 1.0, 1.0)))
-        yield from (transformed(part, scale) for part in parts)
+        yield from (transformed(submesh, scale) for submesh in submeshes)
 
-    def _cut_ground(self, ground: Part, look: Look) -> list[Part]:
+    def _cut_ground(self, ground: Submesh, look: Look) -> list[Submesh]:
         """A ground plane cut to what stands on it, and lowered a little under a floor of the world's own."""
-        if not self._parts:
+        if not self._submeshes:
             return [painted(ground, look)]
-        vertices, faces = merge_geometry(self._parts)
+        vertices, faces = merge_geometry(self._submeshes)
         triangles = vertices[faces]
         low, high = triangles.reshape(-1, 3).min(axis=0)[:2], triangles.reshape(-1, 3).max(axis=0)[:2]
         own = ground.vertices_m
@@ -245,11 +247,13 @@ class _Reader:
         floor = rasterise(clip_to_slab(triangles[level_mask(triangles)], z_m - _SUNK_M, z_m + _SUNK_M), grid)
         if floor.mean() > _COVERED:
             z_m -= _SUNK_M
-        part = plane_part((float(high[0] - low[0]), float(high[1] - low[1])), np.array([0.0, 0.0, 1.0]), ground.name)
-        part = transformed(part, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
+        submesh = plane_submesh(
+            (float(high[0] - low[0]), float(high[1] - low[1])), np.array([0.0, 0.0, 1.0]), ground.name
+        )
+        submesh = transformed(submesh, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
         share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
         # The texture keeps its size on the ground.
-        return [painted(replace(part, uv=None if part.uv is None else part.uv * share), look)]
+        return [painted(replace(submesh, uv=None if submesh.uv is None else submesh.uv * share), look)]
 
 
 def _parse(file: Path) -> ET.Element:
@@ -270,7 +274,7 @@ def _ground_plane() -> ET.Element:
     )
 
 
-def _same_name(part: str, wanted: str) -> bool:
-    """Whether a part read from a mesh file is the submesh of a name; exporters append words of their own."""
-    part, wanted = part.lower(), wanted.lower()
-    return part == wanted or part.removeprefix(wanted).startswith(("-", "_", "."))
+def _same_name(submesh: str, wanted: str) -> bool:
+    """Whether a submesh read from a mesh file is the submesh of a name; exporters append words of their own."""
+    submesh, wanted = submesh.lower(), wanted.lower()
+    return submesh == wanted or submesh.removeprefix(wanted).startswith(("-", "_", "."))

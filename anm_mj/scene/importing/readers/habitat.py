@@ -18,12 +18,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.readers.content import UNKNOWN_LICENCE, Content
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import read_mesh
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedScene
 from anm_mj.scene.importing.readers.sdf_pose import quaternion_matrix
 from anm_mj.scene.importing.readers.urdf import read_urdf
-from anm_mj.scene.submesh import Part, merge_geometry, transformed
+from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
 
 _SCENE_SUFFIX = ".scene_instance.json"
 _DATASET_SUFFIX = ".scene_dataset_config.json"
@@ -39,7 +39,7 @@ class Dataset:
     """A dataset whose scenes are composed."""
 
     name: str
-    """Name of the kind."""
+    """Name of the format."""
     title: str
     licence: str
     prefix: str
@@ -62,16 +62,16 @@ def is_scene_instance(src: Path, dataset: Dataset) -> bool:
     return not dataset.prefix or (config is not None and config.name.lower().startswith(dataset.prefix))
 
 
-def dataset_reader(dataset: Dataset) -> Callable[[Path, Sequence[Path], Notes], Content]:
-    """The reader of a dataset, as kinds have them."""
+def dataset_reader(dataset: Dataset) -> Callable[[Path, Sequence[Path], ImportReport], ParsedScene]:
+    """The reader of a dataset, as formats have them."""
 
-    def read(src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
-        return read_scene_instance(dataset, src, model_paths, notes)
+    def read(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
+        return read_scene_instance(dataset, src, model_paths, report)
 
     return read
 
 
-def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
+def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
     """The stage and objects of one scene, each where it stands.
 
     Raises:
@@ -91,15 +91,15 @@ def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path]
         placements = _placements(scene)
     except (TypeError, ValueError, KeyError, AttributeError) as err:
         raise SceneError(f"{src} is damaged or no Habitat scene ({err}): download it again.") from err
-    templates = _Templates(folders, {placement.template for placement in placements}, notes)
-    parts = [part for placement in placements for part in templates.placed(placement)]
-    if not parts:
+    templates = _Templates(folders, {placement.template for placement in placements}, report)
+    submeshes = [submesh for placement in placements for submesh in templates.placed(placement)]
+    if not submeshes:
         raise SceneError(f"Nothing that {src} names is in {folders[0]}: download the dataset's stages and objects.")
     title = (
         dataset.title if config is None or dataset.prefix else f"dataset {config.name.removesuffix(_DATASET_SUFFIX)}"
     )
-    return Content(
-        parts,
+    return ParsedScene(
+        submeshes,
         source=f"{title}, scene {src.name.removesuffix(_SCENE_SUFFIX)}",
         licence=dataset.licence,
         up="y",
@@ -167,54 +167,54 @@ def _placements(scene: dict[str, Any]) -> list[_Placement]:
 class _Templates:
     """The templates of one scene, each read once."""
 
-    def __init__(self, folders: Sequence[Path], names: set[str], notes: Notes) -> None:
+    def __init__(self, folders: Sequence[Path], names: set[str], report: ImportReport) -> None:
         self._files = _find_templates(folders, names)
-        self._notes = notes
-        self._parts: dict[str, list[Part]] = {}
+        self._report = report
+        self._submeshes: dict[str, list[Submesh]] = {}
 
-    def placed(self, placement: _Placement) -> list[Part]:
-        """The parts of an instance, in the scene (y up) [m]; none, with a note, where they cannot be had."""
-        if placement.template not in self._parts:
-            self._parts[placement.template] = self._read(placement.template)
-        parts = self._parts[placement.template]
-        if not parts:
+    def placed(self, placement: _Placement) -> list[Submesh]:
+        """The submeshes of an instance, in the scene (y up) [m]; none, with a note, where they cannot be had."""
+        if placement.template not in self._submeshes:
+            self._submeshes[placement.template] = self._read(placement.template)
+        submeshes = self._submeshes[placement.template]
+        if not submeshes:
             return []
         shift = placement.translation_m
         matrix = placement.rotation * placement.scale
         if placement.by_centre:
-            vertices, faces = merge_geometry(parts)
+            vertices, faces = merge_geometry(submeshes)
             used = vertices[faces].reshape(-1, 3)
             shift = shift - matrix @ (used.min(axis=0) + used.max(axis=0)) / 2.0
-        return [transformed(part, matrix, shift) for part in parts]
+        return [transformed(submesh, matrix, shift) for submesh in submeshes]
 
-    def _read(self, name: str) -> list[Part]:
-        """The parts of a template as it is made, turned to y up."""
+    def _read(self, name: str) -> list[Submesh]:
+        """The submeshes of a template as it is made, turned to y up."""
         path = self._files.get(name)
         if path is None:
-            self._notes.add(_NO_TEMPLATE, name)
+            self._report.add(_NO_TEMPLATE, name)
             return []
         try:
             if path.suffix == ".urdf":
-                return read_urdf(path, self._notes)
+                return read_urdf(path, self._report)
             if path.suffix != ".json":
-                return read_mesh(path, self._notes)
+                return read_mesh(path, self._report)
             config = _read_json(path)
             asset = config.get("urdf_filepath") or config.get("render_asset") or ""
             asset_path = path.parent / str(asset)
             if not asset or not asset_path.is_file():
-                self._notes.add(_NO_TEMPLATE, Path(str(asset)).name or name)
+                self._report.add(_NO_TEMPLATE, Path(str(asset)).name or name)
                 return []
             if asset_path.suffix == ".urdf":
-                return read_urdf(asset_path, self._notes)
-            turn = _upright(config) * np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
+                return read_urdf(asset_path, self._report)
+            turn = _canonical_axes(config) * np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
             turn = turn * float(config.get("units_to_meters", 1.0))
-            return [transformed(part, turn) for part in read_mesh(asset_path, self._notes)]
+            return [transformed(submesh, turn) for submesh in read_mesh(asset_path, self._report)]
         except (SceneError, TypeError, ValueError) as err:
-            self._notes.add(_BAD_TEMPLATE, f"{name} ({err})")
+            self._report.add(_BAD_TEMPLATE, f"{name} ({err})")
             return []
 
 
-def _upright(config: dict[str, Any]) -> Float64[np.ndarray, "3 3"]:
+def _canonical_axes(config: dict[str, Any]) -> Float64[np.ndarray, "3 3"]:
     """Rotation from the axes of an asset, whose ``up`` and ``front`` its configuration states, to y up and -z front."""
     up = np.asarray(config.get("up", (0.0, 1.0, 0.0)), dtype=np.float64)
     front = np.asarray(config.get("front", (0.0, 0.0, -1.0)), dtype=np.float64)

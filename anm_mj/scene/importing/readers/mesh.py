@@ -1,4 +1,4 @@
-"""Reads mesh files into parts, in the file's own axes and units (metres where the file states its unit)."""
+"""Reads mesh files into submeshes, in the file's own axes and units (metres where the file states its unit)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.bake import bake_colours, corner_colours
-from anm_mj.scene.importing.readers.content import Content
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file, damaged
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.texture_file import MeshNeighbours, TextureStore
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 
 if TYPE_CHECKING:
     import trimesh
@@ -30,14 +30,14 @@ _HEAD_BYTES = 65536
 """The unit and the axes of a COLLADA file stand within so many bytes of its beginning."""
 
 
-def read_mesh_scene(src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
+def read_mesh_scene(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
     """A scene in one mesh file of no known data set.
 
     Raises:
         SceneError: as :func:`read_mesh`.
     """
     del model_paths
-    return Content(read_mesh(src, notes), source=src.name, up=usual_up(src))
+    return ParsedScene(read_mesh(src, report), source=src.name, up=usual_up(src))
 
 
 def usual_up(src: Path) -> Literal["x", "y", "z"]:
@@ -53,8 +53,8 @@ def usual_up(src: Path) -> Literal["x", "y", "z"]:
     return "z" if suffix == ".glb" and src.with_suffix(".navmesh").is_file() else "y"
 
 
-def read_mesh(src: Path, notes: Notes) -> list[Part]:
-    """Parts of a mesh file with all node transforms applied; colours and textures kept as they are stored.
+def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
+    """Submeshes of a mesh file with all node transforms applied; colours and textures kept as they are stored.
 
     JPEG, PNG and WebP textures are decoded and reduced to 1024 px; colours per vertex or face become a texture.
     Transparency is not kept: glass is opaque, as to a depth camera that sees it. A COLLADA file's unit is applied, its
@@ -62,36 +62,36 @@ def read_mesh(src: Path, notes: Notes) -> list[Part]:
 
     Args:
         src: A .glb, .gltf, .obj, .ply, .stl or .dae file.
-        notes: Gets what the file refers to and is missing.
+        report: Gets what the file refers to and is missing.
 
     Raises:
-        SceneError: if the file is missing, of another kind, empty, damaged, or holds no triangles.
+        SceneError: if the file is missing, of another format, empty, damaged, or holds no triangles.
     """
     import trimesh
 
-    decodable = check_mesh_file(src, notes)
+    decodable = check_mesh_file(src, report)
     unit_m = _collada_unit_m(src) if src.suffix.lower() == ".dae" else 1.0
     store = TextureStore()
     try:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
-        neighbours = MeshNeighbours(src, notes)
+        neighbours = MeshNeighbours(src, report)
         loaded = trimesh.load_scene(src, process=False, resolver=neighbours)
-        parts = [part for placed in _placed_meshes(loaded, unit_m) for part in _parts_of(*placed, store)]
+        submeshes = [submesh for placed in _placed_meshes(loaded, unit_m) for submesh in _submeshes_of(*placed, store)]
     except SceneError:
         raise
     except Exception as err:
         raise damaged(src, err) from err
-    if not any(len(part.faces) for part in parts):
+    if not any(len(submesh.faces) for submesh in submeshes):
         raise SceneError(f"{src} holds no triangles (a point cloud, or empty): give a mesh with faces.")
     if neighbours.missed or not decodable:
         # White is what is left of a material whose texture is missing; white walls would be lost against one another.
-        return [replace(part, rgb=PLAIN_RGB) if _white_for_texture(part) else part for part in parts]
-    return parts
+        return [replace(submesh, rgb=PLAIN_RGB) if _white_for_texture(submesh) else submesh for submesh in submeshes]
+    return submeshes
 
 
-def _white_for_texture(part: Part) -> bool:
-    """Whether a part looks as if its texture were missing."""
-    return part.texture is None and part.uv is not None and min(part.rgb) > 0.99
+def _white_for_texture(submesh: Submesh) -> bool:
+    """Whether a submesh looks as if its texture were missing."""
+    return submesh.texture is None and submesh.uv is not None and min(submesh.rgb) > 0.99
 
 
 def _head(src: Path) -> bytes:
@@ -132,45 +132,45 @@ def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_Placed]:
     return placed
 
 
-def _parts_of(
+def _submeshes_of(
     name: str,
     vertices: Float64[np.ndarray, "v 3"],
     faces: Integer[np.ndarray, "f 3"],
     visual: Any,
     store: TextureStore,
-) -> list[Part]:
-    """Parts that look like a mesh."""
+) -> list[Submesh]:
+    """Submeshes that look like a mesh."""
     if not np.isfinite(vertices).all():
         bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
         raise SceneError(f"Mesh {name!r} has {bad} vertices with NaN or infinite coordinates: repair it.")
     if visual.kind == "texture":
-        return _textured_parts(name, vertices, faces, visual, store)
+        return _textured_submeshes(name, vertices, faces, visual, store)
     if visual.kind == "vertex":
         return bake_colours(name, vertices, faces, corner_colours(faces, vertex_rgb=_rgb8(visual.vertex_colors)))
     if visual.kind == "face":
         return bake_colours(name, vertices, faces, corner_colours(faces, face_rgb=_rgb8(visual.face_colors)))
-    return [Part(name, vertices, faces, PLAIN_RGB)]
+    return [Submesh(name, vertices, faces, PLAIN_RGB)]
 
 
-def _textured_parts(
+def _textured_submeshes(
     name: str,
     vertices: Float64[np.ndarray, "v 3"],
     faces: Integer[np.ndarray, "f 3"],
     visual: Any,
     store: TextureStore,
-) -> list[Part]:
-    """Parts of a mesh with a material: texture times factor, or vertex colours times factor, or the factor alone."""
+) -> list[Submesh]:
+    """Submeshes of a mesh with a material: texture times factor, else vertex colours times factor, else the factor."""
     image, factor = _material(visual.material)
     uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, dtype=np.float64)[:, :2])
     if uv is not None and len(uv) != len(vertices):
         uv = None
     rgb = (float(factor[0]), float(factor[1]), float(factor[2]))
     if image is not None and uv is not None:
-        return [Part(name, vertices, faces, rgb, uv, store.texture(image))]
+        return [Submesh(name, vertices, faces, rgb, uv, store.texture(image))]
     colours = getattr(visual, "vertex_attributes", {}).get("color")
     if colours is None or len(colours) != len(vertices):
         # Texture coordinates without a texture are kept for a world that brings the texture.
-        return [Part(name, vertices, faces, rgb, uv)]
+        return [Submesh(name, vertices, faces, rgb, uv)]
     return bake_colours(name, vertices, faces, corner_colours(faces, vertex_rgb=_rgb8(colours), factor=factor))
 
 

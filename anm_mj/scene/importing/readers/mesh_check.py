@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.import_report import ImportReport
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 """Mesh files that can be read."""
@@ -23,18 +23,18 @@ _BASIS_NOTE = (
 _TRANSFORM_NOTE = "Texture transforms are not applied, so the textures of {names} may come out shifted or scaled."
 
 
-def check_mesh_file(src: Path, notes: Notes) -> bool:
+def check_mesh_file(src: Path, report: ImportReport) -> bool:
     """Accept a file that looks readable, and return whether its textures can be decoded as far as it says.
 
     Raises:
-        SceneError: if the file is missing, of another kind, empty, unreadable, or compressed in a way that cannot be
+        SceneError: if the file is missing, of another format, empty, unreadable, or compressed in a way that cannot be
             undone here.
     """
-    kinds = ", ".join(MESH_SUFFIXES)
+    suffixes = ", ".join(MESH_SUFFIXES)
     if not os.path.exists(src):  # Unlike Path.exists, never an error.
-        raise SceneError(f"{src} does not exist: give the path of a mesh file ({kinds}).")
+        raise SceneError(f"{src} does not exist: give the path of a mesh file ({suffixes}).")
     if not os.path.isfile(src) or src.suffix.lower() not in MESH_SUFFIXES:
-        raise SceneError(f"{src} is not of a kind that can be imported: give a mesh file ({kinds}).")
+        raise SceneError(f"{src} is in no format that can be imported: give a mesh file ({suffixes}).")
     try:
         size = os.path.getsize(src)
         with src.open("rb") as file:
@@ -44,7 +44,7 @@ def check_mesh_file(src: Path, notes: Notes) -> bool:
     if not size:
         raise SceneError(f"{src} is empty (0 bytes): copy or export it again.")
     if src.suffix.lower() in (".glb", ".gltf"):
-        return _check_gltf(src, size, notes)
+        return _check_gltf(src, size, report)
     return True
 
 
@@ -54,7 +54,7 @@ def damaged(src: Path, reason: object) -> SceneError:
     return SceneError(f"{src} is damaged or no {src.suffix[1:]} file ({line}): export it again.")
 
 
-def _check_gltf(src: Path, size: int, notes: Notes) -> bool:
+def _check_gltf(src: Path, size: int, report: ImportReport) -> bool:
     """Refuse a glTF whose triangles cannot be decoded; note textures that cannot, and return whether all can."""
     try:
         header = _gltf_header(src, size)
@@ -76,9 +76,9 @@ def _check_gltf(src: Path, size: int, notes: Notes) -> bool:
             "(`gltf-transform dequantize IN OUT`)."
         )
     if basis:
-        notes.add(_BASIS_NOTE, src.name)
+        report.add(_BASIS_NOTE, src.name)
     if "KHR_texture_transform" in used:
-        notes.add(_TRANSFORM_NOTE, src.name)
+        report.add(_TRANSFORM_NOTE, src.name)
     return not basis
 
 

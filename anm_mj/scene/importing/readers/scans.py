@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.readers.content import Content
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import read_mesh
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 
 _MATTERPORT_ID = re.compile(r"[A-Za-z0-9]{11}")
 _HM3D_FOLDER = re.compile(r"\d{5}-[A-Za-z0-9]{11}")
@@ -28,7 +28,7 @@ class ScanLayout:
     """How one data set lays out its scenes."""
 
     name: str
-    """Name of the kind."""
+    """Name of the format."""
     title: str
     licence: str
     find: Callable[[Path], Path | None]
@@ -37,7 +37,7 @@ class ScanLayout:
     """The mesh to look for, in words."""
 
 
-def read_scan(layout: ScanLayout, src: Path, notes: Notes) -> Content:
+def read_scan(layout: ScanLayout, src: Path, report: ImportReport) -> ParsedScene:
     """The scene in a folder or file that is said to be laid out so.
 
     Raises:
@@ -48,8 +48,8 @@ def read_scan(layout: ScanLayout, src: Path, notes: Notes) -> Content:
         raise SceneError(f"{src} does not hold a {layout.title} scene: give the folder that holds {layout.file_hint}.")
     up = "y" if mesh.name == "mesh.obj" and layout.name == "gibson" else "z"
     where = mesh.name if src.is_file() else f"{src.resolve().name}/{mesh.relative_to(src).as_posix()}"
-    return Content(
-        read_mesh(mesh, notes),
+    return ParsedScene(
+        read_mesh(mesh, report),
         source=f"{layout.title}, {where}",
         licence=layout.licence,
         up=up,
@@ -159,11 +159,11 @@ SCAN_LAYOUTS = (
 """The data sets of scans; the first that knows a source has it."""
 
 
-def scan_reader(layout: ScanLayout) -> Callable[[Path, Sequence[Path], Notes], Content]:
-    """The reader of a layout, as kinds have them."""
+def scan_reader(layout: ScanLayout) -> Callable[[Path, Sequence[Path], ImportReport], ParsedScene]:
+    """The reader of a layout, as formats have them."""
 
-    def read(src: Path, model_paths: Sequence[Path], notes: Notes) -> Content:
+    def read(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
         del model_paths
-        return read_scan(layout, src, notes)
+        return read_scan(layout, src, report)
 
     return read

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.model_path import find_uri
-from anm_mj.scene.importing.readers.notes import Notes
 from anm_mj.scene.importing.readers.sdf_pose import numbers
 from anm_mj.scene.importing.readers.texture_file import MISSING, find_texture, read_texture
 from anm_mj.scene.importing.readers.texture_limit import flat_coloured
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 
 _UNKNOWN_SCRIPT = "Not found: the materials {names}; what is made of them comes out grey."
 
@@ -74,10 +74,10 @@ class Look:
 class Materials:
     """Reads the materials of one world; every script and texture once."""
 
-    def __init__(self, folders: Sequence[Path], notes: Notes) -> None:
+    def __init__(self, folders: Sequence[Path], report: ImportReport) -> None:
         """Materials that name files in model folders, best first."""
         self._folders = folders
-        self._notes = notes
+        self._report = report
         self._textures: dict[Path, UInt8[np.ndarray, "h w 3"] | None] = {}
         self._scripts: dict[Path, dict[str, _Script]] = {}
 
@@ -121,7 +121,7 @@ class Materials:
         plain = re.sub(r"(Glow|TransparentOverlay|Transparent|Bright)$", "", name.rpartition("/")[2])
         if name.startswith("Gazebo/") and plain in _GAZEBO_RGB:
             return Look(_GAZEBO_RGB[plain])
-        self._notes.add(_UNKNOWN_SCRIPT, name)
+        self._report.add(_UNKNOWN_SCRIPT, name)
         return None
 
     def _texture(self, name: str, places: list[Path], folder: Path) -> UInt8[np.ndarray, "h w 3"] | None:
@@ -134,7 +134,7 @@ class Materials:
                 self._textures[path] = read_texture(path)
             if self._textures[path] is not None:
                 return self._textures[path]
-        self._notes.add(MISSING, name.rpartition("/")[2])
+        self._report.add(MISSING, name.rpartition("/")[2])
         return None
 
     def _script_file(self, path: Path) -> dict[str, _Script]:
@@ -178,13 +178,13 @@ def read_script(text: str) -> dict[str, _Script]:
     return materials
 
 
-def painted(part: Part, look: Look) -> Part:
-    """A part with another look; a texture on a part without texture coordinates becomes its mean colour."""
+def painted(submesh: Submesh, look: Look) -> Submesh:
+    """A submesh with another look; a texture on a submesh without texture coordinates becomes its mean colour."""
     if look.texture is None:
-        return replace(part, rgb=look.rgb, texture=None, tiled=False)
-    uv = np.zeros((len(part.vertices_m), 2)) if part.uv is None or part.tiled else part.uv * look.uv_scale
-    textured = replace(part, rgb=look.rgb, uv=uv, texture=look.texture, tiled=False)
-    return flat_coloured(textured) if part.uv is None or part.tiled else textured
+        return replace(submesh, rgb=look.rgb, texture=None, tiled=False)
+    uv = np.zeros((len(submesh.vertices_m), 2)) if submesh.uv is None or submesh.tiled else submesh.uv * look.uv_scale
+    textured = replace(submesh, rgb=look.rgb, uv=uv, texture=look.texture, tiled=False)
+    return flat_coloured(textured) if submesh.uv is None or submesh.tiled else textured
 
 
 def _colour(element: ET.Element | None) -> Rgb | None:

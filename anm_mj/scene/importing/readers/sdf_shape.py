@@ -1,4 +1,4 @@
-"""The simple shapes of SDF and URDF as parts: boxes, spheres, cylinders and their kin, about their own origin [m]."""
+"""The simple shapes of SDF and URDF as submeshes about their own origin [m]: boxes, spheres, cylinders and so on."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.scene.importing.readers.sdf_pose import numbers
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 
 _SECTIONS = 32
 """A round shape gets so many faces around."""
 
 
-def shape_part(shape: ET.Element, name: str) -> Part | None:
-    """The part of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape.
+def shape_submesh(shape: ET.Element, name: str) -> Submesh | None:
+    """The submesh of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape.
 
     Boxes have texture coordinates from 0 to 1 on every face.
 
@@ -29,7 +29,7 @@ def shape_part(shape: ET.Element, name: str) -> Part | None:
 
     if shape.tag == "box":
         x, y, z = numbers(shape.find("size"), 3, (1.0, 1.0, 1.0))
-        return box_part((x, y, z), name)
+        return box_submesh((x, y, z), name)
     if shape.tag == "sphere":
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=number("radius", 1.0))
     elif shape.tag == "ellipsoid":
@@ -49,10 +49,10 @@ def shape_part(shape: ET.Element, name: str) -> Part | None:
         return _extruded(shape, name)
     else:
         return None
-    return Part(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
+    return Submesh(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
 
 
-def box_part(size_m: tuple[float, float, float], name: str) -> Part:
+def box_submesh(size_m: tuple[float, float, float], name: str) -> Submesh:
     """A box about the origin, each face with its own corners and texture coordinates from 0 to 1."""
     square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
     vertices, uv = [], []
@@ -67,20 +67,20 @@ def box_part(size_m: tuple[float, float, float], name: str) -> Part:
             turned = np.column_stack([-side * square[:, 1], side * square[:, 0]])
             uv.append((turned if axis == 1 else square) + 0.5)
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(6)])
-    return Part(name, np.concatenate(vertices) * size_m, faces, uv=np.concatenate(uv))
+    return Submesh(name, np.concatenate(vertices) * size_m, faces, uv=np.concatenate(uv))
 
 
-def plane_part(size_m: tuple[float, float], normal: Float64[np.ndarray, "3"], name: str) -> Part:
+def plane_submesh(size_m: tuple[float, float], normal: Float64[np.ndarray, "3"], name: str) -> Submesh:
     """A rectangle about the origin, with texture coordinates from 0 to 1."""
     import trimesh
 
     square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
     corners = np.column_stack([square * size_m, np.zeros(4)])
     rotation = np.asarray(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal))[:3, :3]
-    return Part(name, corners @ rotation.T, np.array([[0, 1, 2], [0, 2, 3]]), uv=square + 0.5)
+    return Submesh(name, corners @ rotation.T, np.array([[0, 1, 2], [0, 2, 3]]), uv=square + 0.5)
 
 
-def _extruded(shape: ET.Element, name: str) -> Part | None:
+def _extruded(shape: ET.Element, name: str) -> Submesh | None:
     """A <polyline>: an outline pulled up to a height; None if it encloses nothing or crosses itself."""
     import trimesh
     from shapely.geometry import Polygon
@@ -89,4 +89,4 @@ def _extruded(shape: ET.Element, name: str) -> Part | None:
     if len(points) < 3 or not Polygon(points).is_valid:
         return None
     mesh = trimesh.creation.extrude_polygon(Polygon(points), numbers(shape.find("height"), 1, (1.0,))[0])
-    return Part(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
+    return Submesh(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))

@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 from PIL import Image
 from trimesh.resolvers import FilePathResolver
 
-from anm_mj.scene.importing.readers.notes import Notes
+from anm_mj.scene.importing.readers.import_report import ImportReport
 
 MAX_TEXTURE_PX = 1024
 """At the robot's image size, larger textures cost memory and time and look worse (they alias)."""
@@ -20,16 +20,16 @@ MISSING = "Not found: {names}; surfaces that need them come out plain."
 
 
 class MeshNeighbours(FilePathResolver):
-    """Serves the files that a mesh file names to trimesh, and notes those that are nowhere.
+    """Serves the files that a mesh file names to trimesh, and reports those that are nowhere.
 
     A name is looked for as it stands, with backslashes turned, and by its last part beside the mesh and where Gazebo
     models keep their textures.
     """
 
-    def __init__(self, mesh: Path, notes: Notes) -> None:
+    def __init__(self, mesh: Path, report: ImportReport) -> None:
         super().__init__(str(mesh), allow_anywhere=True)
         self._folder = mesh.absolute().parent
-        self._notes = notes
+        self._report = report
         self.missed = False
         """Whether a file was asked for that is nowhere."""
 
@@ -42,13 +42,13 @@ class MeshNeighbours(FilePathResolver):
         path = find_texture(name, self._folder)
         if path is None:
             self.missed = True
-            self._notes.add(MISSING, Path(name.replace("\\", "/")).name)
+            self._report.add(MISSING, Path(name.replace("\\", "/")).name)
             raise FileNotFoundError(name)
         return path.read_bytes()
 
     def namespaced(self, namespace: str) -> MeshNeighbours:
         """The same for the files of a subfolder."""
-        return MeshNeighbours(self._folder / namespace / "_", self._notes)
+        return MeshNeighbours(self._folder / namespace / "_", self._report)
 
 
 def find_texture(name: str, folder: Path) -> Path | None:

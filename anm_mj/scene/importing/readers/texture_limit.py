@@ -10,7 +10,7 @@ from jaxtyping import UInt8
 
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, resized
 from anm_mj.scene.raster import areas
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 
 _logger = logging.getLogger(__name__)
 
@@ -21,52 +21,58 @@ MAX_TEXELS = 128 * 1024 * 1024
 _MIN_SIDE_PX = 64
 
 
-def limit_textures(parts: list[Part]) -> list[Part]:
-    """The same parts with fewer and smaller textures, if they are too many or too large together.
+def limit_textures(submeshes: list[Submesh]) -> list[Submesh]:
+    """The same submeshes with fewer and smaller textures, if they are too many or too large together.
 
     Of too many textures, those on the least surface give way to their mean colour. Too large ones are halved, the
     largest first, until all fit; textures that hold a tile per triangle keep their size. Both are said in the log.
     """
-    parts = _fewest(parts)
+    submeshes = _fewest(submeshes)
     side = MAX_TEXTURE_PX
-    while _texels(parts, side) > MAX_TEXELS and side > _MIN_SIDE_PX:
+    while _texels(submeshes, side) > MAX_TEXELS and side > _MIN_SIDE_PX:
         side //= 2
     if side < MAX_TEXTURE_PX:
         _logger.warning("the textures are large together: they were reduced to %d px a side", side)
         small: dict[int, UInt8[np.ndarray, "h w 3"]] = {}
-        for texture in _textures([part for part in parts if not part.tiled]).values():
+        for texture in _textures([submesh for submesh in submeshes if not submesh.tiled]).values():
             small[id(texture)] = resized(texture, side)
-        parts = [
-            part if part.texture is None else replace(part, texture=small.get(id(part.texture), part.texture))
-            for part in parts
+        submeshes = [
+            submesh
+            if submesh.texture is None
+            else replace(submesh, texture=small.get(id(submesh.texture), submesh.texture))
+            for submesh in submeshes
         ]
-    return parts
+    return submeshes
 
 
-def _textures(parts: list[Part]) -> dict[int, UInt8[np.ndarray, "h w 3"]]:
+def _textures(submeshes: list[Submesh]) -> dict[int, UInt8[np.ndarray, "h w 3"]]:
     """Every texture once."""
-    return {id(part.texture): part.texture for part in parts if part.texture is not None}
+    return {id(submesh.texture): submesh.texture for submesh in submeshes if submesh.texture is not None}
 
 
-def _texels(parts: list[Part], side: int) -> int:
+def _texels(submeshes: list[Submesh], side: int) -> int:
     """Number of texels if textures that may be reduced were at most ``side`` wide and high."""
     total = 0
-    sizes = {id(part.texture): (part.texture.shape, part.tiled) for part in parts if part.texture is not None}
+    sizes = {
+        id(submesh.texture): (submesh.texture.shape, submesh.tiled)
+        for submesh in submeshes
+        if submesh.texture is not None
+    }
     for shape, tiled in sizes.values():
         share = 1.0 if tiled else min(1.0, side / max(shape[:2]))
         total += int(shape[0] * shape[1] * share**2)
     return total
 
 
-def _fewest(parts: list[Part]) -> list[Part]:
-    """Parts with at most MAX_TEXTURES looks that need a texture."""
+def _fewest(submeshes: list[Submesh]) -> list[Submesh]:
+    """Submeshes with at most MAX_TEXTURES looks that need a texture."""
     area_m2: dict[tuple[int, tuple[float, float, float]], float] = {}
-    for part in parts:
-        if part.texture is not None:
-            look = (id(part.texture), part.rgb)
-            area_m2[look] = area_m2.get(look, 0.0) + float(areas(part.vertices_m[part.faces]).sum())
+    for submesh in submeshes:
+        if submesh.texture is not None:
+            look = (id(submesh.texture), submesh.rgb)
+            area_m2[look] = area_m2.get(look, 0.0) + float(areas(submesh.vertices_m[submesh.faces]).sum())
     if len(area_m2) <= MAX_TEXTURES:
-        return parts
+        return submeshes
     kept = set(sorted(area_m2, key=lambda look: -area_m2[look])[:MAX_TEXTURES])
     _logger.warning(
         "the scene has %d textures, but at most %d can be drawn: the %d on the least surface became plain colours",
@@ -75,14 +81,16 @@ def _fewest(parts: list[Part]) -> list[Part]:
         len(area_m2) - MAX_TEXTURES,
     )
     return [
-        flat_coloured(part) if part.texture is not None and (id(part.texture), part.rgb) not in kept else part
-        for part in parts
+        flat_coloured(submesh)
+        if submesh.texture is not None and (id(submesh.texture), submesh.rgb) not in kept
+        else submesh
+        for submesh in submeshes
     ]
 
 
-def flat_coloured(part: Part) -> Part:
-    """The same part in the mean colour of its texture."""
-    if part.texture is None:
-        return part
-    red, green, blue = part.texture.reshape(-1, 3).mean(axis=0) / 255.0 * part.rgb
-    return replace(part, rgb=(float(red), float(green), float(blue)), uv=None, texture=None, tiled=False)
+def flat_coloured(submesh: Submesh) -> Submesh:
+    """The same submesh in the mean colour of its texture."""
+    if submesh.texture is None:
+        return submesh
+    red, green, blue = submesh.texture.reshape(-1, 3).mean(axis=0) / 255.0 * submesh.rgb
+    return replace(submesh, rgb=(float(red), float(green), float(blue)), uv=None, texture=None, tiled=False)

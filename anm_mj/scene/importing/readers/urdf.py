@@ -9,18 +9,18 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import find_uri
-from anm_mj.scene.importing.readers.notes import Notes
 from anm_mj.scene.importing.readers.sdf_pose import rpy_matrix
-from anm_mj.scene.importing.readers.sdf_shape import box_part, shape_part
-from anm_mj.scene.submesh import Part, transformed
+from anm_mj.scene.importing.readers.sdf_shape import box_submesh, shape_submesh
+from anm_mj.scene.submesh import Submesh, transformed
 
 _NO_MESH = "Not found: the meshes {names}, which are left out."
 
 
-def read_urdf(path: Path, notes: Notes) -> list[Part]:
-    """Parts of an object in the frame of its root link [m].
+def read_urdf(path: Path, report: ImportReport) -> list[Submesh]:
+    """Submeshes of an object in the frame of its root link [m].
 
     Raises:
         SceneError: if the file is no URDF, a joint names a link that is not there, or a mesh cannot be read.
@@ -30,7 +30,7 @@ def read_urdf(path: Path, notes: Notes) -> list[Part]:
     except (OSError, ValueError, LookupError, ET.ParseError) as err:
         raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
     joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}
-    parts = []
+    submeshes = []
     for link in robot.findall("link"):
         T_root_link, name, seen = np.eye(4), link.get("name", ""), set()
         while name in joints and name not in seen:
@@ -39,9 +39,9 @@ def read_urdf(path: Path, notes: Notes) -> list[Part]:
             name = _named(joints[name], "parent", "link")
         for visual in link.findall("visual"):
             T_root_visual = T_root_link @ _origin(visual)
-            for part in _visual_parts(visual, path, notes):
-                parts.append(transformed(part, T_root_visual[:3, :3], T_root_visual[:3, 3]))
-    return parts
+            for submesh in _visual_submeshes(visual, path, report):
+                submeshes.append(transformed(submesh, T_root_visual[:3, :3], T_root_visual[:3, 3]))
+    return submeshes
 
 
 def _named(element: ET.Element, tag: str, attribute: str) -> str:
@@ -61,8 +61,8 @@ def _origin(element: ET.Element) -> Float64[np.ndarray, "4 4"]:
     return matrix
 
 
-def _visual_parts(visual: ET.Element, path: Path, notes: Notes) -> list[Part]:
-    """The parts of a <visual>, about its own origin."""
+def _visual_submeshes(visual: ET.Element, path: Path, report: ImportReport) -> list[Submesh]:
+    """The submeshes of a <visual>, about its own origin."""
     shape = next(iter(visual.findall("geometry/*")), None)
     if shape is None:
         return []
@@ -71,20 +71,20 @@ def _visual_parts(visual: ET.Element, path: Path, notes: Notes) -> list[Part]:
     if shape.tag == "mesh":
         file = find_uri(shape.get("filename", ""), path.absolute().parent, [])
         if file is None or not file.is_file():
-            notes.add(_NO_MESH, shape.get("filename", ""))
+            report.add(_NO_MESH, shape.get("filename", ""))
             return []
         scale = np.diag(_numbers(shape.get("scale", "1 1 1"), 3))
-        return [transformed(part, scale) for part in read_mesh(file, notes)]
+        return [transformed(submesh, scale) for submesh in read_mesh(file, report)]
     if shape.tag == "box":
         x, y, z = _numbers(shape.get("size", ""), 3)
-        part = box_part((x, y, z), path.stem)
+        submesh = box_submesh((x, y, z), path.stem)
     else:
         # URDF keeps in attributes what SDF keeps in elements.
         as_sdf = ET.Element(shape.tag)
         for key, value in shape.items():
             ET.SubElement(as_sdf, key).text = value
-        part = shape_part(as_sdf, path.stem)
-    return [] if part is None else [Part(part.name, part.vertices_m, part.faces, (red, green, blue))]
+        submesh = shape_submesh(as_sdf, path.stem)
+    return [] if submesh is None else [Submesh(submesh.name, submesh.vertices_m, submesh.faces, (red, green, blue))]
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...]:

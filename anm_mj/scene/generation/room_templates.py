@@ -1,4 +1,4 @@
-"""What each kind of room holds, the most important first."""
+"""What each type of room holds, the most important first."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from anm_mj.scene.generation import pieces_home as home
-from anm_mj.scene.generation import pieces_office as office
+from anm_mj.scene.generation.furniture_catalogue import home, office
 from anm_mj.scene.generation.piece import Piece
 from anm_mj.scene.generation.style import Style
 
 Choice = Piece | tuple[Piece, ...]
 """A piece, or several of which the first that fits is taken."""
-_Recipe = Callable[[float, Style, np.random.Generator], list[Choice]]
+_Template = Callable[[float, Style, np.random.Generator], list[Choice]]
 
 
-def pieces_for(kind: str, area_m2: float, style: Style, rng: np.random.Generator) -> list[Choice]:
-    """Pieces for a room, the most important first; a kind without a recipe is furnished like a lounge."""
-    return _RECIPES.get(kind, _lounge)(area_m2, style, rng)
+def pieces_for(room_type: str, area_m2: float, style: Style, rng: np.random.Generator) -> list[Choice]:
+    """Pieces for a room, the most important first; a type without a template is furnished like a lounge."""
+    return _TEMPLATES.get(room_type, _lounge)(area_m2, style, rng)
 
 
 def _living(area: float, s: Style, rng: np.random.Generator) -> list[Choice]:
@@ -223,7 +222,7 @@ def _pictures(num: int, s: Style, rng: np.random.Generator) -> list[Piece]:
     return [home.picture(s, rng) for _ in range(num)]
 
 
-_RECIPES: dict[str, _Recipe] = {
+_TEMPLATES: dict[str, _Template] = {
     "living": _living,
     "kitchen": _kitchen,
     "dining": _dining,

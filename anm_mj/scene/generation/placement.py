@@ -55,11 +55,11 @@ class RoomSpace:
 
     def put(self, piece: Piece) -> Placed | None:
         """Place a piece; None if there is no room for it."""
-        if piece.manner == "hang":
+        if piece.placement == "hang":
             return self._hang(piece)
-        if piece.manner == "rug":
+        if piece.placement == "rug":
             return self._lay(piece)
-        places = self._middle_places(piece) if piece.manner == "middle" else self._wall_places(piece)
+        places = self._middle_places(piece) if piece.placement == "middle" else self._wall_places(piece)
         if not len(places):
             return None
         fits = self._fits(piece, places)
@@ -115,7 +115,7 @@ class RoomSpace:
                 continue
             along = np.arange(low, high + 1e-6, _STEP_M)
             # The ends first for what likes corners; anywhere for the rest.
-            along = np.array([low, high]) if piece.manner == "corner" else np.append(along, high)
+            along = np.array([low, high]) if piece.placement == "corner" else np.append(along, high)
             for window in wall.windows:
                 if piece.height_m > window.z_low_m:
                     along = along[(along + x1 < window.start_m - 0.05) | (along + x0 > window.end_m + 0.05)]
@@ -217,7 +217,7 @@ def _main_direction(walls: tuple[RoomWall, ...]) -> float:
 def _with_front(piece: Piece) -> Box:
     """The outline and the floor to keep clear before it; on all sides for what stands free."""
     x0, y0, x1, y1 = piece.outline_m
-    if piece.manner == "middle":
+    if piece.placement == "middle":
         return x0 - piece.front_m, y0 - piece.front_m, x1 + piece.front_m, y1 + piece.front_m
     return x0, y0 - piece.front_m, x1, y1
 

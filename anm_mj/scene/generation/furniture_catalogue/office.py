@@ -7,8 +7,8 @@ import numpy as np
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
 from anm_mj.scene.generation.furniture.quads import Quads, box, join, lathe
 from anm_mj.scene.generation.furniture.textures import abstract, glow, landscape, plain, rgb
+from anm_mj.scene.generation.furniture_catalogue.home import against_wall
 from anm_mj.scene.generation.piece import Piece
-from anm_mj.scene.generation.pieces_home import against_wall
 from anm_mj.scene.generation.style import DARK, METAL, WHITE, Style
 
 _GREY = plain(rgb("c9ccd1"), 0.03)

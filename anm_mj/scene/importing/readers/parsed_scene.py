@@ -1,25 +1,25 @@
-"""What a reader found in a source: drawable parts, and what the source's kind says about axes, units and rights."""
+"""What a reader found in a source: drawable submeshes, and what its format says about axes, units and licence."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from anm_mj.scene.submesh import Part
+from anm_mj.scene.submesh import Submesh
 
 UNKNOWN_LICENCE = "unknown"
 
 
 @dataclass(frozen=True)
-class Content:
+class ParsedScene:
     """A scene as it was read, in the source's own axes and units."""
 
-    parts: list[Part]
+    submeshes: list[Submesh]
     source: str
     """Where it comes from, in words: the data set and the file."""
     licence: str = UNKNOWN_LICENCE
     up: Literal["x", "y", "z"] = "z"
-    """The axis that usually points up in sources of this kind."""
+    """The axis that usually points up in sources of this format."""
     up_certainty: float = 1.25
     """How many times better another axis must look to be believed instead
     (:func:`anm_mj.scene.importing.canonical_axes.find_up`); infinite where the format fixes the axis."""

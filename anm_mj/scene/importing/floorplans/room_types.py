@@ -20,13 +20,13 @@ _SMALL_M2, _MEDIUM_M2, _LARGE_M2 = 7.0, 21.0, 38.0
 _CORRIDOR_DOORS = 4
 
 
-def kind_of_word(word: str) -> str | None:
-    """The kind that a plan's own word for a room means, if any."""
+def room_type_of_word(word: str) -> str | None:
+    """The room type that a plan's own word for a room means, if any."""
     lower = word.lower()
-    return next((kind for part, kind in _WORDS.items() if part in lower), None)
+    return next((room_type for part, room_type in _WORDS.items() if part in lower), None)
 
 
-def kind_of_office_room(floor: shapely.Polygon, num_doors: int, index: int) -> str:
+def office_room_type(floor: shapely.Polygon, num_doors: int, index: int) -> str:
     """What a room of an office building is for, by its size and shape."""
     area = float(floor.area)
     # How many times longer than wide a rectangle of the same area and outline would be.
@@ -43,13 +43,15 @@ def kind_of_office_room(floor: shapely.Polygon, num_doors: int, index: int) -> s
     return ("open office", "laboratory", "lounge", "open office")[index % 4]
 
 
-def named_rooms(floors: list[shapely.Polygon], kinds: list[str]) -> tuple[PlanRoom, ...]:
-    """Rooms with names of their own: the kind, numbered where there are several."""
-    total, seen = Counter(kinds), Counter[str]()
+def named_rooms(floors: list[shapely.Polygon], room_types: list[str]) -> tuple[PlanRoom, ...]:
+    """Rooms with names of their own: the type, numbered where there are several."""
+    total, seen = Counter(room_types), Counter[str]()
     rooms = []
-    for floor, kind in zip(floors, kinds, strict=True):
-        seen[kind] += 1
-        rooms.append(PlanRoom(kind if total[kind] == 1 else f"{kind} {seen[kind]}", kind, floor))
+    for floor, room_type in zip(floors, room_types, strict=True):
+        seen[room_type] += 1
+        rooms.append(
+            PlanRoom(room_type if total[room_type] == 1 else f"{room_type} {seen[room_type]}", room_type, floor)
+        )
     return tuple(rooms)
 
 

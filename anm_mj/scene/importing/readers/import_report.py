@@ -10,7 +10,7 @@ _NAMED = 8
 """So many names are spelt out; of the others only the number is said."""
 
 
-class Notes:
+class ImportReport:
     """Things that are missing or left out, by what that means for the scene."""
 
     def __init__(self) -> None:

@@ -44,7 +44,9 @@ class RoomGrid:
         """Cells that pieces cover."""
         cells = np.zeros_like(self.floor)
         for piece in placed:
-            if piece.piece.manner != "rug" and not (piece.piece.manner == "hang" and piece.piece.outline_m[1] > -0.15):
+            if piece.piece.placement != "rug" and not (
+                piece.piece.placement == "hang" and piece.piece.outline_m[1] > -0.15
+            ):
                 for corners in piece.corners_m():
                     self._fill(cells, corners)
         return cells
