@@ -6,6 +6,7 @@ parse their options. A command that this module has no way to execute fails.
 """
 
 import argparse
+import json
 import re
 import runpy
 import shlex
@@ -140,6 +141,20 @@ def test_own_policy():
     assert isinstance(policy.plan(None, None), Plan)
 
 
+def test_run_folder(place):
+    if not (place / "runs").exists():
+        run_for_real()
+    folder = place / "runs" / "latest"
+    text = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8").partition("## The run folder")[2]
+    named = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", text))))
+    assert {path.stem for path in folder.iterdir()} <= named | {"novel_views"}
+    for name in ("steps.jsonl", "plans.jsonl", "frames.jsonl", "metrics.json", "manifest.json", "config.json"):
+        lines = (folder / name).read_text(encoding="utf-8")
+        keys = json.loads(lines.splitlines()[0] if name.endswith("l") else lines).keys()
+        assert keys <= named, name
+    assert (folder / "curve.csv").read_text(encoding="utf-8").splitlines()[0] in text
+
+
 def test_options(capsys):
     known = {"--heldout"}  # Accepted, but shown in no help text.
     for words in (["explore"], ["eval"], ["bench"], *(["scene", action] for action in ("import", "generate", "check"))):
@@ -272,7 +287,8 @@ def options_are_complete(words, capsys):
     """The synopsis of a command names all its options, and no others."""
     named = set(re.findall(r"--[a-z][a-z-]*", " ".join(words)))
     action = [word for word in words[1:3] if word.islower()]
-    printed = set(re.findall(r"--[a-z][a-z-]*", help_of(action, capsys).partition("options:")[2])) - {"--help"}
+    # The first name of each: others are former ones.
+    printed = set(re.findall(r"^  (--[a-z][a-z-]*)", help_of(action, capsys), re.MULTILINE))
     if "PLAN.json" in words:
         assert named <= printed
     else:
