@@ -5,9 +5,9 @@
 
 Buildings come from the scene generator, furnished and seen as a whole, on a grid of 5 cm; for a large area several of
 them stand in a row with a passage from each to the next. The robot stands in the middle. Printed are Markdown tables:
-the graph's size, the CPU time of each stage (one core, medians), with the graph as anm-s has it and with the rougher
-one of gvg; then how many rooms were found, the share of what was found as one room that is one, and the share of each
-room that was found as one (by the squared clearance of their vertices).
+the size of the graph and the CPU time of each stage (one core, medians), without and with a coarse far field; then the
+number of rooms found, the share of each found room that lies in one true room, and the share of each true room that
+lies in one found room (weighted by the squared clearance of the vertices).
 """
 
 import math
@@ -24,7 +24,7 @@ from scipy import ndimage
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune
+from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune_spurs
 from anm_mj.planning.paths import shortest_paths
 from anm_mj.planning.rooms import find_rooms
 from anm_mj.planning.topdown import TopDownMapper
@@ -65,15 +65,15 @@ class Row:
     sites: int
     vertices: int
     edges: int
-    chains: int
+    contracted: int
     ms: dict[str, float]
     """CPU time of each stage."""
     rooms: int
     found: int
     pure: float
-    """Share of the rooms found that lies in one room."""
+    """Share of each found room that lies in one true room."""
     whole: float
-    """Share of the rooms that was found as one."""
+    """Share of each true room that lies in one found room."""
 
 
 def main(
@@ -94,10 +94,10 @@ def main(
         for coarse_far_field in (False, True)
     ]
     stages = list(rows[0].ms)
-    table("floor", "graph", "sites", "vertices", "edges", "chains", *stages, "all")
+    table("floor", "graph", "sites", "vertices", "edges", "contracted edges", *stages, "all")
     for row in rows:
         times = [f"{ms:.1f}" for ms in [*row.ms.values(), sum(row.ms.values())]]
-        table(f"{row.floor_m2:.0f} m2", row.graph, row.sites, row.vertices, row.edges, row.chains, *times)
+        table(f"{row.floor_m2:.0f} m2", row.graph, row.sites, row.vertices, row.edges, row.contracted, *times)
     print()
     table("floor", "graph", "rooms", "found", "of one found in one room", "of one room found as one")
     for row in rows:
@@ -161,19 +161,19 @@ def measure(plan: Plan, coarse_far_field: bool, repeats: int) -> Row:
     graph = timed(
         "Voronoi", lambda: voronoi_graph(topdown, pose.xy_m, CONFIG, SAFE_M, coarse_far_field=coarse_far_field)
     )
-    kept = timed("spurs", lambda: prune(graph, borders_unknown(graph, topdown.frontier_xy_m)))
-    chains = timed("chains", lambda: contract(graph, kept))
-    timed("decisions", lambda: decision_vertices(graph, chains))
+    kept = timed("spurs", lambda: prune_spurs(graph, borders_unknown(graph, topdown.frontier_xy_m)))
+    contracted = timed("contracted edges", lambda: contract(graph, kept))
+    timed("decisions", lambda: decision_vertices(graph, contracted))
     rooms = timed("rooms", lambda: find_rooms(graph, topdown, pose.xy_m))
     timed("paths", lambda: shortest_paths(graph, topdown, pose, SAFE_M))
     cell = world_to_cell(graph.vertex_xy_m, topdown.origin_xy_m, CELL_M)
     return Row(
         np.count_nonzero(plan.room >= 0) * CELL_M**2,
-        "gvg" if coarse_far_field else "anm-s",
+        "coarse far field" if coarse_far_field else "fine",
         len(border_sites(topdown, pose.xy_m, CONFIG, coarse_far_field=coarse_far_field)),
         len(graph.vertex_xy_m),
         len(graph.edges),
-        len(chains.ends),
+        len(contracted.ends),
         ms,
         int(plan.room.max()) + 1,
         len(rooms.floor_m2),

@@ -1,7 +1,7 @@
-"""The narrowest place of every edge of the graph, and the two points of the border that it lies between.
+"""Bottlenecks: the narrowest place of every edge of the graph, and the two border points to its sides.
 
-Both ends of an edge are as far from one generating point as from the other, so that the ends' clearances and the
-length of the edge tell where these points are (paper, Eq. 3): at the same place along the edge, to either side of it.
+Each end of an edge is equally far from both generating points (paper, Eq. 3). The clearances of the ends and the length
+of the edge therefore determine these points: at the same place along the edge, one on each side.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from jaxtyping import Float
 from anm_mj.types import VoronoiGraph
 
 SHORTEST_M = 1e-6
-"""Shorter edges, between circles that are the same but for rounding, have no direction [m]."""
+"""Shorter edges have no direction: their ends are the same but for rounding [m]."""
 
 
 @dataclass(frozen=True)
 class Bottlenecks:
-    """What lies between the ends of the edges."""
+    """The narrowest place of each edge."""
 
     clearance_m: Float[np.ndarray, " e"]
-    """Least along each edge, to the nearest border [m]."""
+    """Least clearance along each edge [m]."""
     xy_m: Float[np.ndarray, "e 2"]
     """Where that is [m]."""
     border_xy_m: Float[np.ndarray, "e 2 2"]
     """The points of the border that each edge is equidistant to, to its left and to its right [m]."""
     floor_m2: Float[np.ndarray, " e"]
-    """Floor that an edge is the middle of, from border to border [m2]; exact between straight borders, up to twice as
-    much where a corner or a pole juts out."""
+    """Area between each edge and the borders on both sides [m2]; exact between straight borders, up to twice as much at
+    a corner or a pole."""
 
 
 def edge_bottlenecks(graph: VoronoiGraph) -> Bottlenecks:
-    """The narrowest place of every edge, exact to rounding.
+    """The bottlenecks of all edges, exact to rounding.
 
     Args:
         graph: the road map.
@@ -44,7 +44,7 @@ def edge_bottlenecks(graph: VoronoiGraph) -> Bottlenecks:
     some = np.maximum(length, SHORTEST_M)
     ahead = (end - start) / some[:, None]
     left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
-    # How far along the line through both ends the generating points lie, and how far off it.
+    # Distances of the generating points along the line through both ends, and from it.
     along = np.where(length > SHORTEST_M, (length**2 + at_start**2 - at_end**2) / (2.0 * some), 0.0)
     off = np.sqrt(np.maximum(at_start**2 - along**2, 0.0))
     between = np.clip(along, 0.0, length)

@@ -1,4 +1,4 @@
-"""Groups of things that are joined by links."""
+"""Connected components of anything that comes in pairs."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from scipy.sparse import coo_matrix, csgraph
 
 
 def connected_components(links: Int[np.ndarray, "l 2"], num: int) -> Int[np.ndarray, " n"]:
-    """For each of ``num`` things the number of the group that links join it to; those with no links stand alone."""
+    """The component of each of ``num`` nodes; a node without links is a component of its own."""
     matrix = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(num, num))
     return csgraph.connected_components(matrix, directed=False)[1].astype(np.int64)

@@ -1,4 +1,4 @@
-"""Exact Euclidean distances on a grid up to a cap: what a body needs to know, at a fraction of a full transform."""
+"""Exact Euclidean distance transform up to a cap, at a fraction of the cost of a full one."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from jaxtyping import Bool, Float32, UInt16
 def capped_distance_cells(free: Bool[np.ndarray, "rows cols"], cap_cells: int) -> Float32[np.ndarray, "rows cols"]:
     """Distance from each cell's centre to the nearest cell that is not free, at most ``cap_cells`` [cells].
 
-    What lies outside of the grid counts as free. Source: Saito and Toriwaki, Pattern Recognition 27(11), 1994: squared
+    Cells outside of the grid count as free. Source: Saito and Toriwaki, Pattern Recognition 27(11), 1994: squared
     distances along rows, then the lower envelope along columns, which the cap makes a fixed number of minima.
     """
-    # Two squares are added up; up to 181 cells the smaller type holds them, in half of the time.
+    # The smaller type holds the sum of two squares up to 181 cells, and takes half of the time.
     whole = np.uint16 if 2 * cap_cells**2 <= np.iinfo(np.uint16).max else np.uint32
     squared = np.square(_along_rows(free, cap_cells), dtype=whole)
     nearest = squared.copy()
@@ -29,7 +29,7 @@ def _along_rows(free: Bool[np.ndarray, "rows cols"], cap_cells: int) -> UInt16[n
     distance = np.where(free, np.uint16(cap_cells), np.uint16(0))
     step = 1
     while step < min(cap_cells, free.shape[1]):
-        # What was exact below a step is exact below two.
+        # Distances that were exact below one step are exact below two.
         farther = distance + np.uint16(step)
         np.minimum(distance[:, :-step], farther[:, step:], out=distance[:, :-step])
         np.minimum(distance[:, step:], farther[:, :-step], out=distance[:, step:])

@@ -1,10 +1,10 @@
-"""The vertices of the graph at which there is something to decide: where ways meet and where they end.
+"""Decision vertices: the vertices of the graph where paths meet, where they end, and a few on long paths between.
 
-A Voronoi diagram has a branch into every corner and at every unevenness of a wall. Nothing is decided at these: what
-they lead to is seen from where they begin. They are known by how fast the clearance falls along them, and are pruned
-before degrees are counted. A branch that ends at the unknown is never pruned, because it may go on there: if the robot
-would fit in, which it does not between furniture and the edge of its shadow. Long ways
-without any junction, and ways in a circle, get vertices on them, so that every place is near one.
+A Voronoi diagram has a branch, a spur, into every corner and at every unevenness of a wall. A spur needs no decision:
+the robot sees its end from its beginning. Spurs are known by how fast the clearance falls along them, and are pruned
+before degrees are counted. A branch that ends at the unknown may go on and is kept, provided the robot fits into the
+unknown; between furniture and the edge of its shadow it does not. Long paths without a node, and circles, get vertices
+on them, so that every place is near one.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from anm_mj.planning.distance import capped_distance_cells
 from anm_mj.types import UNKNOWN, TopDownMap, VoronoiGraph
 
 SPUR_SLOPE = 0.5
-"""Clearance lost per metre along a branch into a corner of 60 degrees; blunter corners lose more."""
+"""Clearance lost per metre along a spur into a corner of 60 degrees; blunter corners lose more."""
 MAX_ROUNDS = 4
-"""Pruned branches can leave others at the end of which there is nothing either; how often this is looked for."""
+"""Pruned spurs can leave others; most rounds of pruning."""
 SPACING_M = 2.0
-"""No place on what is left of the graph is farther than this from a decision vertex [m]."""
+"""No place on the pruned graph is farther than this from a decision vertex [m]."""
 BORDER_WIDTH_M = 0.15
-"""Border points this much farther from a vertex than its nearest one belong to its border too [m]."""
+"""A vertex borders on points that are up to this much farther away than its nearest border point [m]."""
 
 
-def decision_vertices(graph: VoronoiGraph, chains: ContractedGraph) -> Int[np.ndarray, " k"]:
-    """Junctions and ends of the pruned graph, and single vertices on its long ways or alone, in ascending order.
+def decision_vertices(graph: VoronoiGraph, contracted: ContractedGraph) -> Int[np.ndarray, " k"]:
+    """Nodes of the pruned graph, and vertices on its long edges and in its small parts, in ascending order.
 
     Args:
         graph: the road map.
-        chains: what :func:`prune` has left of it, contracted.
+        contracted: the rest of it after :func:`prune_spurs`, contracted.
     """
-    nodes = np.unique(chains.ends)
-    # Shorter chains have an end near every vertex.
-    long = np.repeat(chains.length_m >= 2.0 * SPACING_M, np.diff(chains.start))
-    # What is left of branches in all directions is no junction any more.
-    alone = np.setdiff1d(chains.node, nodes)
-    left = np.union1d(chains.vertex[long], alone)
+    nodes = np.unique(contracted.ends)
+    # Shorter edges have an end near every vertex.
+    long = np.repeat(contracted.length_m >= 2.0 * SPACING_M, np.diff(contracted.start))
+    # Where all branches were spurs, a vertex without edges remains.
+    alone = np.setdiff1d(contracted.node, nodes)
+    left = np.union1d(contracted.vertex[long], alone)
     away = KDTree(graph.vertex_xy_m[nodes]).query(graph.vertex_xy_m[left], distance_upper_bound=SPACING_M)[0]
     left = left[np.isinf(away)]
     left = left[np.argsort(-graph.clearance_m[left], kind="stable")]
@@ -54,7 +54,7 @@ def decision_vertices(graph: VoronoiGraph, chains: ContractedGraph) -> Int[np.nd
 
 
 def borders_unknown(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]) -> Bool[np.ndarray, " n"]:
-    """Which vertices have the unknown next to them: it is about as near as the nearest obstacle."""
+    """Which vertices border on the unknown: it is about as near as the nearest obstacle."""
     if not len(frontier_xy_m) or not len(graph.vertex_xy_m):
         return np.zeros(len(graph.vertex_xy_m), bool)
     distance = KDTree(frontier_xy_m).query(graph.vertex_xy_m)[0]
@@ -62,7 +62,7 @@ def borders_unknown(graph: VoronoiGraph, frontier_xy_m: Float[np.ndarray, "f 2"]
 
 
 def traversable_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarray, "f 2"]:
-    """The border of that unknown which a disc fits into [m]; what lies outside of the map is unknown.
+    """The border of the unknown where a disc fits into it [m]; places outside of the map are unknown.
 
     Args:
         topdown: the map.
@@ -75,33 +75,33 @@ def traversable_frontier(topdown: TopDownMap, radius_m: float) -> Float[np.ndarr
     pad = int(np.ceil(radius)) + 1
     unknown = np.pad(topdown.state == UNKNOWN, pad, constant_values=True)
     middle = capped_distance_cells(unknown, pad) >= radius
-    # A border point lies on the edge of a cell, so that the disc's own rim is out by up to two cells.
-    roomy = capped_distance_cells(~middle, pad + 2) <= radius + 1.5
+    # A border point lies on the edge of a cell, so that the disc's own rim is off by up to two cells.
+    traversable = capped_distance_cells(~middle, pad + 2) <= radius + 1.5
     cell = world_to_cell(frontier, topdown.origin_xy_m, topdown.resolution_m) + pad
-    cell = np.clip(cell, 0, np.array(roomy.shape) - 1)
-    return frontier[roomy[cell[:, 0], cell[:, 1]]]
+    cell = np.clip(cell, 0, np.array(traversable.shape) - 1)
+    return frontier[traversable[cell[:, 0], cell[:, 1]]]
 
 
-def prune(graph: VoronoiGraph, borders_unknown: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which vertices are left without the branches into corners.
+def prune_spurs(graph: VoronoiGraph, borders_unknown: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which vertices are left without the spurs.
 
     Args:
         graph: the road map.
-        borders_unknown: vertices that no branch is pruned at the end of.
+        borders_unknown: vertices that keep the branches which end at them.
     """
     kept = np.ones(len(graph.vertex_xy_m), bool)
     for _ in range(MAX_ROUNDS):
         edge = np.flatnonzero(kept[graph.edges].all(axis=1))
         edges = graph.edges[edge]
         degree = np.bincount(edges.ravel(), minlength=len(kept))
-        chain, ends = contracted_edges(edges, degree != 2)
-        # Circles have no ends, and the same vertex stands for both: it cannot have one edge and three.
+        contracted, ends = contracted_edges(edges, degree != 2)
+        # A circle has no ends (-1, -1): the same vertex stands for both and cannot have one edge and three.
         tip, base = np.take_along_axis(ends, np.argsort(degree[ends], axis=1), axis=1).T
         branch = (degree[tip] == 1) & (degree[base] >= 3) & ~borders_unknown[tip]
-        length = np.bincount(chain, graph.edge_length_m[edge], len(ends))
+        length = np.bincount(contracted, graph.edge_length_m[edge], len(ends))
         spur = branch & (graph.clearance_m[base] - graph.clearance_m[tip] >= SPUR_SLOPE * length)
         if not spur.any():
             break
-        kept[edges[spur[chain]]] = False
+        kept[edges[spur[contracted]]] = False
         kept[base[spur]] = True
     return kept

@@ -1,10 +1,10 @@
 """Regions of interest: uncertain surface, clustered by geometry and topology, anchored to vertices that can see it.
 
-Surface points that are more uncertain than most (paper, Eq. 4) and were seen from afar only are anchored, each to the
-nearest vertex that sees it: within range, not at a grazing angle, with nothing in between. What lies close together
-*in front of* the surface, so that the two sides of a wall never join, and is anchored to the same vertex is one region.
-Some surface always is the most uncertain; but what was seen from as near as from an anchor is of no more interest, nor
-is what the robot has turned to from its anchor. So all regions vanish in the end.
+A surface point belongs to a region if it is more uncertain than most (paper, Eq. 4) and was seen only from afar. It is
+anchored to the nearest vertex that sees it: within range, not at a grazing angle, with nothing in between. Points form
+one region if they are anchored to the same vertex and lie close together *in front of* the surface, so that the two
+sides of a wall never join. Some surface always is the most uncertain, but a region vanishes once it was seen from as
+near as from an anchor, or once the robot has turned to it at its anchor. So all regions vanish in the end.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from anm_mj.types import OCCUPIED, Region, SurfacePoints, VoronoiGraph, VoxelGri
 IN_FRONT_M = 0.25
 """Points are clustered this far in front of their surface [m]: more than half of any wall's thickness."""
 PATCH_M = 0.25
-"""Edge of the cubes whose points are anchored together and suppressed together [m]."""
+"""Side of the cubes; the points of a cube are anchored and suppressed together [m]."""
 MAX_ANCHORS = 12
-"""Nearest vertices that a patch tries to be anchored to."""
+"""Nearest vertices tested as the anchor of a patch."""
 
 
 class RegionFinder:
-    """Remembers the uncertainty of surface seen so far and finds regions in it."""
+    """Remembers the uncertainty of the surface seen so far and finds regions in it."""
 
     def __init__(self, config: PlanningConfig):
-        """Start with no surface known."""
+        """Start without any surface."""
         self.config = config
         self._points = SurfacePoints(
             np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
         )
-        self._looked_at: set[tuple[int, ...]] = set()
-        """Cubes whose patches are suppressed."""
+        self._observed: set[tuple[int, ...]] = set()
+        """Cubes with suppressed patches."""
         self._patches = _Patches.of(np.zeros((0, 3)), np.zeros((0, 3)))
-        """Of the regions found last."""
+        """Patches of the last regions."""
         self._patches_of: dict[tuple[float, ...], Int[np.ndarray, " k"]] = {}
-        """Patches of each of these regions, by its centre."""
+        """Patches of each of the last regions, by its centre."""
 
     def update(self, surface: SurfacePoints, centre_xy_m: Float[np.ndarray, 2], radius_m: float) -> None:
-        """Replace what is remembered within ``radius_m`` of a place by ``surface``."""
+        """Replace the surface within ``radius_m`` of a place [m]."""
         old = self._points
         far = np.linalg.norm(old.xyz_m[:, :2] - centre_xy_m.astype(np.float32), axis=1) > radius_m
         low = surface.xyz_m[:, 2] <= self.config.region_max_height_m
@@ -56,9 +56,9 @@ class RegionFinder:
         )
 
     def mark_observed(self, region: Region) -> None:
-        """Suppress a region from now on: the robot has turned to it from its anchor, and there is no better view."""
+        """Suppress a region from now on: the robot has turned to it at its anchor, and no view is better."""
         for patch in self._patches_of.get(tuple(region.centre_m.tolist()), ()):
-            self._looked_at.add(tuple(self._patches.cube[patch].tolist()))
+            self._observed.add(tuple(self._patches.cube[patch].tolist()))
 
     def regions(
         self,
@@ -67,13 +67,13 @@ class RegionFinder:
         camera_height_m: float,
         preferred: Int[np.ndarray, " v"] | None = None,
     ) -> tuple[Region, ...]:
-        """The regions that can be seen from some vertex, most uncertain first.
+        """The regions that some vertex sees, most uncertain first.
 
         Args:
             graph: the road map.
             grid: what may stand between a vertex and a region.
             camera_height_m: height that vertices look from [m].
-            preferred: vertices that are anchored to before all others; the others serve for what these do not see.
+            preferred: regions are anchored to these vertices if one of them sees them, else to others.
         """
         points = self._points
         self._patches, self._patches_of = _Patches.of(np.zeros((0, 3)), np.zeros((0, 3))), {}
@@ -83,13 +83,13 @@ class RegionFinder:
         uncertain = points.uncertainty > np.percentile(points.uncertainty, self.config.region_percentile)
         uncertain[uncertain] = _nearest_view_m(grid, points.xyz_m[uncertain]) > self.config.anchor_range_m
         patches = _Patches.of(points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float))
-        fresh = np.array([tuple(cube) not in self._looked_at for cube in patches.cube.tolist()], bool)
+        unobserved = np.array([tuple(cube) not in self._observed for cube in patches.cube.tolist()], bool)
         tiers = [np.arange(len(graph.vertex_xy_m))] if preferred is None else [preferred]
         if preferred is not None:
             tiers.append(np.setdiff1d(np.arange(len(graph.vertex_xy_m)), preferred))
         anchor = np.full(len(patches.cube), -1, np.int64)
         for vertices in tiers:
-            left = np.flatnonzero((anchor < 0) & fresh)
+            left = np.flatnonzero((anchor < 0) & unobserved)
             anchor[left] = _anchors(
                 patches.xyz_m[left],
                 patches.normal[left],
@@ -121,10 +121,10 @@ class RegionFinder:
 
 
 def _nearest_view_m(grid: VoxelGrid, xyz_m: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-    """Smallest depth at which the surface about points was seen; +inf where never [m]."""
+    """Smallest depth at which the surface at points was seen [m]; +inf where never."""
     cell = np.floor((xyz_m - grid.origin_m) / grid.resolution_m).astype(np.int64)[:, ::-1]
     nearest = np.full(len(xyz_m), np.inf, np.float32)
-    # The surface lies between voxel centres and may have been put into any voxel about it.
+    # The surface lies between voxel centres, and any voxel around it may hold the record.
     for offset in np.ndindex(3, 3, 3):
         z, y, x = np.clip(cell + offset - 1, 0, np.array(grid.state.shape) - 1).T
         nearest = np.minimum(nearest, grid.seen_range_m[z, y, x])
@@ -147,7 +147,7 @@ def line_of_sight(
 
 @dataclass(frozen=True)
 class _Patches:
-    """Uncertain surface, its points taken together by the cubes that the places in front of them lie in."""
+    """Uncertain surface points, grouped by the cubes that contain the places in front of them."""
 
     xyz_m: Float[np.ndarray, "p 3"]
     normal: Float[np.ndarray, "p 3"]
@@ -170,7 +170,7 @@ class _Patches:
 
 
 def _clusters(patches: _Patches, anchor: Int[np.ndarray, " p"], link_m: float) -> list[Int[np.ndarray, " k"]]:
-    """Anchored patches that are connected in front of the surface and anchored alike."""
+    """Groups of patches that are connected in front of the surface and have the same anchor."""
     anchored = np.flatnonzero(anchor >= 0)
     if not len(anchored):
         return []
@@ -199,7 +199,7 @@ def _anchors(
     camera_height_m: float,
     config: PlanningConfig,
 ) -> Int[np.ndarray, " n"]:
-    """For each place the nearest of the given vertices that sees it, -1 where none does."""
+    """The nearest of some vertices that sees each place; -1 where none does."""
     anchor = np.full(len(centre_m), -1, np.int64)
     if not len(centre_m) or not len(vertices):
         return anchor
@@ -213,7 +213,7 @@ def _anchors(
     eye = np.column_stack([vertex_xy_m[vertex], np.full(len(place), camera_height_m)])
     frontal = _frontal(eye - centre_m[place], normal[place], config)
     place, vertex, eye = place[frontal], vertex[frontal], eye[frontal]
-    # The sight ends just in front of the surface, whose own voxels would block it.
+    # The line of sight ends just in front of the surface: its own voxels would block it.
     visible = line_of_sight(grid, eye, centre_m[place] + 2 * grid.resolution_m * normal[place])
     # Ranks ascend within a place, so the nearest vertex is written last.
     anchor[place[visible][::-1]] = vertex[visible][::-1]

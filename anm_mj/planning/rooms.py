@@ -1,16 +1,15 @@
-"""The rooms of the graph: its parts between doors, which are its necks.
+"""Rooms: the parts of the graph between doors, which are bottlenecks.
 
-A door is where the clearance along the graph has a minimum that is clearly narrower than what lies to both sides of it
-(critical points: Thrun, Artificial Intelligence 99(1), 1998). Every vertex begins as a part of its own; each part joins
-the neighbour that its widest exit leads to, until all parts that are left are clearly wider than their widest exit.
-This comes to the watershed of the clearance over the graph with basins of too little prominence filled in, widest necks
-first (Bormann et al., ICRA 2016): a part's widest exit is reached before any other of its exits, so that nothing is
-lost by letting all parts join at once. Then parts too small for a room join the neighbour behind their widest exit, the
-widest necks first, too. A few rounds do, each a pass over the edges.
+A door is a minimum of the clearance along the graph that is clearly narrower than the graph on both sides (critical
+points: Thrun, Artificial Intelligence 99(1), 1998). Every vertex begins as a part of its own. Each part merges with the
+neighbour behind its widest exit, until every part is clearly wider than its widest exit. This equals the watershed of
+the clearance over the graph with shallow basins filled in, widest bottlenecks first (Bormann et al., ICRA 2016): the
+widest exit of a part comes before its other exits, so that all parts can merge at once. Then parts too small for a room
+merge with the neighbour behind their widest exit, again widest first. A few rounds do, each a pass over the edges.
 
-Only a neck between two walls can be a door. One beside a table or a chair is a way through a room: what stands free is
-furniture unless it is long, or thin as a wall. One beside the unknown may be wider than it looks: it ends where the
-view does.
+Only a bottleneck between two walls can be a door. One beside a table or a chair is a passage through a room: a
+free-standing obstacle is furniture unless it is long, or thin as a wall. A bottleneck beside the unknown may be wider
+than it looks, because the view ends there.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ from anm_mj.planning.connected_components import connected_components
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 
 DOOR_HALF_WIDTH_M = 0.8
-"""What is wider than twice this is an opening within one room [m]."""
+"""Half the width of the widest door; wider bottlenecks are openings within a room [m]."""
 NARROWING = 0.75
-"""A door is narrower than this share of the widest place in either room: a door of 0.9 m in a corridor of 1 m is."""
-LEAST_ROOM_M2 = 3.0
-"""What is smaller is a niche of its neighbour [m2]."""
-LONG_M = 4.0
-"""What does not end within this is no furniture, however thick [m]."""
-THIN_M, LEAST_WALL_M = 0.3, 1.5
+"""A door is narrower than this share of the widest place on either side."""
+MIN_ROOM_M2 = 3.0
+"""Smaller parts are niches of their neighbour [m2]."""
+LONG_OBSTACLE_M = 4.0
+"""Longer obstacles are walls, however thick [m]."""
+WALL_THICKNESS_M, MIN_WALL_M = 0.3, 1.5
 """Thinner obstacles are walls from this length on [m]."""
 
 
@@ -44,25 +43,25 @@ _CELL_AND_NEIGHBOURS = np.array([(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)])
 
 @dataclass(frozen=True)
 class Rooms:
-    """Rooms of a graph, numbered in the order of how near they come to where the exploration began."""
+    """Rooms of a graph, numbered by their distance from where the exploration began."""
 
     room: Int[np.ndarray, " n"]
-    """The room of each vertex; -1 in what is cut off and too small for a room, as a vertex without edges is."""
+    """The room of each vertex; -1 in disconnected parts that are too small for a room."""
     floor_m2: Float[np.ndarray, " r"]
-    """About the floor of each room, as far as it is known: rather too much among furniture."""
+    """Known floor of each room [m2]; rather too large among furniture."""
     door_xy_m: Float[np.ndarray, "d 2"]
-    """The narrowest places of the necks between rooms [m]."""
+    """The bottlenecks between rooms [m]."""
     door_half_width_m: Float[np.ndarray, " d"]
 
 
 def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, 2]) -> Rooms:
-    """The rooms of a graph and the doors between them; every vertex is asked, those of spurs too.
+    """The rooms of a graph and the doors between them; spurs have rooms too.
 
     Args:
         graph: the road map.
-        topdown: the map that it was made from, which tells walls from furniture and from the unknown.
-        start_xy_m: the room nearest to this is room 0, and so on [m]: where the exploration began, so that most rooms
-            keep their numbers while others are found.
+        topdown: the map of the graph; it tells walls from furniture and from the unknown.
+        start_xy_m: where the exploration began [m]. The nearest room is room 0, and so on, so that most rooms keep
+            their numbers while the robot finds others.
     """
     places = edge_bottlenecks(graph)
     part = _parts(graph, places, topdown)
@@ -71,7 +70,7 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
     by_distance = np.argsort(np.linalg.norm(graph.vertex_xy_m - start_xy_m, axis=1), kind="stable")
     _, first = np.unique(part[by_distance], return_index=True)
     order = np.argsort(first)
-    order = order[floor_m2[order] >= LEAST_ROOM_M2]
+    order = order[floor_m2[order] >= MIN_ROOM_M2]
     number = np.full(num, -1)
     number[order] = np.arange(len(order))
     door = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
@@ -79,12 +78,12 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
 
 
 def _parts(graph: VoronoiGraph, places: Bottlenecks, topdown: TopDownMap) -> Int[np.ndarray, " n"]:
-    """The part of each vertex when no two parts can join any more."""
+    """The part of each vertex when no two parts can merge any more."""
     width = places.clearance_m
     may_be_door = width <= DOOR_HALF_WIDTH_M
     may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
     part = connected_components(graph.edges[~may_be_door], len(graph.vertex_xy_m))
-    # Doors of one size are equally wide: of these, the first is taken for the widest.
+    # Doors of one size are equally wide: the first of them counts as the widest.
     by_width = np.argsort(-width, kind="stable")
     rank = np.empty(len(width), np.int64)
     rank[by_width] = np.arange(len(width))
@@ -97,31 +96,33 @@ def _parts(graph: VoronoiGraph, places: Bottlenecks, topdown: TopDownMap) -> Int
         np.minimum.at(first, sides[between].ravel(), np.repeat(rank[between], 2))
         with_exit = np.flatnonzero(first < len(width))
         exits = by_width[first[with_exit]]
-        joins = width[exits] > NARROWING * widest_m[with_exit]
-        if not joins.any():
-            # From here on none is too flat again: parts only get wider, and their exits narrower.
-            small = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num) < LEAST_ROOM_M2
+        merges = width[exits] > NARROWING * widest_m[with_exit]
+        if not merges.any():
+            # No part becomes too shallow again: parts only get wider, and their exits narrower.
+            small = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num) < MIN_ROOM_M2
             behind = sides[exits].sum(axis=1) - with_exit
-            # A small neighbour goes through its own wider exit first: with this part it might be large enough to stay.
-            joins = small[with_exit] & (~small[behind] | (first[behind] == first[with_exit]))
-        if not joins.any():
+            # A small neighbour merges through its own wider exit first: together they may be large enough to stay.
+            merges = small[with_exit] & (~small[behind] | (first[behind] == first[with_exit]))
+        if not merges.any():
             return part
-        part = connected_components(sides[exits[joins]], num)[part]
+        part = connected_components(sides[exits[merges]], num)[part]
 
 
 def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:
-    """Which pairs of border points both lie on walls; the unknown behind an obstacle counts as part of it."""
+    """Which pairs of border points both lie on walls; the unknown behind an obstacle belongs to it."""
     rows, cols = topdown.state.shape
     solid = np.pad(topdown.state != FREE, ((0, rows % 2), (0, cols % 2)), constant_values=True).view(np.uint8)
-    # By squares of four cells: what is less than two cells apart is as good as one.
+    # In squares of four cells: obstacles less than two cells apart count as one.
     squares = solid[::2, ::2] + solid[1::2, ::2] + solid[::2, 1::2] + solid[1::2, 1::2]
     obstacle = np.empty(squares.shape, np.int32)
     ndimage.label(squares, np.ones((3, 3)), output=obstacle)  # pyright: ignore[reportArgumentType]
     sides = [[side.stop - side.start for side in box] for box in ndimage.find_objects(obstacle)]
     length_m = np.linalg.norm(np.array(sides).reshape(-1, 2), axis=1) * 2.0 * topdown.resolution_m
     area_m2 = np.bincount(obstacle.ravel(), squares.ravel(), 1)[1:] * topdown.resolution_m**2
-    wall = np.append(False, (length_m > LONG_M) | ((length_m > LEAST_WALL_M) & (area_m2 < THIN_M * length_m)))
-    # A border point lies on the edge between two cells; which of them is the wall, it does not tell.
+    wall = np.append(
+        False, (length_m > LONG_OBSTACLE_M) | ((length_m > MIN_WALL_M) & (area_m2 < WALL_THICKNESS_M * length_m))
+    )
+    # A border point lies on the edge between two cells and does not tell which of them is the wall.
     cell = world_to_cell(border_xy_m.reshape(-1, 2), topdown.origin_xy_m, topdown.resolution_m)
     row, col = np.moveaxis(np.clip(cell[:, None] + _CELL_AND_NEIGHBOURS, 0, [rows - 1, cols - 1]), -1, 0)
     on_wall = wall[obstacle[row // 2, col // 2]] & (topdown.state[row, col] == OCCUPIED)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune, traversable_frontier
+from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune_spurs, traversable_frontier
 from anm_mj.planning.paths import ShortestPathTree, shortest_paths
 from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.rooms import find_rooms
@@ -110,7 +110,7 @@ class Stages:
         if with_regions:
             with watch.stage("rooms"):
                 frontier = traversable_frontier(topdown, self.safe_m)
-                kept = prune(graph, borders_unknown(graph, frontier))
+                kept = prune_spurs(graph, borders_unknown(graph, frontier))
                 decisions = decision_vertices(graph, contract(graph, kept))
                 room = np.full(len(graph.vertex_xy_m), -1)
                 if self._with_rooms:

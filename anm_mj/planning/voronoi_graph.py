@@ -1,10 +1,10 @@
 """The generalized Voronoi graph of the known free plane.
 
 Every point of the graph is equidistant to at least two points of the border of free space (paper, Eq. 3; Choset and
-Burdick, 2000). The border is sampled: zero-crossings of the SDF, and the frontier to the unknown, finely inside the
-robot's local horizon and coarsely outside, so that the cost stays bounded in large scenes (paper, section IV-A). On a
-Voronoi edge the two generating points are the nearest of all, so that the clearance of a whole edge is exactly the
-distance from one of them to the segment: no thin obstacle is missed between two vertices.
+Burdick, 2000). The border is sampled at the zero-crossings of the SDF and at the frontier to the unknown: finely inside
+the robot's local horizon and coarsely outside, which bounds the cost in large scenes (paper, section IV-A). The two
+points that generate a Voronoi edge are the nearest of all. The clearance of a whole edge is therefore exactly the
+distance from one of them to the segment, and no thin obstacle between two vertices is missed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 
 FAR_SPACING = 2.0
-"""Far surface points lie so many times as far apart as coarse ones."""
+"""Ratio of the spacing of far surface points to that of coarse ones."""
 
 
 def voronoi_graph(
@@ -28,7 +28,7 @@ def voronoi_graph(
     *,
     coarse_far_field: bool = False,
 ) -> VoronoiGraph:
-    """The graph of all places with at least ``safe_m`` clearance.
+    """The graph of the free plane with at least ``safe_m`` clearance.
 
     Args:
         topdown: the map.
@@ -44,8 +44,8 @@ def voronoi_graph(
         diagram = Delaunay(sites)
     except QhullError:  # All sites on one line: there is no vertex.
         return _empty_graph()
-    # The Voronoi diagram is the triangulation's dual: a vertex per triangle, an edge per pair of neighbours, generated
-    # by the two sites that they share. Taken so, it costs half.
+    # The Voronoi diagram is the dual of the triangulation: a vertex per triangle, an edge per pair of neighbours, which
+    # the two sites that they share generate. This costs half of computing the diagram itself.
     vertices = _circumcentres(sites[diagram.simplices])
     free = _in_free_space(vertices, topdown)
     beyond = diagram.neighbors > np.arange(len(vertices))[:, None]
@@ -70,7 +70,7 @@ def voronoi_graph(
 def border_sites(
     topdown: TopDownMap, centre_xy_m: Float[np.ndarray, 2], config: PlanningConfig, *, coarse_far_field: bool = False
 ) -> Float[np.ndarray, "n 2"]:
-    """Samples of the border of free space, one per fine or coarse square [m]; far ones may be coarser still."""
+    """Samples of the border of free space, one per fine or coarse square; far squares can be coarser still [m]."""
     border = np.concatenate([topdown.surface_xy_m, topdown.frontier_xy_m])
     if not len(border):
         return border
@@ -92,7 +92,7 @@ def _empty_graph() -> VoronoiGraph:
 def _one_per_square(points: Float[np.ndarray, "n 2"], spacing_m: float) -> Float[np.ndarray, "m 2"]:
     if not len(points):
         return points
-    # The member nearest to its square's mean: staircases of grid borders would otherwise bend the graph.
+    # The member nearest to the mean of its square: otherwise the staircases of grid borders would bend the graph.
     col, row = np.floor(points / spacing_m).astype(np.int64).T
     row = row - row.min()
     # Numbered without gaps, so that a large scene costs no more than its border.
@@ -102,7 +102,7 @@ def _one_per_square(points: Float[np.ndarray, "n 2"], spacing_m: float) -> Float
     off = _squared(points - mean[square])
     least = np.full(len(size), np.inf)
     np.minimum.at(least, square, off)
-    # Of equally near ones the first, which is written last.
+    # The first of equally near ones is written last.
     nearest = np.flatnonzero(off == least[square])[::-1]
     chosen = np.empty(len(size), np.int64)
     chosen[square[nearest]] = nearest
@@ -110,7 +110,7 @@ def _one_per_square(points: Float[np.ndarray, "n 2"], spacing_m: float) -> Float
 
 
 def _circumcentres(corners: Float[np.ndarray, "n 3 2"]) -> Float[np.ndarray, "n 2"]:
-    """Centres of the circles through triangles' corners; not finite where the corners lie on one line."""
+    """Centres of the circumcircles of triangles; not finite where the corners lie on one line."""
     first = corners[:, 0]
     b, c = corners[:, 1] - first, corners[:, 2] - first
     twice_area = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])

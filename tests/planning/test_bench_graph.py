@@ -28,7 +28,7 @@ def test_the_rooms_found_are_held_against_the_true_ones():
 def test_a_row_is_printed_for_both_kinds_of_graph(capsys):
     bench_graph.main(areas_m2=(45.0,), repeats=1)
     lines = capsys.readouterr().out.splitlines()
-    assert sum(" anm-s " in line for line in lines) == sum(" gvg " in line for line in lines) == 2
+    assert sum(" fine " in line for line in lines) == sum(" coarse far field " in line for line in lines) == 2
     found = [line.split("|")[4] for line in lines if "%" in line]
     assert len(found) == 2
     assert all(int(cell) >= 2 for cell in found)

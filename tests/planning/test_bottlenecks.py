@@ -15,7 +15,7 @@ EVERY_POINT = PlanningConfig(fine_spacing_m=1e-3, coarse_spacing_m=1e-3, min_sit
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31))
-def test_the_narrowest_place_of_an_edge_is_as_far_from_the_border_as_is_said_and_no_other_is_nearer(seed):
+def test_bottleneck_is_the_place_nearest_to_the_border(seed):
     border = np.random.default_rng(seed).uniform(1, 9, (60, 2))
     free = np.full((200, 200), FREE, np.int8)
     topdown = TopDownMap(free.astype(np.float32), free, 0.05, np.zeros(2), surface_xy_m=border)
@@ -34,7 +34,7 @@ def test_the_narrowest_place_of_an_edge_is_as_far_from_the_border_as_is_said_and
     assert np.allclose(clearance(places.border_xy_m[long].reshape(-1, 2)), 0.0, atol=1e-6)
 
 
-def test_an_edge_between_straight_walls_is_the_middle_of_its_part_of_the_floor():
+def test_edge_between_straight_walls_is_the_middle_of_its_floor():
     places = edge_bottlenecks(corridor_edge(0.2, math.hypot(0.1, 0.6), math.hypot(0.1, 0.6)))
     assert places.clearance_m.tolist() == pytest.approx([0.6])
     assert places.xy_m[0] == pytest.approx(np.array([0.1, 0.0]))
@@ -43,14 +43,14 @@ def test_an_edge_between_straight_walls_is_the_middle_of_its_part_of_the_floor()
     assert places.border_xy_m[0] == pytest.approx(np.array([[0.1, 0.6], [0.1, -0.6]]))
 
 
-def test_where_a_way_only_widens_it_is_narrowest_at_its_end():
+def test_widening_edge_is_narrowest_at_its_end():
     places = edge_bottlenecks(corridor_edge(0.2, math.hypot(0.1, 0.6), math.hypot(0.3, 0.6)))
     assert places.clearance_m.tolist() == pytest.approx([math.hypot(0.1, 0.6)])
     assert places.xy_m.tolist() == [[0.0, 0.0]]
     assert places.border_xy_m[0] == pytest.approx(np.array([[-0.1, 0.6], [-0.1, -0.6]]))
 
 
-def test_an_edge_without_any_length_is_as_wide_as_its_ends():
+def test_edge_without_length_is_as_wide_as_its_ends():
     graph = VoronoiGraph(np.ones((2, 2)), np.array([0.6, 0.6]), np.array([[0, 1]]), np.zeros(1))
     assert edge_bottlenecks(graph).clearance_m.tolist() == [0.6]
 

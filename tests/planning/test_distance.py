@@ -16,7 +16,7 @@ def test_distances_are_exact_up_to_the_cap(seed, cap, share):
 
 
 @pytest.mark.parametrize("cap", [181, 182, 300])
-def test_distances_are_exact_up_to_caps_whose_squares_need_more_than_16_bits(cap):
+def test_distances_are_exact_up_to_large_caps(cap):
     free = np.ones((400, 250), bool)
     free[3, 5] = free[390, 240] = False
     exact = np.asarray(ndimage.distance_transform_edt(free))

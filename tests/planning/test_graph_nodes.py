@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import SPACING_M, borders_unknown, decision_vertices, prune, traversable_frontier
+from anm_mj.planning.graph_nodes import SPACING_M, borders_unknown, decision_vertices, prune_spurs, traversable_frontier
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import Footprint, Pose2, VoronoiGraph
@@ -20,7 +20,7 @@ def graph_of(places, edges, clearance):
 
 
 def decide(graph, frontier):
-    return decision_vertices(graph, contract(graph, prune(graph, borders_unknown(graph, frontier))))
+    return decision_vertices(graph, contract(graph, prune_spurs(graph, borders_unknown(graph, frontier))))
 
 
 def corridor_with_a_spur(spur_clearance):
@@ -29,13 +29,13 @@ def corridor_with_a_spur(spur_clearance):
     return graph_of(places, [(0, 1), (1, 2), (2, 3), (1, 4)], [0.6, 0.6, 0.6, 0.6, spur_clearance])
 
 
-def test_a_branch_into_a_corner_is_pruned_and_one_of_even_clearance_is_a_way():
-    kept = prune(corridor_with_a_spur(0.2), np.zeros(5, bool))
+def test_spur_is_pruned_and_branch_of_even_clearance_is_kept():
+    kept = prune_spurs(corridor_with_a_spur(0.2), np.zeros(5, bool))
     assert kept.tolist() == [True, True, True, True, False]
-    assert prune(corridor_with_a_spur(0.5), np.zeros(5, bool)).all()
+    assert prune_spurs(corridor_with_a_spur(0.5), np.zeros(5, bool)).all()
 
 
-def test_a_branch_that_ends_at_the_unknown_is_kept_however_narrow():
+def test_branch_at_the_unknown_is_kept():
     graph = corridor_with_a_spur(0.2)
     frontier = np.array([[1.0, 0.8]])
     assert borders_unknown(graph, frontier).tolist() == [False, False, False, False, True]
@@ -43,12 +43,12 @@ def test_a_branch_that_ends_at_the_unknown_is_kept_however_narrow():
     assert 4 not in decide(graph, NOWHERE)
 
 
-def test_junctions_and_ends_are_decision_vertices():
+def test_nodes_are_decision_vertices():
     assert decide(corridor_with_a_spur(0.5), NOWHERE).tolist() == [0, 1, 3, 4]
 
 
 @pytest.mark.parametrize(("away_m", "chosen"), [(1.2, [4, 6]), (3.0, [0, 4, 6])])
-def test_a_junction_of_nothing_but_spurs_counts_only_where_nothing_else_is_near(away_m, chosen):
+def test_node_of_spurs_counts_only_far_from_others(away_m, chosen):
     # Three spurs about vertex 0, and a way of 2 m past it from vertex 4 to 6.
     star = [(1, away_m), (1, away_m + 0.5), (0.6, away_m - 0.3), (1.4, away_m - 0.3)]
     edges = [(0, 1), (0, 2), (0, 3), (4, 5), (5, 6)]
@@ -57,7 +57,7 @@ def test_a_junction_of_nothing_but_spurs_counts_only_where_nothing_else_is_near(
 
 
 @pytest.mark.parametrize("closed", [False, True])
-def test_long_ways_and_circles_have_a_decision_vertex_near_every_place(closed):
+def test_long_paths_and_circles_have_decision_vertices_near_every_place(closed):
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     places = 4 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     edges = [(i, (i + 1) % 60) for i in range(60 if closed else 59)]
@@ -68,7 +68,7 @@ def test_long_ways_and_circles_have_a_decision_vertex_near_every_place(closed):
     assert len(chosen) < 20
 
 
-def test_a_bare_room_has_a_few_decision_vertices_and_none_in_its_corners():
+def test_corners_of_a_bare_room_have_no_decision_vertices():
     world = room(6, 3)
     mapper = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.05, 1.35))
     topdown = mapper.update(world.occupancy, world.sdf, Pose2(3.2, 1.7, 0.0))
@@ -79,16 +79,16 @@ def test_a_bare_room_has_a_few_decision_vertices_and_none_in_its_corners():
     assert np.linalg.norm(chosen[:, None] - corners[None], axis=-1).min() > 1.0
 
 
-def test_only_unknown_that_a_disc_fits_into_has_a_roomy_border():
+def test_frontier_is_traversable_where_a_disc_fits():
     world = room(6, 3, unknown=[(2.0, 0.2, 4.0, 0.4), (5.2, 0.2, 6.2, 3.2)])
     mapper = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.05, 1.35))
     topdown = mapper.update(world.occupancy, world.sdf, Pose2(1.2, 1.7, 0.0))
     assert (topdown.frontier_xy_m[:, 0] < 4.5).any()
-    roomy = traversable_frontier(topdown, 0.22)
-    assert len(roomy) > 40
-    assert (roomy[:, 0] > 5.0).all()
+    traversable = traversable_frontier(topdown, 0.22)
+    assert len(traversable) > 40
+    assert (traversable[:, 0] > 5.0).all()
 
 
-def test_an_empty_graph_has_nothing_to_decide():
+def test_empty_graph_has_no_decision_vertices():
     graph = graph_of(np.zeros((0, 2)), [], [])
     assert decide(graph, np.ones((3, 2))).tolist() == []

@@ -34,7 +34,7 @@ def length(path):
     return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
 
 
-def test_a_path_through_a_door_is_nearly_as_short_as_the_straight_lines_through_it():
+def test_path_through_a_door_is_nearly_shortest():
     wall = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
     pose = Pose2(1.0, 0.8, 0.0)
     graph, topdown = situation(room(8, 3, boxes=wall), pose)
@@ -48,7 +48,7 @@ def test_a_path_through_a_door_is_nearly_as_short_as_the_straight_lines_through_
     assert segments_clear(topdown, path[:-1], path[1:], SAFE_M, pose).all()
 
 
-def test_a_path_is_never_longer_than_the_one_along_the_graph():
+def test_path_is_never_longer_than_along_the_graph():
     pose = Pose2(1.0, 0.8, 0.0)
     graph, topdown = situation(room(8, 3, boxes=[(3, 1, 3.5, 2)]), pose)
     paths = shortest_paths(graph, topdown, pose, SAFE_M)
@@ -57,7 +57,7 @@ def test_a_path_is_never_longer_than_the_one_along_the_graph():
             assert length(paths.path_to(vertex)) <= paths.distance_m[vertex] + 1e-9
 
 
-def test_what_lies_behind_a_wall_cannot_be_reached():
+def test_no_path_leads_behind_a_closed_wall():
     pose = Pose2(1.0, 1.5, 0.0)
     graph, topdown = situation(room(8, 3, boxes=[(4.2, 0.2, 4.3, 3.2)]), pose)
     paths = shortest_paths(graph, topdown, pose, SAFE_M)
@@ -66,7 +66,7 @@ def test_what_lies_behind_a_wall_cannot_be_reached():
     assert len(paths.path_to(behind)) == 0
 
 
-def test_a_robot_in_a_tight_corner_still_finds_a_way_out():
+def test_robot_in_a_tight_corner_finds_a_path():
     # 0.19 m from both walls: nearer than any planned way may lead, yet not touching.
     pose = Pose2(0.39, 0.39, 0.0)
     graph, topdown = situation(room(4, 3), pose)
@@ -75,7 +75,7 @@ def test_a_robot_in_a_tight_corner_still_finds_a_way_out():
     assert len(paths.path_to(nearest(graph, 2.2, 1.7))) >= 2
 
 
-def test_segments_keep_the_whole_way_clear_not_only_its_ends():
+def test_segments_are_clear_over_their_whole_length():
     pose = Pose2(1.0, 1.5, 0.0)
     _, topdown = situation(room(4, 3, boxes=[(2.2, 1.5, 2.25, 1.55)]), pose)
     ends = np.array([[3.5, 1.5], [3.5, 2.8]])
@@ -84,7 +84,7 @@ def test_segments_keep_the_whole_way_clear_not_only_its_ends():
     assert clearance_at(topdown, np.array([[99.0, 99.0]]))[0] == -np.inf
 
 
-def test_steps_count_metres_and_turns_as_the_budget_does():
+def test_path_steps_count_metres_and_turns():
     path = np.array([[0.0, 0.0], [0.65, 0.0], [0.65, 0.65]])
     assert path_steps(path, 0.0) == pytest.approx(10 + 9 + 10)
     assert path_steps(path, math.pi / 2) == pytest.approx(9 + 10 + 9 + 10)
@@ -92,7 +92,7 @@ def test_steps_count_metres_and_turns_as_the_budget_does():
     assert path_steps(np.zeros((0, 2)), 0.0, final_yaw_rad=math.radians(-30)) == pytest.approx(3)
 
 
-def test_legs_run_along_headings_that_the_robot_can_have_and_are_hardly_longer():
+def test_quantized_legs_have_headings_of_the_robot_and_are_hardly_longer():
     pose = Pose2(1.0, 1.0, 0.3)
     _, topdown = situation(room(8, 6), pose)
     straight = np.array([[1.0, 1.0], [6.0, 2.0], [7.0, 5.0]])
@@ -104,14 +104,14 @@ def test_legs_run_along_headings_that_the_robot_can_have_and_are_hardly_longer()
     assert length(path) < 1.005 * length(straight)
 
 
-def test_where_there_is_no_room_beside_the_straight_way_it_is_kept():
+def test_path_without_space_beside_it_is_not_quantized():
     pose = Pose2(0.7, 0.44, TURN_STEP_RAD / 2)
     _, topdown = situation(room(8, 0.5), pose)
     straight = np.array([[0.7, 0.44], [7.5, 0.46]])
     assert np.array_equal(quantize_headings(straight, topdown, SAFE_M, pose), straight)
 
 
-def test_the_rest_of_a_way_begins_at_the_robot_and_leaves_out_what_lies_behind():
+def test_remaining_path_begins_at_the_robot():
     way = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]])
     assert np.allclose(remaining_path(way, Pose2(1.0, 0.05, 0.0)), [[1.0, 0.05], [2.0, 0.0], [2.0, 2.0]])
     assert np.allclose(remaining_path(way, Pose2(2.0, 0.0, 0.0)), [[2.0, 0.0], [2.0, 2.0]])

@@ -37,7 +37,7 @@ def finder_with(surface):
     return finder
 
 
-def test_uncertain_wall_becomes_one_region_anchored_to_the_vertex_that_sees_it():
+def test_uncertain_wall_is_one_region_at_the_vertex_that_sees_it():
     world = room(4, 3)
     surface = surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0))
     graph = graph_at((2.5, 1.3), (1.0, 1.3))
@@ -48,7 +48,7 @@ def test_uncertain_wall_becomes_one_region_anchored_to_the_vertex_that_sees_it()
     assert region.score > 5.0
 
 
-def test_the_two_sides_of_a_wall_are_two_regions_each_anchored_on_its_side():
+def test_two_sides_of_a_wall_are_two_regions():
     world = room(8, 3, boxes=[(4.2, 0.2, 4.3, 3.2)])
     surface = surface_of(
         wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(4.3, 1.0, 1.6, 1.0, 9.0), wall_points(0.2, 0, 8, 1.0, 1.0)
@@ -58,13 +58,13 @@ def test_the_two_sides_of_a_wall_are_two_regions_each_anchored_on_its_side():
     assert sorted((region.vertex, round(region.normal[0])) for region in regions) == [(0, -1), (1, 1)]
 
 
-def test_a_region_that_no_vertex_sees_is_left_out():
+def test_region_that_no_vertex_sees_is_left_out():
     world = room(8, 3, boxes=[(4.2, 0.2, 4.3, 3.2)])
     surface = surface_of(wall_points(4.3, 1.0, 1.6, 1.0, 9.0), wall_points(0.2, 0, 8, 1.0, 1.0))
     assert finder_with(surface).regions(graph_at((3.0, 1.3)), world.occupancy, 1.25) == ()
 
 
-def test_a_region_that_was_looked_at_does_not_come_back():
+def test_observed_region_does_not_come_back():
     world = room(4, 3)
     finder = finder_with(surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0)))
     graph = graph_at((2.5, 1.3))
@@ -73,14 +73,14 @@ def test_a_region_that_was_looked_at_does_not_come_back():
     assert finder.regions(graph, world.occupancy, 1.25) == ()
 
 
-def test_surface_that_was_seen_from_near_is_of_no_more_interest():
+def test_surface_seen_from_near_is_no_region():
     world = room(4, 3)
     finder = finder_with(surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0)))
     world.occupancy.seen_range_m[:] = CONFIG.anchor_range_m - 0.1
     assert finder.regions(graph_at((2.5, 1.3)), world.occupancy, 1.25) == ()
 
 
-def test_a_long_wall_is_one_region_for_each_vertex_that_sees_a_part_of_it_best():
+def test_long_wall_is_one_region_per_vertex():
     world = room(8, 3)
     wall = wall_points(0.2, 1.0, 7.0, 1.0, 9.0)
     along = (wall[0][:, [1, 0, 2]], wall[1][:, [1, 0, 2]], wall[2])
@@ -93,7 +93,7 @@ def test_a_long_wall_is_one_region_for_each_vertex_that_sees_a_part_of_it_best()
     assert left.centre_m[0] < 4.0 < right.centre_m[0]
 
 
-def test_a_vertex_without_a_decision_serves_only_for_what_no_other_sees():
+def test_other_vertices_serve_for_what_preferred_ones_do_not_see():
     world = room(8, 3, boxes=[(4.2, 0.2, 4.3, 3.2)])
     surface = surface_of(
         wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(4.3, 1.0, 1.6, 1.0, 9.0), wall_points(0.2, 0, 8, 1.0, 1.0)
@@ -103,14 +103,14 @@ def test_a_vertex_without_a_decision_serves_only_for_what_no_other_sees():
     assert sorted((region.vertex, round(region.normal[0])) for region in regions) == [(0, -1), (2, 1)]
 
 
-def test_surface_out_of_reach_of_an_update_is_remembered():
+def test_surface_outside_of_an_update_is_remembered():
     world = room(4, 3)
     finder = finder_with(surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0)))
     finder.update(surface_of(wall_points(0.2, 0.2, 3.2, 1.0, 1.0)), np.array([0.2, 1.7]), 2.0)
     assert len(finder.regions(graph_at((2.5, 1.3)), world.occupancy, 1.25)) == 1
 
 
-def test_sight_ends_at_an_obstacle_and_passes_over_a_low_one():
+def test_line_of_sight_ends_at_an_obstacle_and_passes_over_a_low_one():
     world = room(4, 3, boxes=[(2.0, 1.0, 2.1, 2.0)])
     eye, end = np.array([[1.0, 1.5, 1.25]] * 2), np.array([[3.5, 1.5, 1.25], [3.5, 2.9, 1.25]])
     assert line_of_sight(world.occupancy, eye, end).tolist() == [False, True]
@@ -118,5 +118,5 @@ def test_sight_ends_at_an_obstacle_and_passes_over_a_low_one():
     assert line_of_sight(world.occupancy, eye, end).tolist() == [True, True]
 
 
-def test_nothing_known_gives_no_regions():
+def test_empty_map_has_no_regions():
     assert RegionFinder(CONFIG).regions(graph_at((1.0, 1.0)), room(4, 3).occupancy, 1.25) == ()

@@ -58,7 +58,7 @@ class Turned:
         return np.where(self.occupancy.state[0, row, col] == OCCUPIED, -0.05, 0.1).astype(np.float32)
 
 
-def test_two_rooms_with_a_door_are_two_and_meet_at_the_door():
+def test_two_rooms_meet_at_their_door():
     found, graph = rooms_of(room(8, 3, boxes=DOOR))
     assert len(found.floor_m2) == 2
     assert found.door_xy_m == pytest.approx(np.array([[4.25, 1.65]]), abs=0.08)
@@ -70,19 +70,19 @@ def test_two_rooms_with_a_door_are_two_and_meet_at_the_door():
     assert found.floor_m2 == pytest.approx([12.0, 11.7], rel=0.2)
 
 
-def test_the_room_that_is_nearest_to_the_start_is_the_first():
+def test_nearest_room_to_the_start_is_the_first():
     found, graph = rooms_of(room(8, 3, boxes=DOOR), 6.0)
     assert graph.vertex_xy_m[found.room == 0, 0].min() > 4.1
 
 
-def test_a_table_does_not_part_a_room():
+def test_table_does_not_part_a_room():
     found, _ = rooms_of(room(4.4, 3, boxes=[TABLE]))
     assert len(found.floor_m2) == 1
     assert len(found.door_xy_m) == 0
     assert set(found.room) == {0}
 
 
-def test_a_corridor_with_four_rooms_makes_five():
+def test_corridor_with_four_rooms_makes_five():
     world, doors = row_of_rooms(4)
     found, graph = rooms_of(world, 1.0, 0.8)
     assert len(found.floor_m2) == 5
@@ -91,12 +91,12 @@ def test_a_corridor_with_four_rooms_makes_five():
     assert set(found.room[graph.vertex_xy_m[:, 1] < 1.3]) == {0}
 
 
-def test_a_wide_opening_is_no_door():
+def test_wide_opening_is_no_door():
     opening = [(4.2, 0.2, 4.3, 0.7), (4.2, 2.7, 4.3, 3.2)]
     assert len(rooms_of(room(8, 3, boxes=opening))[0].floor_m2) == 1
 
 
-def test_a_niche_belongs_to_the_room_that_it_opens_into():
+def test_niche_belongs_to_its_room():
     niche = [
         (4.2, 0.2, 4.3, 1.2),
         (4.2, 2.1, 4.3, 3.2),
@@ -107,7 +107,7 @@ def test_a_niche_belongs_to_the_room_that_it_opens_into():
     assert len(rooms_of(room(8, 3, boxes=niche))[0].floor_m2) == 1
 
 
-def test_what_is_cut_off_and_too_small_for_a_room_is_none():
+def test_small_disconnected_part_is_no_room():
     cell = [(5.0, 0.2, 5.1, 1.4), (5.0, 1.3, 6.3, 1.4), (6.2, 0.2, 6.3, 1.4)]
     found, graph = rooms_of(room(8, 3, boxes=cell))
     inside = (np.abs(graph.vertex_xy_m - [5.65, 0.75]) < 0.6).all(axis=1)
@@ -116,14 +116,14 @@ def test_what_is_cut_off_and_too_small_for_a_room_is_none():
     assert set(found.room[~inside]) == {0}
 
 
-def test_where_the_view_ends_there_is_no_door():
+def test_edge_of_the_view_is_no_door():
     # The unknown leaves as much as a door between itself and the wall, with wide places to both sides.
     unknown = [(4.0, 1.1, 4.6, 3.2)]
     assert len(rooms_of(room(8, 3, unknown=unknown))[0].floor_m2) == 1
     assert len(rooms_of(room(8, 3, boxes=unknown))[0].floor_m2) == 2
 
 
-def test_walls_of_a_ring_of_rooms_part_them_though_they_stand_free():
+def test_free_standing_walls_part_rooms():
     # Two rooms with two doors: what is left of the wall between them touches nothing.
     wall = [(4.2, 0.2, 4.3, 0.7), (4.2, 1.6, 4.3, 3.6), (4.2, 4.5, 4.3, 5.2)]
     found, _ = rooms_of(room(8, 5, boxes=wall))
@@ -142,7 +142,7 @@ def test_turning_the_plan_turns_the_rooms(angle_deg):
     assert np.linalg.norm(turned.turn(doors)[:, None] - found.door_xy_m[None], axis=-1).min(axis=1).max() < 0.2
 
 
-def test_vertices_and_edges_grow_like_the_rooms_and_the_rounds_hardly_at_all(monkeypatch):
+def test_cost_grows_linearly_with_the_rooms(monkeypatch):
     calls = []
     connected_components = rooms.connected_components
     monkeypatch.setattr(rooms, "connected_components", lambda *of: calls.append(1) or connected_components(*of))
@@ -161,7 +161,7 @@ def test_vertices_and_edges_grow_like_the_rooms_and_the_rounds_hardly_at_all(mon
 
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 3.0, 8.0]))
-def test_joining_parts_at_once_is_joining_them_one_by_one_from_the_widest_neck_to_the_narrowest(seed, least_m2):
+def test_merging_at_once_equals_merging_one_by_one(seed, least_m2):
     rng = np.random.default_rng(seed)
     num = 40
     edges = np.unique(np.sort(rng.integers(num, size=(70, 2)), axis=1), axis=0)
@@ -172,7 +172,7 @@ def test_joining_parts_at_once_is_joining_them_one_by_one_from_the_widest_neck_t
     floor = rng.uniform(0.0, 2.0, len(edges))
     places = Bottlenecks(width, np.zeros((len(edges), 2)), np.zeros((len(edges), 2, 2)), floor)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rooms, "LEAST_ROOM_M2", least_m2)
+        patch.setattr(rooms, "MIN_ROOM_M2", least_m2)
         patch.setattr(rooms, "DOOR_HALF_WIDTH_M", 2.0)
         patch.setattr(rooms, "_between_walls", lambda border_xy_m, topdown: np.ones(len(border_xy_m), bool))
         part = rooms._parts(graph, places, see(room(1, 1), 0.7, 0.7)[1])

@@ -20,7 +20,7 @@ def border_map(border_xy_m, size=200):
     return TopDownMap(free.astype(np.float32), free, 0.05, np.zeros(2), surface_xy_m=border_xy_m)
 
 
-def test_the_graph_of_a_corridor_is_its_centre_line():
+def test_corridor_gives_its_centre_line():
     graph, _ = see(room(8, 1.2), 4, 0.8)
     inner = graph.vertex_xy_m[np.abs(graph.vertex_xy_m[:, 0] - 4.2) < 2.5]
     assert len(inner) > 10
@@ -28,7 +28,7 @@ def test_the_graph_of_a_corridor_is_its_centre_line():
     assert np.abs(graph.clearance_m[np.abs(graph.vertex_xy_m[:, 0] - 4.2) < 2.5] - 0.6).max() < 0.04
 
 
-def test_a_t_junction_has_one_vertex_of_degree_three_where_the_arms_meet():
+def test_t_junction_has_one_vertex_of_degree_three():
     # Corridors of 1.2 m: one along x from 0.2 to 8.2, one from its middle up to y = 5.4.
     world = BoxWorld(
         (8.4, 5.6),
@@ -41,7 +41,7 @@ def test_a_t_junction_has_one_vertex_of_degree_three_where_the_arms_meet():
     assert len(near) == 1
 
 
-def test_two_rooms_are_joined_through_their_door_and_the_door_is_the_neck():
+def test_door_connects_two_rooms_and_is_their_bottleneck():
     wall = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
     graph, _ = see(room(8, 3, boxes=wall), 2, 1.6)
     label = components(graph)
@@ -54,7 +54,7 @@ def test_two_rooms_are_joined_through_their_door_and_the_door_is_the_neck():
     assert y == pytest.approx(1.65, abs=0.05)
 
 
-def test_a_door_too_narrow_for_the_robot_separates_the_rooms():
+def test_narrow_door_separates_rooms():
     wall = [(4.2, 0.2, 4.3, 1.45), (4.2, 1.8, 4.3, 3.2)]
     graph, _ = see(room(8, 3, boxes=wall), 2, 1.6)
     label = components(graph)
@@ -74,7 +74,7 @@ def test_no_edge_passes_a_thin_leg_too_closely():
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31))
-def test_every_vertex_is_equidistant_to_two_border_points_and_none_is_nearer(seed):
+def test_vertices_are_equidistant_to_their_two_nearest_border_points(seed):
     border = np.random.default_rng(seed).uniform(1, 9, (60, 2))
     topdown = border_map(border)
     config = PlanningConfig(fine_spacing_m=1e-3, coarse_spacing_m=1e-3, min_site_distance_m=1e-6)
@@ -106,7 +106,7 @@ def test_turning_the_border_turns_the_graph(seed, angle):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31))
-def test_every_place_is_retracted_onto_the_graph_away_from_its_nearest_border(seed):
+def test_every_place_is_retracted_onto_the_graph(seed):
     # Straight away from the nearest border point, the clearance grows until another one is as near: that is the graph.
     rng = np.random.default_rng(seed)
     around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
@@ -129,7 +129,7 @@ def test_every_place_is_retracted_onto_the_graph_away_from_its_nearest_border(se
         assert np.linalg.norm(a + share[:, None] * (b - a) - retracted, axis=1).min() < 1e-6
 
 
-def test_vertices_and_edges_grow_linearly_with_the_border_as_euler_says():
+def test_size_grows_linearly_with_the_border():
     rng = np.random.default_rng(1)
     config = PlanningConfig(fine_spacing_m=1e-3, coarse_spacing_m=1e-3, min_site_distance_m=1e-6)
     for count in (100, 400, 1600):
@@ -139,13 +139,13 @@ def test_vertices_and_edges_grow_linearly_with_the_border_as_euler_says():
 
 
 @pytest.mark.parametrize("border", [np.zeros((0, 2)), np.array([[1.0, 1], [2, 1], [3, 1], [4, 1], [5, 1]])])
-def test_a_border_without_any_vertex_gives_an_empty_graph(border):
+def test_border_without_a_vertex_gives_an_empty_graph(border):
     graph = voronoi_graph(border_map(border), np.array([5.0, 5.0]), PlanningConfig(), SAFE_M)
     assert len(graph.vertex_xy_m) == 0
     assert graph.edges.shape == (0, 2)
 
 
-def test_far_from_the_robot_the_graph_may_be_rough_and_still_leads_everywhere():
+def test_coarse_far_field_keeps_the_graph_connected():
     walls = [(x, 0.2, x + 0.1, 2.2) for x in (6.0, 12.0, 18.0, 24.0)]
     world = room(30, 4, boxes=walls)
     topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, Pose2(1, 1, 0))
