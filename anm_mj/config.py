@@ -222,8 +222,8 @@ def _hint(config: RunConfig, name: str) -> str:
     """What to write instead of an unknown name: settings with a name that is close, or all of its group."""
     names = list(_names(config))
     leaf = {full: full.rpartition(".")[2] for full in names}
-    close = difflib.get_close_matches(name.rpartition(".")[2], list(leaf.values()), n=4)
-    found = [full for full in names if leaf[full] in close]
+    close = difflib.get_close_matches(name.rpartition(".")[2], set(leaf.values()), n=3)
+    found = [full for one in close for full in names if leaf[full] == one]
     if found:
         return f"; did you mean {' or '.join(found)}?"
     group = name.partition(".")[0] + "."

@@ -30,7 +30,9 @@ FORWARD_STEP_M = 0.065
 TURN_STEP_RAD = math.radians(10.0)
 """Angle of one turn [rad] (paper, section V-A)."""
 ARRIVED_M = 1.5 * FORWARD_STEP_M
-"""Nearer than this a place is reached [m]."""
+"""The robot has reached a place that is nearer than this [m]."""
+NEAR_TARGET_M = 2 * ARRIVED_M
+"""From nearer than this the robot sees what it came to a target for, even where its path ended early [m]."""
 
 
 class Action(IntEnum):

@@ -153,22 +153,3 @@ def test_help_answers_at_once_and_shows_every_option():
 def test_the_catalogue_is_listed(capsys):
     assert main(["scene", "list"]) == 0
     assert "home" in capsys.readouterr().out
-
-
-def test_settings_reach_the_effective_configuration():
-    from anm_mj.config import make_config
-
-    config = make_config("quick", ["planning.margin_m=0.06", "mapping.schedule.iterations=3"], scene="home")
-    assert config.planning.margin_m == 0.06
-    assert config.mapping.schedule.iterations == 3
-    assert config.mapping.field.num_levels == make_config("quick", [], scene="home").mapping.field.num_levels
-    assert json.dumps(config.steps) == "null"
-
-
-def test_the_papers_policy_is_led_by_the_papers_uncertainty_unless_told_otherwise():
-    from anm_mj.config import make_config
-
-    assert make_config("default", [], scene="home", policy="anm-s").mapping.uncertainty.method == "perturbation"
-    assert make_config("default", [], scene="home").mapping.uncertainty.method == "evidence"
-    told = make_config("default", ["mapping.uncertainty.method=closed_form"], scene="home", policy="anm-s")
-    assert told.mapping.uncertainty.method == "closed_form"

@@ -33,11 +33,10 @@ from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, u
 from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose
-from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.protocols import Mapper
 from anm_mj.types import TURN_STEP_RAD, Action, Observation, Plan, Pose2, StopReason
 from anm_mj.utils.raycast import RayCaster
-from anm_mj.utils.settings import check_settings
 
 _logger = logging.getLogger(__name__)
 
@@ -75,19 +74,11 @@ AHEAD_M = 0.1
 
 
 @dataclass(frozen=True)
-class OracleConfig:
+class OracleConfig(PolicyConfig):
     """How long the policy searches for tours."""
 
     rounds: int = 100_000
     """Changes tried of the first tour."""
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "policy", PlanError)
 
 
 class Oracle:

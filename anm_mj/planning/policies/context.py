@@ -5,15 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from anm_mj.errors import PlanError
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.types import Footprint
+from anm_mj.utils.settings import check_settings
 
 SettingsT = TypeVar("SettingsT")
 
 
 @dataclass(frozen=True)
-class NoSettings:
-    """The configuration of a policy that has nothing to set."""
+class PolicyConfig:
+    """Base of the policies' settings, which are the fields of each subclass; it has none itself."""
+
+    def __post_init__(self) -> None:
+        """Check the limits.
+
+        Raises:
+            PlanError: a value lies outside of its limits.
+        """
+        check_settings(self, "policy", PlanError)
 
 
 @dataclass(frozen=True)

@@ -101,9 +101,9 @@ def default_settings(name: str) -> Any:
     Raises:
         PlanError: there is no such policy.
     """
-    from anm_mj.planning.policies.context import NoSettings  # Names alone should not cost the import of numpy.
+    from anm_mj.planning.policies.context import PolicyConfig  # Names alone should not cost the import of numpy.
 
-    return getattr(policy_class(name), "Config", NoSettings)(**policy_entry(name).defaults)
+    return getattr(policy_class(name), "Config", PolicyConfig)(**policy_entry(name).defaults)
 
 
 def make_policy(name: str, context: PolicyContext[Any]) -> Policy:

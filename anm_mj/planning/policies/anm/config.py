@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from anm_mj.errors import PlanError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.planning.policies.context import PolicyConfig
+from anm_mj.utils.settings import setting
 
 
 @dataclass(frozen=True)
-class AnmConfig:
+class AnmConfig(PolicyConfig):
     """Which surface counts as uncertain, and where the targets before it lie."""
 
     range_m: float = 10.0
@@ -33,11 +33,3 @@ class AnmConfig:
     """The policy decides anew after this many steps."""
     full_rotation_turns: int = 36
     """Turns of the rotation when no target can be reached, of 10 degrees each."""
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "policy", PlanError)

@@ -23,7 +23,7 @@ from anm_mj.planning.connected_components import connected_components
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.anm.config import AnmConfig
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.scan_grid import ScanGrid
+from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -32,7 +32,6 @@ from anm_mj.types import (
     Candidate,
     Observation,
     Plan,
-    Pose2,
     StopReason,
     SurfacePoints,
 )
@@ -41,7 +40,7 @@ from anm_mj.utils.stopwatch import Stopwatch
 EVERYWHERE_M = 1e4
 
 
-class Anm:
+class Anm(ScanPolicy):
     """Drives to the target of highest variance and then chooses anew."""
 
     Config = AnmConfig
@@ -49,14 +48,9 @@ class Anm:
     def __init__(self, context: PolicyContext[AnmConfig]):
         """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
         self.config = context.settings
-        self._grid = ScanGrid(context.footprint, self.config.range_m)
+        super().__init__(context, self.config.range_m)
         self._footprint = context.footprint
-        self._safe_m = context.footprint.radius_m + context.planning.margin_m
         self._looked_around = False
-
-    def observe(self, observation: Observation) -> None:
-        """Take a scan into the policy's own grid."""
-        self._grid.integrate(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The way to the most uncertain piece of surface, up to ``arrived_m`` before its target."""
@@ -88,11 +82,6 @@ class Anm:
             topdown=topdown,
             stage_ms=watch.ms,
         )
-
-    def on_collision(self, pose: Pose2, action: Action) -> None:
-        """Put the obstacle that the scans did not show into the grid."""
-        if action is Action.MOVE_FORWARD:
-            self._grid.block_ahead(pose)
 
     def _candidates(self, surface: SurfacePoints, routes: GridRoutes) -> list[Candidate]:
         """One target per cluster of uncertain surface that a way leads to and that the robot is not at already."""

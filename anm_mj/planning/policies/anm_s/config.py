@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from anm_mj.errors import PlanError
-from anm_mj.utils.settings import check_settings, moved_from, setting
+from anm_mj.planning.policies.context import PolicyConfig
+from anm_mj.utils.settings import moved_from, setting
 
 TARGETS = ("hierarchical", "best-anchored", "random")
 """How the policy chooses: local horizon first, then near to far; the most uncertain region; any unvisited vertex."""
@@ -16,7 +16,7 @@ VISITED_BY = ("sight", "place")
 
 
 @dataclass(frozen=True)
-class AnmSConfig:
+class AnmSConfig(PolicyConfig):
     """How the policy chooses among the graph's vertices, and when it counts one as visited or gives one up."""
 
     target: str = setting("hierarchical", choices=TARGETS)
@@ -49,11 +49,3 @@ class AnmSConfig:
     FORMER_NAMES: ClassVar[dict[str, str]] = {"planning.gain_range_m": "seen_well_m"} | moved_from(
         "planning", "target", "visibility_guidance", "bootstrap_turns", "visited_by", "visited_radius_m"
     )
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "policy", PlanError)

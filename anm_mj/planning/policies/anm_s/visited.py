@@ -1,8 +1,7 @@
-"""Which vertices lie in visited areas: the robot was near, or has seen well from elsewhere all that surrounds them.
+"""Which places the robot was near to, and which vertices it need not visit because it saw what surrounds them.
 
-The graph's vertices lie as far from obstacles as from one another, so what surrounds one is the border that it is
-equidistant to. Once all of that has been seen from as near as counts, and none of it is the unknown, a visit would show
-nothing that a region of interest does not stand for anyway.
+A vertex of the graph is equidistant to the obstacles that surround it. Once the robot saw all of these from near
+enough, and none of the border is unknown, a visit shows nothing new; regions of interest stand for the rest.
 """
 
 from __future__ import annotations
@@ -18,23 +17,6 @@ from anm_mj.planning.policies.anm_s.config import AnmSConfig
 from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
 
 
-def visited(
-    graph: VoronoiGraph,
-    vertices: Int[np.ndarray, " k"],
-    trajectory_xy_m: list[Float[np.ndarray, "2"]],
-    config: AnmSConfig,
-) -> Bool[np.ndarray, " k"]:
-    """Whether the robot has been near vertices, as in the authors' released code.
-
-    Args:
-        graph: the road map.
-        vertices: those asked about.
-        trajectory_xy_m: where the robot has been [m].
-        config: what is near.
-    """
-    return within(graph.vertex_xy_m[vertices], trajectory_xy_m, config.visited_radius_m)
-
-
 def seen_around(
     graph: VoronoiGraph,
     vertices: Int[np.ndarray, " k"],
@@ -44,15 +26,15 @@ def seen_around(
     footprint: Footprint,
     config: AnmSConfig,
 ) -> Bool[np.ndarray, " k"]:
-    """Whether the border that vertices are equidistant to holds nothing unknown and was all seen from near enough.
+    """Whether the border around each vertex holds nothing unknown and was seen from near enough.
 
     Args:
-        graph: the road map.
-        vertices: those asked about.
+        graph: the Voronoi graph.
+        vertices: indices of the vertices.
         topdown: the map that the graph was made from.
-        frontier_xy_m: border of the unknown that matters [m].
-        grid: how near its surface was seen.
-        footprint: heights between which the border must have been seen.
+        frontier_xy_m: border of the unknown that the robot fits into [m].
+        grid: the occupancy, with how near its surface was seen.
+        footprint: its heights are those between which the border must have been seen.
         config: what is near enough.
     """
     seen = np.zeros(len(vertices), bool)
@@ -81,7 +63,7 @@ def num_within(
     """How many of some places are nearer than ``radius_m`` to each point [m]."""
     if not places_xy_m:
         return np.zeros(len(xy_m), np.int64)
-    # A tree, because the trajectory grows with every step; to it, what lies on the rim is within too.
+    # A tree, because the trajectory grows with every step. It includes points on the rim.
     near = KDTree(np.array(places_xy_m)).query_ball_point(xy_m, np.nextafter(radius_m, 0.0), return_length=True)
     return np.asarray(near, np.int64)
 

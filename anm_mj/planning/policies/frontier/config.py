@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from anm_mj.errors import PlanError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.planning.policies.context import PolicyConfig
+from anm_mj.utils.settings import setting
 
 
 @dataclass(frozen=True)
-class FrontierConfig:
+class FrontierConfig(PolicyConfig):
     """How far the policy scans, and when it leaves a frontier for later or gives it up."""
 
     range_m: float = 3.0
@@ -22,11 +22,3 @@ class FrontierConfig:
     """A frontier is out of reach when every place the robot can get to is farther from it than this [m]."""
     given_up_m: float = 0.3
     """Frontiers this near to one that was given up are given up with it [m]."""
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "policy", PlanError)

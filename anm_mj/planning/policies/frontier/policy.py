@@ -28,7 +28,7 @@ from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.frontier.config import FrontierConfig
-from anm_mj.planning.scan_grid import ScanGrid
+from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -36,7 +36,6 @@ from anm_mj.types import (
     FREE,
     TURN_STEP_RAD,
     UNKNOWN,
-    Action,
     Candidate,
     Observation,
     Plan,
@@ -58,7 +57,7 @@ class _Frontier:
     """Cells between it and the robot."""
 
 
-class Frontier:
+class Frontier(ScanPolicy):
     """Goes to the nearest frontier that is at least a metre away."""
 
     Config = FrontierConfig
@@ -66,15 +65,10 @@ class Frontier:
     def __init__(self, context: PolicyContext[FrontierConfig]):
         """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
         self.config = context.settings
-        self._grid = ScanGrid(context.footprint, self.config.range_m)
-        self._safe_m = context.footprint.radius_m + context.planning.margin_m
+        super().__init__(context, self.config.range_m)
         self._goal: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
         """The frontier headed for and the place to see it from [m]."""
         self._given_up_xy_m = np.zeros((0, 2))
-
-    def observe(self, observation: Observation) -> None:
-        """Take a scan into the policy's own grid."""
-        self._grid.integrate(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The way to a frontier; what the neural map knows is not asked."""
@@ -106,11 +100,6 @@ class Frontier:
             f"{frontier.num_cells} cells, {frontier.hops * topdown.resolution_m:.1f} m off"
         )
         return self._go(reason, routes, left, watch)
-
-    def on_collision(self, pose: Pose2, action: Action) -> None:
-        """Put the obstacle that the scans did not show into the grid."""
-        if action is Action.MOVE_FORWARD:
-            self._grid.block_ahead(pose)
 
     def _keep(
         self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"], routes: GridRoutes

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from anm_mj.errors import PlanError
-from anm_mj.utils.settings import check_settings, moved_from, setting
+from anm_mj.planning.policies.context import PolicyConfig
+from anm_mj.utils.settings import moved_from, setting
 
 
 @dataclass(frozen=True)
-class GvgConfig:
+class GvgConfig(PolicyConfig):
     """What the policy expects of views, how it searches for tours, and when it keeps or ends them."""
 
     bootstrap_turns: int = setting(27, at_least=0)
@@ -92,11 +92,3 @@ class GvgConfig:
         *("max_candidates", "tour_depth", "tour_width", "discount_steps", "min_gain_m2", "min_rate_m2"),
         *("poor_target_m2", "patience_targets", "large_gain_m2", "hysteresis", "replan_steps"),
     )
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "policy", PlanError)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.planning.policies.context import NoSettings, PolicyContext
+from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.protocols import Mapper
 from anm_mj.types import Action, Observation, Plan, Pose2
 
@@ -14,7 +14,7 @@ MOVES = (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
 class RandomWalk:
     """Draws every action anew; a blocked move costs its step and changes nothing."""
 
-    def __init__(self, context: PolicyContext[NoSettings]):
+    def __init__(self, context: PolicyContext[PolicyConfig]):
         """Take the seed; the policy has no settings and asks for no body."""
         self._rng = np.random.default_rng(context.seed)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from anm_mj.errors import PlanError
+from anm_mj.planning.policies.context import PolicyConfig
 from anm_mj.types import FORWARD_STEP_M
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import setting
 
 
 @dataclass(frozen=True)
-class UpenConfig:
+class UpenConfig(PolicyConfig):
     """The random tree that the policy grows, and how long it follows a path."""
 
     range_m: float = 10.0
@@ -26,11 +26,3 @@ class UpenConfig:
     the length of a path. After ten steps of 6.5 cm the robot would turn to one path after the other and follow none."""
     max_occupied_probability: float = setting(0.5, at_most=1.0)
     """Paths avoid unknown cells whose mean predicted probability of an obstacle is higher."""
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            PlanError: a value lies outside of its limits.
-        """
-        check_settings(self, "policy", PlanError)

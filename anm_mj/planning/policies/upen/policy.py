@@ -21,6 +21,7 @@ from jaxtyping import Float, Float32, Int8
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.planning.policies.upen.config import UpenConfig
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
@@ -32,7 +33,7 @@ from anm_mj.planning.policies.upen.occupancy_net import (
     predict,
 )
 from anm_mj.planning.rrt import Tree, grow_tree
-from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
+from anm_mj.planning.scan_grid import RESOLUTION_M
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     FORWARD_STEP_M,
@@ -53,7 +54,7 @@ MAX_LOGGED = 20
 """Candidates kept for the plan log."""
 
 
-class Upen:
+class Upen(ScanPolicy):
     """Takes the path along which an ensemble of predictors disagrees most."""
 
     Config = UpenConfig
@@ -67,12 +68,7 @@ class Upen:
         self.config = context.settings
         self._ensemble = load_ensemble(WEIGHTS)
         self._rng = np.random.default_rng([context.seed, 3])
-        self._grid = ScanGrid(context.footprint, self.config.range_m)
-        self._safe_m = context.footprint.radius_m + context.planning.margin_m
-
-    def observe(self, observation: Observation) -> None:
-        """Take a scan into the policy's own grid."""
-        self._grid.integrate(observation)
+        super().__init__(context, self.config.range_m)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path of most disagreement; a random turn where there is no path at all."""
@@ -105,11 +101,6 @@ class Upen:
             topdown=topdown,
             stage_ms=watch.ms,
         )
-
-    def on_collision(self, pose: Pose2, action: Action) -> None:
-        """Put the obstacle that the scans did not show into the grid."""
-        if action is Action.MOVE_FORWARD:
-            self._grid.block_ahead(pose)
 
     def _tree(self, topdown: TopDownMap, pose: Pose2, occupied: Float32[np.ndarray, "rows cols"]) -> Tree:
         """A tree over cells that are clear of obstacles and not thought occupied."""

@@ -2,26 +2,18 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from anm_mj.errors import PlanError
-from anm_mj.frames import wrap_angle
-from anm_mj.planning.paths import ShortestPathTree
 from anm_mj.planning.policies.anm_s.config import TARGETS, AnmSConfig
-from anm_mj.planning.policies.anm_s.policy import AnmS, _own_room, _room_name, _rooms_off, view_headings
+from anm_mj.planning.policies.anm_s.policy import AnmS
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.stages import PlanningState
 from anm_mj.types import (
     Action,
     Footprint,
     Intrinsics,
     Observation,
     Pose2,
-    Region,
     StopReason,
     SurfacePoints,
-    TopDownMap,
-    VoronoiGraph,
 )
 from tests.planning.worlds import room
 
@@ -75,12 +67,12 @@ def test_the_rest_of_the_room_comes_before_the_next_room_and_that_before_farther
     hall.occupancy.seen_range_m[:] = 6.0
     places = np.stack(np.meshgrid(np.arange(0.6, 12.2, 0.6), np.arange(0.6, 7.2, 0.6)), axis=-1).reshape(-1, 2)
     in_hall = places[:, 1] < 3.2
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0)))
 
     def plan_after_visiting(which):
         for place in places[which]:
-            policy._stages.topdown.visit(place)
-        policy._target_xy_m = None
+            policy.stages.topdown.visit(place)
+        policy.targets.clear()
         return policy.plan(hall, observation(1.5, 1.7))
 
     rest = plan_after_visiting(in_hall & (places[:, 0] < 5.0))
@@ -97,40 +89,11 @@ def test_the_rest_of_the_room_comes_before_the_next_room_and_that_before_farther
     assert last.target_xy_m[0] > 5.0
 
 
-def situation(room, distance_m):
-    """What anm-s reads of rooms: that of each vertex, and how far each is."""
-    num = len(room)
-    graph = VoronoiGraph(np.zeros((num, 2)), np.ones(num), np.zeros((0, 2), np.int64), np.zeros(0))
-    topdown = TopDownMap(np.ones((1, 1), np.float32), np.zeros((1, 1), np.int8), 0.05, np.zeros(2))
-    pose = Pose2(0.0, 0.0, 0.0)
-    reach = ShortestPathTree(np.array(distance_m, float), [], {}, graph, topdown, 0.22, pose)
-    return PlanningState(pose, topdown, graph, reach, (), 1.25, room=np.array(room, np.int64))
-
-
-def test_the_robots_own_room_is_the_one_it_reaches_first_and_no_other_is_nearer():
-    now = situation([0, 1, 1, -1], [5.0, 1.0, 9.0, 2.0])
-    assert _own_room(now) == 1
-    assert _rooms_off(now, np.arange(4)).tolist() == [5.0, 0.0, 0.0, 2.0]
-    assert [_room_name(now, vertex) for vertex in (0, 2, 3)] == ["room 0", "the rest of the room", "a nook"]
-
-
-def test_from_a_nook_other_nooks_are_as_far_as_they_are():
-    now = situation([0, -1, -1], [3.0, 4.0, 0.5])
-    assert _own_room(now) == -1
-    assert _rooms_off(now, np.arange(3)).tolist() == [3.0, 4.0, 0.5]
-    assert _room_name(now, 1) == "a nook"
-
-
-@pytest.mark.parametrize("room", [[], [0, 1]])
-def test_a_robot_that_reaches_no_vertex_is_in_no_room(room):
-    assert _own_room(situation(room, [np.inf] * len(room))) == -1
-
-
 def test_rooms_are_looked_for_where_vertices_are_ordered_by_them_alone():
     world = two_rooms()
     for target in TARGETS:
-        policy = AnmS(PolicyContext(BODY, AnmSConfig(target=target), seed=0))
-        now = policy._stages.read(world, observation(1.0, 1.7))
+        policy = AnmS(PolicyContext(BODY, AnmSConfig(target=target)))
+        now = policy.stages.read(world, observation(1.0, 1.7))
         assert set(now.room) == ({0, 1} if target == "hierarchical" else {-1})
         assert list(now.watch.ms) == ["topdown", "graph", "paths", "rooms", "regions"]
 
@@ -154,7 +117,7 @@ def test_the_bootstrap_is_one_full_turn_and_can_be_left_out():
 def test_a_place_without_any_way_out_ends_the_run():
     walls = [(0.7, 1.4, 0.8, 2.0), (1.2, 1.4, 1.3, 2.0), (0.7, 1.4, 1.3, 1.5), (0.7, 1.9, 1.3, 2.0)]
     world = room(4, 3, boxes=walls)
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0)))
     assert len(policy.plan(world, observation(1.0, 1.7)).actions) == 36
     end = policy.plan(world, observation(1.0, 1.7))
     assert end.stop is StopReason.NO_REACHABLE_TARGET
@@ -162,7 +125,7 @@ def test_a_place_without_any_way_out_ends_the_run():
 
 
 def test_where_there_is_no_room_for_any_graph_the_run_ends_too():
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0)))
     cell = room(0.3, 0.3)
     assert len(policy.plan(cell, observation(0.35, 0.35)).actions) == 36
     assert policy.plan(cell, observation(0.35, 0.35)).stop is StopReason.NO_REACHABLE_TARGET
@@ -171,10 +134,10 @@ def test_where_there_is_no_room_for_any_graph_the_run_ends_too():
 def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_ends():
     world = two_rooms()
     world.occupancy.seen_range_m[:] = 2.0
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0)))
     for x in np.arange(0.6, 8.0, 0.5):
         for y in np.arange(0.6, 3.0, 0.5):
-            policy._stages.topdown.visit(np.array([x, y]))
+            policy.stages.topdown.visit(np.array([x, y]))
     around = policy.plan(world, observation(1.0, 1.7))
     assert len(around.actions) == 36
     end = policy.plan(world, observation(1.0, 1.7))
@@ -184,10 +147,10 @@ def test_when_everything_was_visited_the_robot_looks_around_once_and_the_run_end
 
 def test_a_door_that_was_passed_and_not_looked_through_is_gone_to_before_the_run_ends():
     world = room(8, 3, boxes=WALL, unknown=[(4.3, 0.2, 8.2, 3.2)])
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0)))
     for x in np.arange(0.6, 3.6, 0.5):
         for y in np.arange(0.6, 3.0, 0.5):
-            policy._stages.topdown.visit(np.array([x, y]))
+            policy.stages.topdown.visit(np.array([x, y]))
 
     plan = policy.plan(world, observation(1.0, 1.7))
 
@@ -196,34 +159,6 @@ def test_a_door_that_was_passed_and_not_looked_through_is_gone_to_before_the_run
     assert 2.5 < plan.target_xy_m[0] < 4.3
     assert len(plan.headings_rad) == 1
     assert abs(plan.headings_rad[0]) < math.radians(45)
-
-
-def test_a_target_that_comes_and_goes_is_given_up():
-    world = two_rooms()
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
-    fickle = policy.plan(world, observation(1.0, 1.7)).target_xy_m
-    assert fickle is not None
-    for _ in range(3):
-        policy._turned_from_xy_m.append(fickle)
-
-    again = policy.plan(world, observation(1.0, 1.7)).target_xy_m
-
-    assert again is not None
-    assert math.dist(again, fickle) >= 0.3
-
-
-def test_a_target_that_the_robot_turns_from_on_the_way_is_noted():
-    world = two_rooms()
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
-    first = policy.plan(world, observation(1.0, 1.7)).target_xy_m
-    assert first is not None
-    policy._failed_xy_m += [first, first]
-
-    other = policy.plan(world, observation(1.0, 1.7)).target_xy_m
-
-    assert other is not None
-    assert math.dist(other, first) > 1.0
-    assert np.allclose(policy._turned_from_xy_m, [first])
 
 
 def test_vertices_whose_surroundings_were_seen_from_elsewhere_come_last():
@@ -245,7 +180,7 @@ def test_by_place_only_where_the_robot_was_is_visited():
 
 def test_a_target_is_kept_until_it_has_been_reached():
     world = two_rooms()
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored")))
     far = policy.plan(world, observation(1.0, 1.7)).target_xy_m
     policy.config = replace(policy.config, target="hierarchical")
     again = policy.plan(world, observation(1.6, 1.7)).target_xy_m
@@ -254,9 +189,23 @@ def test_a_target_is_kept_until_it_has_been_reached():
     assert np.allclose(far, again)
 
 
+def test_a_target_that_the_robot_turns_from_three_times_is_given_up():
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored")))
+    first = policy.plan(two_rooms(), observation(1.0, 1.7)).target_xy_m
+    for _ in range(3):
+        policy.targets.choose(first, (), unvisited=True)
+        policy.targets.drop_for(first + 2.0, Pose2(1.0, 1.7, 0.0))
+    policy.targets.clear()
+
+    again = policy.plan(two_rooms(), observation(1.0, 1.7)).target_xy_m
+
+    assert again is not None
+    assert math.dist(again, first) >= 0.3
+
+
 def test_a_target_that_was_blocked_comes_last_and_is_given_up_at_the_second_time():
     world = two_rooms()
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored")))
     targets = []
     while (target := policy.plan(world, observation(1.0, 1.7)).target_xy_m) is not None:
         targets.append(tuple(target.tolist()))
@@ -267,39 +216,10 @@ def test_a_target_that_was_blocked_comes_last_and_is_given_up_at_the_second_time
 
 def test_a_region_is_looked_at_once():
     world = two_rooms()
-    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored"), seed=0))
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, target="best-anchored")))
     plan = policy.plan(world, observation(1.0, 1.7))
     assert len(plan.headings_rad) == 1 or len(plan.regions) == 1
     x, y = plan.path_xy_m[-1].tolist()
     policy.observe(observation(x, y))
     after = policy.plan(world, observation(x, y))
     assert len(after.regions) < len(plan.regions)
-
-
-@pytest.mark.parametrize(("bearing_deg", "num_turns"), [(0, 0), (25, 0), (80, 1), (-80, 1), (180, 1)])
-def test_the_robot_turns_no_farther_than_until_a_region_is_well_in_view(bearing_deg, num_turns):
-    bearing = math.radians(bearing_deg)
-    centre = np.array([2 * math.cos(bearing), 2 * math.sin(bearing), 1.0])
-    headings = view_headings((Region(centre, np.array([-1.0, 0, 0]), 9, 5.0, 0),), np.zeros(2), 0.0)
-    assert len(headings) == num_turns
-    if headings:
-        assert abs(wrap_angle(bearing - headings[-1])) == pytest.approx(math.radians(30))
-        assert abs(headings[-1]) < abs(bearing)
-
-
-def test_regions_on_one_side_are_taken_in_by_one_sweep_that_ends_when_the_last_is_well_in_view():
-    places = [(0.0, 2.0), (0.5, 2.0), (-0.5, 2.0)]
-    regions = tuple(Region(np.array([*xy, 1.0]), np.array([0, -1.0, 0]), 9, 5.0, 0) for xy in places)
-    headings = view_headings(regions, np.zeros(2), 0.0)
-    assert list(headings) == sorted(headings)
-    assert headings[-1] == pytest.approx(math.atan2(2.0, -0.5) - math.radians(30))
-
-
-def test_an_unknown_way_of_visiting_is_refused():
-    with pytest.raises(PlanError, match="sight"):
-        AnmSConfig(visited_by="hearsay")
-
-
-def test_an_unknown_way_to_choose_is_refused():
-    with pytest.raises(PlanError, match="hierarchical"):
-        AnmSConfig(target="nearest")

@@ -1,0 +1,108 @@
+import ast
+from pathlib import Path
+
+import pytest
+
+import anm_mj
+from anm_mj.errors import PlanError
+from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
+from anm_mj.planning.policies.registry import (
+    DEFAULT_POLICY,
+    POLICIES,
+    default_settings,
+    make_policy,
+    needs_truth,
+    policy_class,
+)
+from anm_mj.protocols import Policy
+from anm_mj.types import Footprint
+
+PACKAGE = Path(anm_mj.__file__).parent
+OTHER_MEANINGS = {
+    ("mapping/config.py", "anm"),  # A mapping preset.
+    ("evaluation/oracle/cache.py", "oracle"),  # A folder of the cache.
+    ("planning/policies/anm_s/config.py", "random"),  # A way to choose a target.
+    ("planning/policies/anm_s/candidates.py", "random"),
+    ("planning/policies/anm_s/ordering.py", "random"),
+    ("planning/policies/anm_s/policy.py", "random"),
+}
+BODY = Footprint(0.18, 0.05, 1.35)
+
+
+class Own:
+    """A user's policy, with settings of its own."""
+
+    def __init__(self, context):
+        self.context = context
+
+    def observe(self, observation): ...
+
+    def plan(self, mapper, observation): ...
+
+    def on_collision(self, pose, action): ...
+
+
+class Unmakeable(Own):
+    def __init__(self):
+        pass
+
+
+class Lacking:
+    def plan(self, mapper, observation): ...
+
+
+def test_no_policy_name_stands_outside_of_the_registry():
+    found = {
+        (str(path.relative_to(PACKAGE)), node.value)
+        for path in PACKAGE.rglob("*.py")
+        if path.name != "registry.py"
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in POLICIES
+    }
+    assert found <= OTHER_MEANINGS
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_every_policy_has_settings_of_its_own_class(name):
+    assert isinstance(default_settings(name), PolicyConfig)
+
+
+@pytest.mark.parametrize("name", [name for name in POLICIES if not needs_truth(name)])
+def test_every_policy_is_made_from_a_context(name):
+    assert isinstance(make_policy(name, PolicyContext(BODY, default_settings(name))), Policy)
+
+
+def test_the_default_policy_is_registered():
+    assert DEFAULT_POLICY in POLICIES
+
+
+def test_a_policy_that_needs_the_truth_says_so_when_it_is_not_told():
+    (name,) = filter(needs_truth, POLICIES)
+    with pytest.raises(PlanError, match="true scene"):
+        make_policy(name, PolicyContext(BODY, default_settings(name)))
+
+
+def test_names_of_one_class_differ_by_their_defaults():
+    assert policy_class("frontier-full") is policy_class("frontier")
+    assert default_settings("frontier-full").range_m > default_settings("frontier").range_m
+
+
+def test_a_class_of_the_users_own_needs_no_entry():
+    name = f"{__name__}:Own"
+    assert isinstance(default_settings(name), PolicyConfig)
+    assert make_policy(name, PolicyContext(BODY, default_settings(name), seed=3)).context.seed == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("greedy", "frontier-full"),
+        ("no_such_module:Policy", "cannot be imported"),
+        (f"{__name__}:Nothing", "no class 'Nothing'"),
+        (f"{__name__}:Lacking", "observe, on_collision"),
+        (f"{__name__}:Unmakeable", "PolicyContext"),
+    ],
+)
+def test_what_is_no_policy_is_refused_with_the_reason(name, said):
+    with pytest.raises(PlanError, match=said):
+        make_policy(name, PolicyContext(BODY, PolicyConfig()))

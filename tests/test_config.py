@@ -1,0 +1,113 @@
+import json
+import re
+from dataclasses import asdict
+
+import pytest
+
+from anm_mj.config import ConfigError, RunConfig, make_config, read_config
+from anm_mj.errors import PlanError
+
+
+def config_with(*settings, preset="default", **options):
+    return make_config(preset, list(settings), scene="home", **options)
+
+
+def written(config):
+    """The content of ``config.json``."""
+    return json.loads(json.dumps(asdict(config)))
+
+
+def test_settings_reach_the_configuration():
+    config = config_with("planning.margin_m=0.06", "mapping.schedule.iterations=3", "policy.tour_depth=6")
+    assert config.planning.margin_m == 0.06
+    assert config.mapping.schedule.iterations == 3
+    assert config.policy_settings.tour_depth == 6
+
+
+def test_settings_leave_the_rest_of_the_preset_alone():
+    config = config_with("mapping.schedule.iterations=3", preset="quick")
+    assert config.mapping.field == config_with(preset="quick").mapping.field
+
+
+@pytest.mark.parametrize("text", ["false", "False", "FALSE"])
+def test_booleans_are_read_in_any_case(text):
+    config = config_with(f"policy.visibility_guidance={text}", policy="anm-s")
+    assert config.policy_settings.visibility_guidance is False
+
+
+def test_settings_whose_limits_depend_on_one_another_may_come_in_any_order():
+    config = config_with("mapping.occupancy.hit=100", "mapping.occupancy.limit=120")
+    assert (config.mapping.occupancy.hit, config.mapping.occupancy.limit) == (100, 120)
+
+
+@pytest.mark.parametrize(
+    ("policy", "former", "present"),
+    [
+        ("gvg", "planning.tour_depth=6", "policy.tour_depth=6"),
+        ("gvg", "planning.lull_share=0.2", "policy.stagnation_share=0.2"),
+        ("gvg", "planning.lull_gain_m2=3.0", "policy.stagnation_gain_m2=3.0"),
+        ("gvg", "planning.news_m2=2.0", "policy.replan_gain_m2=2.0"),
+        ("gvg", "planning.keep_decisions=4", "policy.max_plan_reuse=4"),
+        ("gvg", "planning.gvg_bootstrap_turns=9", "policy.bootstrap_turns=9"),
+        ("anm-s", "planning.bootstrap_turns=9", "policy.bootstrap_turns=9"),
+        ("anm-s", "planning.target=random", "policy.target=random"),
+        ("anm-s", "planning.gain_range_m=3.0", "policy.seen_well_m=3.0"),
+    ],
+)
+def test_a_former_name_of_a_setting_is_accepted(policy, former, present):
+    assert config_with(former, policy=policy) == config_with(present, policy=policy)
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("planning.margin=0.1", "did you mean planning.margin_m"),
+        ("tour_depht=3", "did you mean policy.tour_depth"),
+        ("margin_m=0.1", "did you mean planning.margin_m"),
+        ("planning.xyz=1", "there are planning.margin_m, planning.sdf"),
+        ("planning=1", "no such setting"),
+        ("policy_settings=1", "no such setting"),
+        ("planning.margin_m.x=1", "no such setting"),
+        ("policy.bootstrap_turns=all", "not of type int"),
+        ("policy=random", "use --policy random"),
+    ],
+)
+def test_a_wrong_setting_is_refused_with_what_would_be_right(setting, said):
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        config_with(setting)
+
+
+def test_a_value_beyond_the_limits_is_refused():
+    with pytest.raises(PlanError, match=r"policy\.max_candidates is 0; it must be a number above zero"):
+        config_with("policy.max_candidates=0")
+
+
+def test_a_policy_brings_the_mapping_preset_that_it_needs():
+    assert config_with(policy="anm").mapping.engine == "mlp"
+    with pytest.raises(ConfigError, match="own kind"):
+        config_with(preset="quick", policy="anm")
+
+
+def test_a_policy_brings_the_uncertainty_that_it_needs_unless_told_otherwise():
+    assert config_with(policy="anm-s").mapping.uncertainty == config_with(preset="paper").mapping.uncertainty
+    assert config_with().mapping.uncertainty != config_with(preset="paper").mapping.uncertainty
+    told = config_with("mapping.uncertainty.method=closed_form", policy="anm-s")
+    assert told.mapping.uncertainty.method == "closed_form"
+
+
+@pytest.mark.parametrize("policy", ["gvg", "anm-s", "anm", "random"])
+def test_a_configuration_is_read_back_as_it_was_written(policy):
+    config = config_with("planning.margin_m=0.06", policy=policy, start=(1.0, 2.0, 90.0), steps=7, image_px=64)
+    assert read_config(written(config)) == config
+
+
+def test_a_configuration_of_an_older_version_is_read():
+    old = written(config_with(seed=4))
+    del old["policy_settings"]
+    # Settings of all policies stood in one place, under other names.
+    old["planning"] |= {"gvg_bootstrap_turns": 20, "bootstrap_turns": 36, "lull_share": 0.2, "target": "random"}
+    assert read_config(old) == config_with("policy.bootstrap_turns=20", "policy.stagnation_share=0.2", seed=4)
+
+
+def test_the_policys_settings_are_its_defaults_where_none_are_given():
+    assert RunConfig("home").policy_settings == config_with().policy_settings

@@ -1,0 +1,46 @@
+from dataclasses import dataclass
+
+import pytest
+
+from anm_mj.utils.settings import check_settings, moved_from, setting
+
+
+@dataclass(frozen=True)
+class Example:
+    plain: float = 1.0
+    share: float = setting(0.5, at_least=0.0, at_most=1.0)
+    percentile: float = setting(50.0, below=100.0)
+    turns: int = setting(1, above=0)
+    way: str = setting("left", choices=("left", "right"))
+    name: str = "any"
+    on: bool = False
+
+
+def test_defaults_are_within_their_limits():
+    check_settings(Example(), "example", ValueError)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({"plain": 0.0}, "example.plain is 0.0; it must be a number above zero."),
+        ({"plain": float("nan")}, "above zero"),
+        ({"plain": float("inf")}, "above zero"),
+        ({"share": 1.5}, "at least 0 and at most 1"),
+        ({"share": -0.5}, "at least 0 and at most 1"),
+        ({"percentile": 100.0}, "above zero and below 100"),
+        ({"way": "up"}, "example.way is 'up'; it must be one of left, right."),
+    ],
+)
+def test_a_value_beyond_the_limits_is_named_with_them(value, said):
+    with pytest.raises(ValueError, match=said):
+        check_settings(Example(**value), "example", ValueError)
+
+
+def test_a_limit_may_be_reached_where_it_is_included():
+    check_settings(Example(share=0.0), "example", ValueError)
+    check_settings(Example(share=1.0), "example", ValueError)
+
+
+def test_settings_that_moved_keep_their_names():
+    assert moved_from("old", "a", "b") == {"old.a": "a", "old.b": "b"}
