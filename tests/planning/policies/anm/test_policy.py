@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.config import ConfigError, make_config
 from anm_mj.planning.policies.anm.config import AnmConfig
 from anm_mj.planning.policies.anm.policy import Anm, _cut_end
 from anm_mj.planning.policies.context import PolicyContext
@@ -73,9 +72,3 @@ def test_a_way_is_cut_across_its_legs():
 
     np.testing.assert_allclose(_cut_end(way, 0.8), [[0.0, 0.0], [0.7, 0.0]])
     np.testing.assert_allclose(_cut_end(way, 9.0), [[0.0, 0.0]])
-
-
-def test_the_policy_brings_its_own_map_and_refuses_another():
-    assert make_config("default", [], scene="home", policy="anm").mapping.engine == "mlp"
-    with pytest.raises(ConfigError, match="--preset is 'quick', but policy anm has a map of its own"):
-        make_config("quick", [], scene="home", policy="anm")
