@@ -97,8 +97,8 @@ def measure(scene: Scene, steps: int) -> list[Row]:
     import mujoco
 
     from anm_mj.scene.build import build_spec
-    from anm_mj.sim.camera import RgbdCamera
-    from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
+    from anm_mj.sim.gl_camera import GlCamera
+    from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
     from anm_mj.utils.raycast import embree_installed
 
     spec = build_spec(scene)
@@ -110,10 +110,10 @@ def measure(scene: Scene, steps: int) -> list[Row]:
     data = mujoco.MjData(model)
     size = (model, "eye", IMAGE_PX, IMAGE_PX)
     ways = {
-        "GL, everything": lambda: RgbdCamera(*size, cull_face=scene.cull_face, cull_hidden=False),
-        "GL, culled": lambda: RgbdCamera(*size, cull_face=scene.cull_face, cull_hidden=True),
-        "GL, both sides": lambda: RgbdCamera(*size, cull_face=False),
-        "MuJoCo's rays": lambda: RayCamera(*size),
+        "GL, everything": lambda: GlCamera(*size, cull_face=scene.cull_face, cull_hidden=False),
+        "GL, culled": lambda: GlCamera(*size, cull_face=scene.cull_face, cull_hidden=True),
+        "GL, both sides": lambda: GlCamera(*size, cull_face=False),
+        "MuJoCo's rays": lambda: MujocoRayCamera(*size),
     }
     if embree_installed():
         ways["Embree"] = lambda: EmbreeCamera(*size)

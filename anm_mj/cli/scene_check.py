@@ -49,24 +49,24 @@ def _scene_check(parsed: argparse.Namespace) -> int:
 
     views = SceneViews(scene, backend)
     poses = _poses(check)
-    sides = views.sides(poses)
-    if sides is None:
+    backfaces = views.check_backfaces(poses)
+    if backfaces is None:
         console.print("one-sided walls: not looked for, because nothing can be drawn here", soft_wrap=True)
     else:
-        mended = sides.one_sided_share > _MAX_ONE_SIDED and disable_backface_culling(scene)
+        mended = backfaces.changed_fraction > _MAX_ONE_SIDED and disable_backface_culling(scene)
         if mended:
             scene = replace(scene, cull_face=False)
             views = SceneViews(scene, backend)
         says = " (mended: both sides are drawn from now on)" if mended else ""
         drawn = "front sides are" if scene.cull_face else "both sides are"
         console.print(
-            f"one-sided walls: leaving out back sides would change {sides.one_sided_share:.2%} of the picture; "
-            f"{drawn} drawn{says}\ncamera: {sides.exact_share:.3%} of pixels within 1 mm of an exact ray",
+            f"one-sided walls: leaving out back sides would change {backfaces.changed_fraction:.2%} of the picture; "
+            f"{drawn} drawn{says}\ncamera: {backfaces.exact_fraction:.3%} of pixels within 1 mm of an exact ray",
             highlight=False,
             soft_wrap=True,
         )
     out = parsed.out or Path(f"{scene.folder.resolve().name}_check.png")
-    write_sheet(check, views.from_above(), views.from_within(poses[:6]), out)
+    write_sheet(check, views.top_view(), views.interior_views(poses[:6]), out)
     console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
     for problem in check.problems:
         Console(stderr=True).print(f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)

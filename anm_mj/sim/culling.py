@@ -1,9 +1,9 @@
-"""Leaves out what a camera cannot see, without changing one bit of its picture.
+"""Frustum and occlusion culling with bit-identical images.
 
-A software renderer spends its time on triangles, not on pixels, so two kinds of meshes are not handed to it: those
-outside the field of view, and those behind what is in front. The second kind is guessed from the last pictures and
-then proved with the new one: a mesh was rightly left out if the whole box about it lies behind the depth that was
-drawn without it. If one was not, it is added and the picture is drawn again. So a wrong guess costs time only.
+A software renderer spends its time on triangles, not on pixels, so it gets neither meshes outside the field of view nor
+occluded ones. Earlier images predict occlusion, and the depth of the new image verifies it: a skipped mesh is occluded
+if its whole bounding box lies behind the depth without the mesh. If one is not, it is added and the image is rendered
+again, so a wrong prediction only costs time.
 """
 
 from __future__ import annotations
@@ -16,45 +16,45 @@ from anm_mj.scene.chunks import MIN_TRIANGLES
 from anm_mj.types import Intrinsics
 
 _BLOCK_PX = 8
-"""Side of the blocks of pixels that the farthest depth is kept for [px]."""
+"""Side of the pixel blocks of the table of farthest depths [px]."""
 _GUARD_PX = 8
-"""A mesh is taken for hidden in the next picture if it would stay so when shifted by this much [px]."""
+"""Prediction: a mesh stays occluded in the next image if a shift by this much would not reveal it [px]."""
 _STALE_M = 0.3
-"""How far the camera may go before what it knows of hidden meshes is forgotten [m]."""
+"""Camera motion after which a prediction of occlusion expires [m]."""
 _DEPTH_MARGIN = 1e-4
-"""A box must lie this much behind what hides it, in relation to its depth: ten times the error of a depth buffer."""
+"""Least distance of a box behind its occluder, relative to its depth: ten times the error of a depth buffer."""
 
 
-def worth_culling(model: mujoco.MjModel) -> bool:
-    """True if a model has so many triangles that choosing among them takes less time than it saves."""
+def is_worth_culling(model: mujoco.MjModel) -> bool:
+    """True if a model has enough triangles for culling to save time."""
     meshes = model.geom_dataid[model.geom_type == mujoco.mjtGeom.mjGEOM_MESH]
     return int(model.mesh_facenum[meshes].sum()) >= MIN_TRIANGLES
 
 
 class Culling:
-    """Chooses which of a model's meshes a camera has to draw."""
+    """Selects the meshes that a camera must render."""
 
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics, groups: tuple[int, ...], *, znear_m: float):
-        """Measure the meshes that stand still; all others are always drawn.
+        """Compute bounding boxes of the static meshes; all other geoms are always rendered.
 
         Args:
-            model: its meshes and their places must stay as they are.
+            model: its meshes and their poses must not change.
             intrinsics: of the camera.
-            groups: geom groups that the camera draws.
-            znear_m: what is nearer is clipped away [m].
+            groups: visible geom groups.
+            znear_m: distance of the near plane [m].
         """
         still = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid] == 0)
         self._geoms = np.flatnonzero(still & np.isin(model.geom_group, groups))
         self._corners_m = _box_corners(model, self._geoms)
         self._intrinsics = intrinsics
         self._znear_m = znear_m
-        # What is seen through glass is not hidden by it.
+        # Glass occludes nothing.
         self._opaque = not _has_glass(model, self._geoms)
         self._hidden = np.zeros(len(self._geoms), dtype=bool)
         self._judged_at_m = np.zeros((len(self._geoms), 3))
 
-    def begin(self, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
-        """Project all meshes for a new picture and guess which are needed.
+    def start_image(self, T_world_camera: Float[np.ndarray, "4 4"]) -> None:
+        """Project all meshes into a new image and predict the occluded ones.
 
         Args:
             T_world_camera: Camera to world; camera axes x right, y down, z forward.
@@ -63,7 +63,7 @@ class Culling:
         corners = (self._corners_m - self._position_m) @ T_world_camera[:3, :3]
         z = corners[:, :, 2]
         k = self._intrinsics
-        # Half a pixel more than the picture, so that no rounding can decide.
+        # Half a pixel more than the image, against rounding errors.
         right, left = (k.width - k.cx + 0.5) / k.fx, (k.cx + 0.5) / k.fx
         down, up = (k.height - k.cy + 0.5) / k.fy, (k.cy + 0.5) / k.fy
         x, y = corners[:, :, 0], corners[:, :, 1]
@@ -76,33 +76,33 @@ class Culling:
         with np.errstate(divide="ignore", invalid="ignore"):
             u, v = k.fx * x / z + k.cx, k.fy * y / z + k.cy
         extent_px = np.stack([u.min(axis=1), v.min(axis=1), u.max(axis=1), v.max(axis=1)], axis=1)
-        # A box about the camera may show up anywhere.
+        # A box that contains the camera may appear anywhere.
         extent_px[~whole] = (0.0, 0.0, k.width, k.height)
         self._extent_px = np.clip(extent_px, -1e6, 1e6)
         moved_m = np.abs(self._judged_at_m - self._position_m).max(axis=1)
-        self._left_out = self._in_view & self._hidden & (moved_m < _STALE_M)
+        self._skipped = self._in_view & self._hidden & (moved_m < _STALE_M)
 
-    def not_drawn(self) -> Int[np.ndarray, " n"]:
-        """Ids of the geoms that need not be drawn now."""
-        return self._geoms[~self._in_view | self._left_out]
+    def skipped_geoms(self) -> Int[np.ndarray, " n"]:
+        """Ids of the geoms to skip in this image."""
+        return self._geoms[~self._in_view | self._skipped]
 
     def accept(self, depth_m: Float32[np.ndarray, "h w"]) -> bool:
-        """True if a picture is right although it was drawn without some meshes; else they are to be drawn after all.
+        """Verify an image; False if some skipped meshes may be visible, which ``skipped_geoms`` then omits.
 
         Args:
-            depth_m: Planar z of the picture; NaN where nothing was hit.
+            depth_m: planar z of the image [m]; NaN without a hit.
         """
         if not self._opaque:
             return True
         in_view = np.flatnonzero(self._in_view)
         farthest = _FarthestDepth(depth_m)
         nearest_m = self._nearest_m[in_view] * (1.0 - _DEPTH_MARGIN)
-        left_out = self._left_out[in_view]
-        if left_out.any():
-            members = in_view[left_out]
-            missing = members[nearest_m[left_out] <= farthest.within(self._extent_px[members], margin_px=1)]
+        skipped = self._skipped[in_view]
+        if skipped.any():
+            members = in_view[skipped]
+            missing = members[nearest_m[skipped] <= farthest.within(self._extent_px[members], margin_px=1)]
             if len(missing):
-                self._left_out[missing] = False
+                self._skipped[missing] = False
                 return False
         self._hidden[in_view] = nearest_m > farthest.within(self._extent_px[in_view], margin_px=_GUARD_PX)
         self._judged_at_m[in_view] = self._position_m
@@ -110,10 +110,10 @@ class Culling:
 
 
 class _FarthestDepth:
-    """Answers for many rectangles at once how far their farthest pixel is."""
+    """Farthest depth within many image rectangles at once."""
 
     def __init__(self, depth_m: Float32[np.ndarray, "h w"]):
-        """Build tables of maxima over blocks of 2^i by 2^j cells (a sparse table)."""
+        """Build a sparse table: maxima over blocks of 2^i by 2^j cells."""
         height, width = depth_m.shape
         rows, cols = -(-height // _BLOCK_PX), -(-width // _BLOCK_PX)
         padded = np.full((rows * _BLOCK_PX, cols * _BLOCK_PX), -np.inf, dtype=np.float32)
@@ -124,7 +124,7 @@ class _FarthestDepth:
         self._tables = np.array([_doubled(level, axis=1) for level in _doubled(cells, axis=0)])
 
     def within(self, extent_px: Float64[np.ndarray, "n 4"], margin_px: int) -> Float32[np.ndarray, " n"]:
-        """The farthest depth within u_min, v_min, u_max, v_max and a margin [m]; -inf outside the picture."""
+        """The farthest depth within u_min, v_min, u_max, v_max and a margin [m]; -inf outside the image."""
         rows, cols = self._shape
         first_col = np.floor((extent_px[:, 0] - margin_px) / _BLOCK_PX).astype(np.int64)
         first_row = np.floor((extent_px[:, 1] - margin_px) / _BLOCK_PX).astype(np.int64)
@@ -143,7 +143,7 @@ class _FarthestDepth:
 
 
 def _doubled(cells: Float32[np.ndarray, "r c"], axis: int) -> list[Float32[np.ndarray, "r c"]]:
-    """Maxima over 1, 2, 4, ... cells along an axis, beginning at each; garbage where they would stick out."""
+    """Maxima over 1, 2, 4, ... cells along an axis from each cell on; undefined beyond the border."""
     levels = [cells]
     while 2 ** len(levels) <= cells.shape[axis]:
         last = levels[-1]
@@ -157,18 +157,18 @@ def _log2(counts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def _box_corners(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Float64[np.ndarray, "n 8 3"]:
-    """Corners in the world of the boxes about geoms that stand still [m]."""
+    """Corners of the bounding boxes of static geoms, world [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     signs = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
     boxes = model.geom_aabb[geoms]
-    # A little larger, because GL places vertices in single precision.
+    # Slightly enlarged: GL transforms vertices in single precision.
     local = boxes[:, None, :3] + signs * (boxes[:, None, 3:] + 1e-4)
     return np.einsum("nij,nkj->nki", data.geom_xmat[geoms].reshape(-1, 3, 3), local) + data.geom_xpos[geoms][:, None]
 
 
 def _has_glass(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> bool:
-    """True if any of the geoms, or a texture of the model, may be seen through."""
+    """True if a geom or a texture of the model may be transparent."""
     materials = model.geom_matid[geoms]
     opacity = np.where(materials >= 0, model.mat_rgba[materials, 3] if model.nmat else 1.0, model.geom_rgba[geoms, 3])
     return bool((opacity < 1.0).any() or (model.tex_nchannel == 4).any())

@@ -1,8 +1,8 @@
-"""Chooses the GL back-end that pictures are made with, before mujoco is imported for the first time.
+"""Selects the GL back-end before the first import of mujoco.
 
-mujoco reads MUJOCO_GL when it is imported and cannot change its mind afterwards, and a back-end whose library is
-missing makes that import fail with an AttributeError. So each candidate is tried in a process of its own, and this
-module must not import mujoco.
+mujoco reads MUJOCO_GL at its import and ignores later changes; if the back-end's library is missing, the import fails
+with an AttributeError. Therefore each candidate is tested in a process of its own, and this module must not import
+mujoco.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _logger = logging.getLogger(__name__)
 
 _CANDIDATES = {"Linux": ("egl", "osmesa"), "Darwin": ("cgl",), "Windows": ("wgl",)}
 _OFF = ("disable", "disabled", "off", "false", "0")
-"""Values of MUJOCO_GL with which mujoco simulates but makes no pictures."""
+"""Values of MUJOCO_GL that disable rendering in mujoco."""
 _PROBE_TIMEOUT_S = 60.0
 _ADVICE = (
     "Install one: `apt install libegl1 libgl1-mesa-dri` (for egl) or `apt install libosmesa6` (for osmesa), "
@@ -36,30 +36,29 @@ _ADVICE = (
 
 @dataclass(frozen=True)
 class GlBackend:
-    """The back-end that pictures are made with."""
+    """The selected back-end."""
 
     name: str
-    """The value of MUJOCO_GL; "off" when none works, or the user wants none."""
+    """The value of MUJOCO_GL; "off" if none works or the user disables GL."""
     renderer_string: str
-    """What GL calls itself (GL_RENDERER): tells a GPU from the software renderer llvmpipe; empty when off."""
+    """GL_RENDERER, which distinguishes a GPU from a software renderer such as llvmpipe; empty when off."""
     attempts: tuple[tuple[str, str], ...]
-    """Each back-end that was tried and does not work here, with the last line of its error."""
+    """Name and error of each candidate that failed."""
 
 
 @functools.cache
 def select_backend() -> GlBackend:
     """The GL back-end of this process; sets MUJOCO_GL accordingly.
 
-    Call it before the first ``import mujoco``. A MUJOCO_GL set by the user is respected: that back-end is tried alone.
-    Otherwise egl is tried first (a GPU, if there is one), then osmesa. A back-end that worked is remembered in the
-    user's cache folder for this machine and this version of mujoco, so that only the first call ever takes seconds.
+    Call it before the first ``import mujoco``. If the user sets MUJOCO_GL, only that back-end is tested; otherwise egl
+    (a GPU, if there is one), then osmesa. The user's cache folder keeps a success per machine and version of mujoco, so
+    only the first call takes seconds.
 
-    If none works, MUJOCO_GL becomes "off": the world can still be simulated, and pictures be made by casting rays. One
-    warning says which back-ends failed, why, and how to get one.
+    If none works, MUJOCO_GL becomes "off": simulation still works, and ray casting renders the images. One warning
+    names the failed back-ends, their errors and the remedy.
 
     Raises:
-        RenderError: if the back-end that the user has set does not work, or mujoco was imported before with one that
-            does not.
+        RenderError: if the user's back-end does not work, or mujoco was imported earlier with one that does not.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in _OFF:
@@ -93,32 +92,32 @@ def select_backend() -> GlBackend:
             f"MUJOCO_GL={wanted} is set, but it does not work here ({tried}). {_ADVICE} Or unset MUJOCO_GL to let the "
             "program choose."
         )
-    _logger.warning("No GL back-end works here (%s), so pictures are made by casting rays. %s", tried, _ADVICE)
+    _logger.warning("No GL back-end works here (%s), so ray casting renders the images. %s", tried, _ADVICE)
     os.environ["MUJOCO_GL"] = "off"
     return GlBackend("off", "", tuple(attempts))
 
 
 def require_unforked() -> None:
-    """Note that this process is about to make a GL context, or refuse to if a process that it was forked from has.
+    """Register this process as a user of GL, unless it was forked from one.
 
-    GL's threads and connections are not there in a forked process: the first picture would never be done.
+    A forked process lacks GL's threads and connections, so its first image would never finish.
 
     Raises:
-        RenderError: if this process was forked from one that called this.
+        RenderError: if the parent of this forked process has called this function.
     """
     global _gl_process
     if _gl_process is None:
         _gl_process = os.getpid()
     if _gl_process != os.getpid():
         raise RenderError(
-            f"This process was forked from one that has made pictures ({_gl_process}), which GL does not survive: "
+            f"This process was forked from a process that renders with GL ({_gl_process}), which GL does not survive: "
             'start it by the method "spawn" or "forkserver" instead, as multiprocessing.get_context does and, '
             'for Gymnasium, make_vec(..., vector_kwargs={"context": "spawn"}).'
         )
 
 
 _gl_process: int | None = None
-"""The process that has, or had, GL contexts; a fork inherits it."""
+"""Id of the process that uses GL; forks inherit the value."""
 
 
 class ProbeError(Exception):
@@ -126,7 +125,7 @@ class ProbeError(Exception):
 
 
 def _imported_backend() -> str | None:
-    """The back-end that an already imported mujoco is bound to, or None while it is not imported."""
+    """The back-end of an already imported mujoco, or None before its import."""
     if "mujoco" not in sys.modules:
         return None
     bound = [name for name in ("egl", "osmesa", "cgl", "glfw") if f"mujoco.{name}" in sys.modules]
@@ -134,9 +133,12 @@ def _imported_backend() -> str | None:
 
 
 def _probe_cached(name: str) -> str:
-    """The GL_RENDERER string of a back-end that works, from the cache if it has worked before.
+    """The GL_RENDERER string of a working back-end, from the cache after its first success.
 
-    Only successes are remembered: after a failure the user will install something and try again.
+    Failures are not cached: the user will install something and try again.
+
+    Raises:
+        ProbeError: if the back-end does not work.
     """
     path = _cache_path(name)
     try:
@@ -149,12 +151,12 @@ def _probe_cached(name: str) -> str:
 
 
 def forget_backend(name: str) -> None:
-    """Drop what the cache says about a back-end, because it has stopped working."""
+    """Remove a back-end from the cache after it has stopped working."""
     _cache_path(name).unlink(missing_ok=True)
 
 
 def _cache_path(name: str) -> Path:
-    """Where the probe's result for this machine, this mujoco and this device is kept."""
+    """Cache file for this machine, version of mujoco and device."""
     key = (
         platform.node(),
         platform.release(),
@@ -168,14 +170,14 @@ def _cache_path(name: str) -> Path:
 
 
 def probe(name: str) -> str:
-    """The GL_RENDERER string of a back-end that has just rendered a red box, in a process of its own.
+    """The GL_RENDERER string of a back-end, after rendering a red box in a process of its own.
 
     Raises:
-        ProbeError: if that fails in whatever way.
+        ProbeError: if that fails.
     """
     program = Path(__file__).with_name("gl_probe.py")
     try:
-        # -P keeps the program's folder off sys.path, where its neighbours would shadow other packages' modules.
+        # -P keeps the program's folder off sys.path, so that its modules do not shadow other packages.
         done = subprocess.run(
             [sys.executable, "-P", str(program)],
             env={**os.environ, "MUJOCO_GL": name},
@@ -185,10 +187,10 @@ def probe(name: str) -> str:
             check=False,
         )
     except subprocess.TimeoutExpired as err:
-        raise ProbeError(f"no picture after {_PROBE_TIMEOUT_S:.0f} s") from err
+        raise ProbeError(f"no image after {_PROBE_TIMEOUT_S:.0f} s") from err
     if done.returncode != 0:
         lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        # The first exception is the cause; later ones are its consequences, or GL's own when the process ends.
+        # The first exception is the cause; later ones are consequences, or come from GL at exit.
         errors = [line for line in lines if line.split(":")[0].endswith("Error")]
         raise ProbeError(next(iter(errors + lines[-1:]), f"the process ended with status {done.returncode}"))
     return done.stdout.strip()

@@ -1,7 +1,7 @@
-"""Run as a program: renders a red box with the GL back-end that MUJOCO_GL names and says which renderer drew it.
+"""Program: renders a red box with the GL back-end in MUJOCO_GL and prints the name of the renderer.
 
-It is a program of its own because a back-end that does not work spoils the import of mujoco, or ends the process. It
-imports nothing of this package, so that it starts as fast as mujoco does.
+It runs in a process of its own, because a broken back-end spoils the import of mujoco or kills the process. It imports
+nothing of this package, so it starts as fast as mujoco does.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def main() -> None:
     """Write the GL_RENDERER string to standard output.
 
     Raises:
-        RuntimeError: if the box is not red, or not where it should be.
+        RuntimeError: if colour or depth of the box is wrong.
     """
     model = mujoco.MjModel.from_xml_string(_RED_BOX)
     data = mujoco.MjData(model)

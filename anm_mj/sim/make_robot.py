@@ -1,6 +1,6 @@
-"""Makes the robot that a run drives: the one place that knows scene, simulator and drives.
+"""Makes the simulated robot of a run out of scene, robot description, drive and camera.
 
-mujoco is imported when a robot is made and not before, because by then its GL back-end must have been chosen.
+This module imports mujoco inside ``make_robot`` only, after the selection of the GL back-end.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ def make_robot(
     pose: str = "true",
     seed: int = 0,
 ) -> SimRobot:
-    """A simulated robot in a scene, standing at its start.
+    """A simulated robot in a scene, at its start pose.
 
     Args:
         scene: the world.
-        start: where the robot stands first; the scene's first start pose when None.
+        start: start pose; None = the first one of the scene.
         drive: one of ``DRIVES``.
-        image_px: width and height of the camera's pictures [px].
-        robot: one of our own by its name, or an MJCF file.
-        config: names of the robot's parts, noise of its encoders.
-        pose: one of ``POSES``: what observations say about where the robot stands.
+        image_px: width and height of the camera's images [px].
+        robot: name of a builtin robot, or an MJCF file.
+        config: names of the robot's parts, noise of its encoders; None = the defaults.
+        pose: one of ``POSES``: source of the poses in observations.
         seed: of the encoders' noise.
 
     Returns:
         The robot; close it when done.
 
     Raises:
-        SceneError: if the scene cannot be built, or the start pose is outside it or touches something.
+        SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
         RobotError: if there is no such drive or robot, or the robot lacks a part.
-        RenderError: if the GL back-end that the user has set does not work.
+        RenderError: if the user's GL back-end does not work.
     """
     if drive not in DRIVES:
         raise RobotError(f'There is no drive "{drive}"; choose one of {", ".join(DRIVES)}.')
@@ -95,10 +95,10 @@ def make_robot(
 
 
 def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:
-    """The start that was asked for, or the scene's first.
+    """The given start, or the first one of the scene.
 
     Raises:
-        SceneError: if it is no place to stand.
+        SceneError: if the robot cannot stand there.
     """
     if start is None:
         if not scene.starts:
@@ -116,6 +116,6 @@ def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose
 
 
 def _clear_starts(scene: Scene) -> str:
-    """Start poses known to be clear, as the end of an error message."""
+    """Known start poses, as the end of an error message."""
     known = ", ".join(f"({p.x_m:g}, {p.y_m:g}, {math.degrees(p.yaw_rad):g})" for p in scene.starts[:3])
     return f", for example {known} (m, m, deg)" if known else ""

@@ -1,4 +1,4 @@
-"""Colours out of textures at many places at once, filtered as a rasteriser filters them."""
+"""Samples textures at many points at once, with the mipmaps and the bilinear filter of a rasteriser."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float32, Int32, Int64, UInt8
 
 
-class Texels:
-    """Textures with their reduced copies (mip levels), each half the size of the one before."""
+class MipmapTextures:
+    """Textures with their mip levels, each half the size of the previous one."""
 
     def __init__(self, textures: tuple[UInt8[np.ndarray, "_ _ 3"], ...]):
-        """Reduce every texture down to one texel."""
-        levels = [_levels(texture) for texture in textures] or [[np.full((1, 1, 3), 255, np.uint8)]]
+        """Build the mip levels of every texture down to one texel."""
+        levels = [_mip_levels(texture) for texture in textures] or [[np.full((1, 1, 3), 255, np.uint8)]]
         deepest = max(len(level) for level in levels)
         shapes = np.array(
             [[(*texture[min(i, len(texture) - 1)].shape[:2],) for i in range(deepest)] for texture in levels]
@@ -25,7 +25,7 @@ class Texels:
                 if level < len(texture):
                     flat.append(texture[level].reshape(-1, 3))
                     used += len(flat[-1])
-        # Four bytes a texel, so that one look-up fetches all of it.
+        # Four bytes per texel, so that one look-up fetches all channels.
         packed = np.full((used, 4), 255, np.uint8)
         packed[:, :3] = np.concatenate(flat)
         self._packed = packed.view(np.uint32).ravel()
@@ -34,19 +34,19 @@ class Texels:
         """Width and height of textures [px]."""
         return np.stack([self._width[texture, 0], self._height[texture, 0]], axis=1)
 
-    def at(
+    def sample(
         self,
         texture: Int32[np.ndarray, " n"],
         uv: Float32[np.ndarray, "n 2"],
         texels_per_pixel: Float32[np.ndarray, " n"],
     ) -> Float32[np.ndarray, "n 3"]:
-        """Colours in 0..255 at texture coordinates (v down; outside 0..1 they repeat).
+        """Colours in 0..255 at texture coordinates (v down; the texture repeats outside 0..1).
 
         Args:
-            texture: which texture, each.
-            uv: where.
-            texels_per_pixel: how much of the texture a pixel covers: chooses the reduced copy, within which four texels
-                are blended.
+            texture: index of the texture.
+            uv: texture coordinates.
+            texels_per_pixel: size of a pixel in the texture; selects the mip level, whose four nearest texels are
+                interpolated.
         """
         level = np.round(np.log2(np.maximum(texels_per_pixel, 1.0))).astype(np.int64)
         level = np.minimum(level, self._first.shape[1] - 1)
@@ -57,25 +57,25 @@ class Texels:
         right, down = (x - col)[:, None], (y - row)[:, None]
         col, row = col.astype(np.int64) % width, row.astype(np.int64) % height
         next_col, next_row = (col + 1) % width, (row + 1) % height
-        upper = self._mix(first + row * width, col, next_col, right)
-        lower = self._mix(first + next_row * width, col, next_col, right)
+        upper = self._interpolate(first + row * width, col, next_col, right)
+        lower = self._interpolate(first + next_row * width, col, next_col, right)
         return upper + down * (lower - upper)
 
-    def _mix(
+    def _interpolate(
         self,
         line: Int64[np.ndarray, " n"],
         col: Int64[np.ndarray, " n"],
         next_col: Int64[np.ndarray, " n"],
         share: Float32[np.ndarray, "n 1"],
     ) -> Float32[np.ndarray, "n 3"]:
-        """Blend of two texels of a line."""
+        """Linear interpolation between two texels of a line."""
         left = self._packed[line + col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
         right = self._packed[line + next_col].view(np.uint8).reshape(-1, 4)[:, :3].astype(np.float32)
         return left + share * (right - left)
 
 
-def _levels(texture: UInt8[np.ndarray, "h w 3"]) -> list[UInt8[np.ndarray, "_ _ 3"]]:
-    """A texture and its halves; a last odd row or column is left out, as GL does."""
+def _mip_levels(texture: UInt8[np.ndarray, "h w 3"]) -> list[UInt8[np.ndarray, "_ _ 3"]]:
+    """A texture and its mip levels; like GL, it drops a last odd row or column."""
     levels = [texture]
     while max(levels[-1].shape[:2]) > 1:
         fine = levels[-1].astype(np.uint16)

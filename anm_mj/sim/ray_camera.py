@@ -1,61 +1,41 @@
-"""RGB-D cameras that cast one ray through the centre of each pixel, for where there is no GL or where that is slower.
+"""Ray-casting cameras: one ray through each pixel centre, for machines without GL and for very large scenes.
 
-Both give what :class:`anm_mj.sim.camera.RgbdCamera` gives. Depth is as exact. Triangles are seen from both sides.
+Their depth is as exact as that of :class:`anm_mj.sim.gl_camera.GlCamera`. They see triangles from both sides.
 """
 
 from __future__ import annotations
 
-import math
-
 import mujoco
 import numpy as np
-from jaxtyping import Float, Float32, Int32, UInt8
+from jaxtyping import Float32, Int32, UInt8
 
 from anm_mj.errors import RenderError
-from anm_mj.frames import T_GL_CV, pixel_directions
-from anm_mj.sim.camera import VISIBLE_GROUPS, perspective_camera_id
-from anm_mj.sim.mipmap import Texels
-from anm_mj.sim.render_mesh import drawn_mesh, mean_colours, still_meshes, visible_geoms
-from anm_mj.types import Intrinsics
+from anm_mj.frames import pixel_directions
+from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
+from anm_mj.sim.mipmap import MipmapTextures
+from anm_mj.sim.render_mesh import are_static_meshes, mean_colours, render_mesh, visible_geoms
 from anm_mj.utils.raycast import RayCaster
 
 
-class _RayCamera:
-    """What both have in common; holds nothing that must be freed."""
+class _RayCamera(Camera):
+    """Common part of the ray-casting cameras: rays, clipping planes and image assembly."""
 
     def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
-        self._camera_id = perspective_camera_id(model, camera_name)
-        self._model = model
-        self._intrinsics = Intrinsics.from_fov(width, height, math.radians(model.cam_fovy[self._camera_id]))
+        super().__init__(model, camera_name, width, height)
         self._directions = pixel_directions(self._intrinsics).reshape(-1, 3)
         self._znear_m = float(model.vis.map.znear * model.stat.extent)
         self._zfar_m = float(model.vis.map.zfar * model.stat.extent)
 
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The pinhole camera that the pictures obey exactly."""
-        return self._intrinsics
-
-    def T_world_camera(self, data: mujoco.MjData) -> Float[np.ndarray, "4 4"]:
-        """Camera to world; camera axes x right, y down, z forward."""
-        T_world_camera = np.eye(4)
-        T_world_camera[:3, :3] = data.cam_xmat[self._camera_id].reshape(3, 3)
-        T_world_camera[:3, 3] = data.cam_xpos[self._camera_id]
-        return T_world_camera @ T_GL_CV
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-    def _pictures(
+    def _images(
         self, rgb: Float32[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colours in 0..255 and depths as pictures; black and NaN where nothing was hit."""
+        """Reshape colours in 0..255 and depths to images."""
         shape = (self._intrinsics.height, self._intrinsics.width)
         return (rgb + 0.5).clip(0.0, 255.0).astype(np.uint8).reshape(*shape, 3), depth_m.reshape(shape)
 
 
 class EmbreeCamera(_RayCamera):
-    """Casts rays with Embree: as fast for a million triangles as for a thousand. Sees meshes that stand still only."""
+    """Casts rays with Embree, about as fast for a million triangles as for a thousand; sees static meshes only."""
 
     kind = "embree"
 
@@ -68,34 +48,28 @@ class EmbreeCamera(_RayCamera):
         *,
         visible_groups: tuple[int, ...] = VISIBLE_GROUPS,
     ):
-        """Hand all visible triangles to Embree; a second for a million.
+        """Build Embree's tree over all visible triangles; takes a second per million.
 
         Raises:
-            RenderError: if there is no such camera, or something visible is not a mesh that stands still.
+            RenderError: if there is no such camera, or a visible geom is not a static mesh.
+            RayCastError: if Embree is not installed.
         """
         super().__init__(model, camera_name, width, height)
         geoms = visible_geoms(model, visible_groups)
-        if not len(geoms) or not still_meshes(model, geoms).all():
-            raise RenderError("Embree sees meshes that stand still only; use RayCamera or RgbdCamera for this model.")
-        mesh = drawn_mesh(model, geoms)
+        if not len(geoms) or not are_static_meshes(model, geoms).all():
+            raise RenderError("Embree sees static meshes only; use MujocoRayCamera or GlCamera for this model.")
+        mesh = render_mesh(model, geoms)
         self._mesh = mesh
         self._rays = RayCaster(mesh.vertices_m, mesh.faces)
-        self._texels = Texels(mesh.textures)
-        self._texels_per_m = _texels_per_m(mesh.vertices_m[mesh.faces], mesh.uv, mesh.texture, self._texels)
+        self._textures = MipmapTextures(mesh.textures)
+        self._texels_per_m = _texels_per_m(mesh.vertices_m[mesh.faces], mesh.uv, mesh.texture, self._textures)
         self._pixel_size = np.float32(1.0 / self._intrinsics.fy)
 
     def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colour and depth as the camera sees them now, in new arrays.
-
-        Args:
-            data: with camera poses up to date (``mj_kinematics`` and ``mj_camlight``, or ``mj_forward``).
-
-        Returns:
-            RGB, and planar z [m], which is NaN where nothing was hit nearer than the model's ``zfar``.
-        """
+        """Render colour and depth; see :meth:`Camera.render`."""
         T_world_camera = self.T_world_camera(data)
         directions = (self._directions @ T_world_camera[:3, :3].T).astype(np.float32)
-        # Rays begin at the near plane, before which GL draws nothing either.
+        # Rays start at the near plane: GL, too, draws nothing in front of it.
         origins = (T_world_camera[:3, 3] + self._znear_m * directions).astype(np.float32)
         hits = self._rays.hits(origins, directions)
         depth_m = hits["tfar"] + np.float32(self._znear_m)
@@ -112,19 +86,15 @@ class EmbreeCamera(_RayCamera):
         slant = np.abs(np.einsum("ij,ij->i", normals, rays))
         slant /= np.maximum(np.linalg.norm(normals, axis=1) * np.linalg.norm(rays, axis=1), 1e-20)
         pixel_m = depth_m[textured] * self._pixel_size / np.maximum(slant, 0.05)
-        rgb[textured] *= self._texels.at(self._mesh.texture[which], uv, self._texels_per_m[which] * pixel_m) / 255.0
+        rgb[textured] *= (
+            self._textures.sample(self._mesh.texture[which], uv, self._texels_per_m[which] * pixel_m) / 255.0
+        )
         rgb[missed] = 0.0
-        return self._pictures(rgb, depth_m)
-
-    def __enter__(self) -> EmbreeCamera:
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
+        return self._images(rgb, depth_m)
 
 
-class RayCamera(_RayCamera):
-    """Casts rays with MuJoCo itself: needs nothing, takes tenths of a second, and gives each geom one colour."""
+class MujocoRayCamera(_RayCamera):
+    """Casts rays with MuJoCo: needs no other package, takes tenths of a second, and gives each geom one colour."""
 
     kind = "mujoco rays"
 
@@ -137,7 +107,7 @@ class RayCamera(_RayCamera):
         *,
         visible_groups: tuple[int, ...] = VISIBLE_GROUPS,
     ):
-        """Work out the colours.
+        """Compute one colour per geom.
 
         Raises:
             RenderError: if there is no such camera.
@@ -147,7 +117,7 @@ class RayCamera(_RayCamera):
         self._colours = 255.0 * mean_colours(model)
 
     def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colour and depth as the camera sees them now; see ``EmbreeCamera.render``."""
+        """Render colour and depth; see :meth:`Camera.render`."""
         T_world_camera = self.T_world_camera(data)
         directions = self._directions @ T_world_camera[:3, :3].T
         num = len(directions)
@@ -172,23 +142,17 @@ class RayCamera(_RayCamera):
         depth_m = np.where(missed, np.nan, distance).astype(np.float32)
         rgb = self._colours[geoms].astype(np.float32)
         rgb[missed] = 0.0
-        return self._pictures(rgb, depth_m)
-
-    def __enter__(self) -> RayCamera:
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
+        return self._images(rgb, depth_m)
 
 
 def _texels_per_m(
     corners_m: Float32[np.ndarray, "f 3 3"],
     uv: Float32[np.ndarray, "f 3 2"],
     texture: Int32[np.ndarray, " f"],
-    texels: Texels,
+    textures: MipmapTextures,
 ) -> Float32[np.ndarray, " f"]:
-    """How finely each face is textured: the square root of its texels per square metre."""
-    size_px = texels.size_px(np.maximum(texture, 0))
+    """Texture resolution of each face: the square root of its texels per square metre [px/m]."""
+    size_px = textures.size_px(np.maximum(texture, 0))
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     area_px = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * size_px.prod(axis=1)
     area_m2 = np.linalg.norm(np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]), axis=1)

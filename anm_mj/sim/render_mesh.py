@@ -1,4 +1,4 @@
-"""What a camera sees of a model, as one textured mesh: for cameras that cast rays instead of drawing."""
+"""Extracts the visible geometry of a model as one textured mesh, for the ray-casting cameras."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float32, Int, Int32, UInt8
 
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
 _NO_MATERIAL_RGB = (0.5, 0.5, 0.5)
-"""What MuJoCo gives geoms without a colour."""
+"""MuJoCo's colour for geoms without one."""
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnMesh:
+class RenderMesh:
     """Triangles in the world with texture coordinates and colours."""
 
     vertices_m: Float32[np.ndarray, "v 3"]
@@ -24,22 +24,22 @@ class DrawnMesh:
     texture: Int32[np.ndarray, " f"]
     """Index into ``textures``; -1 for a plain colour."""
     rgb: Float32[np.ndarray, "f 3"]
-    """Colour in 0..1, times the texture."""
+    """Colour in 0..1; multiplies the texture."""
     textures: tuple[UInt8[np.ndarray, "_ _ 3"], ...]
 
 
 def visible_geoms(model: mujoco.MjModel, groups: tuple[int, ...]) -> Int[np.ndarray, " n"]:
-    """Ids of the geoms in these groups that are not wholly transparent."""
+    """Ids of the geoms in these groups that are not fully transparent."""
     return np.flatnonzero(np.isin(model.geom_group, groups) & (_rgba(model)[:, 3] > 0.0))
 
 
-def still_meshes(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """True for those that are meshes and never move."""
+def are_static_meshes(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """True for geoms that are meshes and never move."""
     return (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid[geoms]] == 0)
 
 
-def drawn_mesh(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> DrawnMesh:
-    """Geoms that are meshes and stand still, together."""
+def render_mesh(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> RenderMesh:
+    """Static mesh geoms merged into one mesh, world [m]."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     rgba = _rgba(model)
@@ -63,7 +63,7 @@ def drawn_mesh(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> DrawnMesh
             uv.append(np.zeros((num_faces, 3, 2)))
             texture.append(np.full(num_faces, -1))
         rgb.append(np.tile(rgba[geom, :3], (num_faces, 1)))
-    return DrawnMesh(
+    return RenderMesh(
         np.concatenate(vertices).astype(np.float32),
         np.concatenate(faces).astype(np.int32),
         np.concatenate(uv).astype(np.float32),
@@ -74,7 +74,7 @@ def drawn_mesh(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> DrawnMesh
 
 
 def mean_colours(model: mujoco.MjModel) -> Float32[np.ndarray, "n 3"]:
-    """One colour in 0..1 for each geom: its own, times the mean of its texture where its vertices lie."""
+    """One colour in 0..1 per geom: its own, times the mean of its texture at its vertices."""
     rgb = _rgba(model)[:, :3].astype(np.float32)
     images: dict[int, np.ndarray] = {}
     for geom in range(model.ngeom):
@@ -108,9 +108,9 @@ def texture_image(model: mujoco.MjModel, picture: int) -> UInt8[np.ndarray, "h w
 
 
 def _rgba(model: mujoco.MjModel) -> Float32[np.ndarray, "n 4"]:
-    """Colour and opacity of every geom, its material's if it has one."""
+    """Colour and opacity of every geom, or of its material."""
     if not model.nmat:
         return model.geom_rgba.copy()
-    # As in MuJoCo, a colour of the geom's own stands above its material's.
+    # As in MuJoCo, the colour of a geom overrides that of its material.
     own = (model.geom_rgba != np.array([*_NO_MATERIAL_RGB, 1.0], np.float32)).any(axis=1) | (model.geom_matid < 0)
     return np.where(own[:, None], model.geom_rgba, model.mat_rgba[model.geom_matid]).astype(np.float32)

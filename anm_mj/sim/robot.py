@@ -1,4 +1,4 @@
-"""The simulated robot behind the :class:`anm_mj.protocols.Robot` protocol."""
+"""The simulated robot: implements :class:`anm_mj.protocols.Robot`."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from jaxtyping import Float
 
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
-from anm_mj.sim.camera_factory import Camera
+from anm_mj.sim.camera import Camera
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, Twist
 
 
 class SimRobot:
-    """A robot in a MuJoCo simulation: a drive that moves it and a camera that looks.
+    """A robot in a MuJoCo simulation: a drive and a camera.
 
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
@@ -28,17 +28,17 @@ class SimRobot:
         T_base_camera: Float[np.ndarray, "4 4"] | None = None,
         robot_hash: str = "",
     ):
-        """Put the parts together.
+        """Combine the parts.
 
         Args:
-            model: the one that camera and drive work on.
+            model: the model of camera and drive.
             data: of that model.
-            camera: looks.
-            drive: moves.
+            camera: renders the observations.
+            drive: moves the robot.
             footprint: must stay clear of obstacles.
-            T_base_camera: where the robot's own model has its camera (axes x right, y down, z forward); given, what
-                observations say about poses is the wheel odometry, and the truth when None.
-            robot_hash: says which robot it is.
+            T_base_camera: camera to base (camera axes x right, y down, z forward). Given, observations report poses by
+                wheel odometry; None, true poses.
+            robot_hash: identifies the robot.
         """
         self._model = model
         self._data = data
@@ -56,32 +56,32 @@ class SimRobot:
 
     @property
     def pose(self) -> Pose2:
-        """Where the base truly stands now."""
+        """True pose of the base."""
         return self._drive.pose
 
     @property
     def T_true_camera(self) -> Float[np.ndarray, "4 4"]:
-        """Where the camera truly was at the last observation: camera to world, CV axes."""
+        """True pose of the camera at the last observation: camera to world, CV axes."""
         return self._camera.T_world_camera(self._data)
 
     @property
     def camera_kind(self) -> str:
-        """What makes the pictures: ``gl``, ``embree`` or ``mujoco rays``."""
+        """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
         return self._camera.kind
 
     @property
     def odometry(self) -> Pose2:
-        """Where the base stands as far as the wheels' encoders tell."""
+        """Pose of the base by wheel odometry."""
         return self._drive.odometry
 
     @property
     def robot_hash(self) -> str:
-        """sha256 over the robot as the simulator reads it."""
+        """sha256 of the robot in MuJoCo's reading."""
         return self._robot_hash
 
     @property
     def step(self) -> int:
-        """Number of actions executed so far, refused ones included and STOP not."""
+        """Number of executed actions, including refused ones, without STOP."""
         return self._step
 
     @property
@@ -95,12 +95,12 @@ class SimRobot:
         return self._data
 
     def observe(self) -> Observation:
-        """The view from where the robot stands now, with true poses or those of its wheel odometry.
+        """The view from the present pose, with true poses or poses by wheel odometry.
 
         Raises:
             RenderError: after ``close``.
         """
-        # Whatever moved the joints, in one step or many, the poses of bodies and cameras lag behind until computed.
+        # After any joint motion the poses of bodies and cameras are outdated.
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -120,19 +120,19 @@ class SimRobot:
         )
 
     def act(self, action: Action) -> ActionResult:
-        """Execute one action to its end and say what came of it."""
+        """Execute one action to its end."""
         result = self._drive.act(action)
         self._step += action != Action.STOP
         return result
 
     def restart(self, pose: Pose2) -> None:
-        """Begin anew at a pose: at rest, at time and step 0, everything else in the scene where it was at first."""
+        """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state."""
         mujoco.mj_resetData(self._model, self._data)
         self._drive.place(pose)
         self._step = 0
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
-        """Move at a velocity for a time [s]; no step of the budget is counted.
+        """Move at a velocity for a time [s]; ``step`` does not count it.
 
         Raises:
             RobotError: if the duration is not positive, or the velocity not finite.
@@ -140,10 +140,10 @@ class SimRobot:
         return self._drive.drive(twist, duration_s)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
-        """Turn on the spot until the camera looks at a point of the world, as far as turning can make it.
+        """Turn on the spot until the camera's axis and a point share a vertical plane.
 
-        The point is in the frame of the observations' poses. No step of the budget is counted; the result says how
-        many it would have cost.
+        The point [m] is in the frame of the observations' poses. ``step`` does not count the motion; the result has the
+        equivalent number of steps.
         """
         if self._T_base_camera is not None:
             T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self._drive.odometry))
@@ -151,7 +151,7 @@ class SimRobot:
         return self._drive.look_at(point_m)
 
     def place(self, pose: Pose2) -> None:
-        """Stand the robot at a pose, at rest; obstacles are not asked."""
+        """Move the robot to a pose without driving, at rest and without a collision test."""
         self._drive.place(pose)
 
     def close(self) -> None:

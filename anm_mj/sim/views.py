@@ -1,4 +1,4 @@
-"""Pictures of a scene without a robot: from above, from within, and compared with rays to find walls of one side."""
+"""Renders a scene without a robot: top view, interior views, and a test for single-sided walls."""
 
 from __future__ import annotations
 
@@ -12,41 +12,44 @@ from jaxtyping import Float32, UInt8
 
 from anm_mj.scene.build import build_spec, compile_scene
 from anm_mj.scene.folder import Scene
-from anm_mj.sim.camera import RgbdCamera
-from anm_mj.sim.camera_factory import Camera, make_camera
+from anm_mj.sim.camera import Camera
+from anm_mj.sim.camera_factory import make_camera
 from anm_mj.sim.gl import GlBackend
-from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
+from anm_mj.sim.gl_camera import GlCamera
+from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
 from anm_mj.types import Pose2
 from anm_mj.utils.raycast import embree_installed
 
 EYE_HEIGHT_M = 1.25
 _CUT_M = 2.0
-"""What is higher is left out of the view from above [m]."""
+"""The top view omits everything above this height [m]."""
 _COMPARED_PX = 96
+"""Width and height of the compared images [px]."""
 _SAME_M = 0.02
-"""Depths that differ by more show different surfaces [m]."""
+"""Depths that differ by more belong to different surfaces [m]."""
 _EXACT_M = 0.001
+"""Largest error of an exact depth [m]."""
 
 
 @dataclass(frozen=True)
-class Sides:
-    """What comparing drawn depth with rays, which hit both sides of a triangle, has shown."""
+class BackfaceCheck:
+    """Comparison of rendered depth with cast rays, which hit both sides of a triangle."""
 
-    one_sided_share: float
-    """Share of pixels that change when triangles seen from behind are left out."""
-    exact_share: float
-    """Share of pixels that are within a millimetre of the ray through their centre when all are drawn."""
+    changed_fraction: float
+    """Fraction of pixels that back-face culling changes."""
+    exact_fraction: float
+    """Fraction of pixels within a millimetre of the ray through their centre, without culling."""
 
 
 class SceneViews:
-    """Takes pictures of a scene from anywhere."""
+    """Renders a scene from arbitrary poses."""
 
     def __init__(self, scene: Scene, backend: GlBackend):
         """Compile the scene.
 
         Args:
-            scene: what to look at.
-            backend: what GL was found; without any, rays are cast.
+            scene: the scene to render.
+            backend: the selected GL back-end; ray casting renders where it is off.
 
         Raises:
             SceneError: if the scene cannot be compiled.
@@ -63,16 +66,16 @@ class SceneViews:
         self._model = compile_scene(spec, scene)
         self._data = mujoco.MjData(self._model)
 
-    def from_within(self, poses: tuple[Pose2, ...], size_px: int = 256) -> list[UInt8[np.ndarray, "_ _ 3"]]:
-        """What the robot's camera would see from places in the scene."""
+    def interior_views(self, poses: tuple[Pose2, ...], size_px: int = 256) -> list[UInt8[np.ndarray, "_ _ 3"]]:
+        """Colour images from camera height above poses on the floor."""
         camera = make_camera(
             self._model, "eye", size_px, size_px, cull_face=self._scene.cull_face, backend=self._backend
         )
         with closing(camera):
-            return [self._look(camera, pose)[0] for pose in poses]
+            return [self._render_from(camera, pose)[0] for pose in poses]
 
-    def from_above(self, size_px: int = 512) -> UInt8[np.ndarray, "h w 3"]:
-        """The scene cut at 2 m and looked down into, x to the right and y up."""
+    def top_view(self, size_px: int = 512) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image from above, cut at a height of 2 m; x to the right and y up."""
         vis = self._model.vis.map
         before = vis.znear, vis.zfar
         vis.znear, vis.zfar = self._height_m - _CUT_M, self._height_m + 10.0
@@ -85,26 +88,28 @@ class SceneViews:
         finally:
             vis.znear, vis.zfar = before
 
-    def sides(self, poses: tuple[Pose2, ...]) -> Sides | None:
-        """Compare drawing with casting rays from some places; None where nothing can be drawn."""
+    def check_backfaces(self, poses: tuple[Pose2, ...]) -> BackfaceCheck | None:
+        """Compare GL images, with and without back-face culling, with cast rays; None without GL."""
         if self._backend.name == "off":
             return None
         size = (_COMPARED_PX, _COMPARED_PX)
-        caster = (EmbreeCamera if embree_installed() else RayCamera)(self._model, "eye", *size)
+        caster = (EmbreeCamera if embree_installed() else MujocoRayCamera)(self._model, "eye", *size)
         with (
-            RgbdCamera(self._model, "eye", *size, cull_face=False) as both,
-            RgbdCamera(self._model, "eye", *size, cull_face=True) as one,
+            GlCamera(self._model, "eye", *size, cull_face=False) as both,
+            GlCamera(self._model, "eye", *size, cull_face=True) as one,
         ):
-            shares = []
+            fractions = []
             for pose in poses:
-                cast_m = self._look(caster, pose)[1]
-                both_m, one_m = self._look(both, pose)[1], self._look(one, pose)[1]
-                shares.append((1.0 - _same(both_m, one_m, _SAME_M), _same(both_m, cast_m, _EXACT_M)))
-        one_sided, exact = np.mean(shares, axis=0)
-        return Sides(float(one_sided), float(exact))
+                cast_m = self._render_from(caster, pose)[1]
+                both_m, one_m = self._render_from(both, pose)[1], self._render_from(one, pose)[1]
+                fractions.append((1.0 - _same(both_m, one_m, _SAME_M), _same(both_m, cast_m, _EXACT_M)))
+        changed, exact = np.mean(fractions, axis=0)
+        return BackfaceCheck(float(changed), float(exact))
 
-    def _look(self, camera: Camera, pose: Pose2) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Put the eye above a pose and take a picture."""
+    def _render_from(
+        self, camera: Camera, pose: Pose2
+    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+        """Render colour and depth from camera height above a pose."""
         self._data.mocap_pos[0] = (pose.x_m, pose.y_m, EYE_HEIGHT_M)
         self._data.mocap_quat[0] = (math.cos(pose.yaw_rad / 2), 0.0, 0.0, math.sin(pose.yaw_rad / 2))
         mujoco.mj_kinematics(self._model, self._data)
@@ -113,12 +118,12 @@ class SceneViews:
 
 
 def _same(a: Float32[np.ndarray, "h w"], b: Float32[np.ndarray, "h w"], tolerance_m: float) -> float:
-    """Share of pixels with the same depth, or none in both."""
+    """Fraction of pixels with the same depth, or without depth in both."""
     return float(((np.abs(a - b) < tolerance_m) | (np.isnan(a) & np.isnan(b))).mean())
 
 
 def _quat(right: tuple[float, float, float]) -> list[float]:
-    """Orientation of a level camera with this direction to its right."""
+    """Quaternion (wxyz) of a level camera from its right-hand direction."""
     up, quat = np.array([0.0, 0.0, 1.0]), np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.stack([np.array(right), up, np.cross(right, up)], axis=1).ravel())
     return quat.tolist()

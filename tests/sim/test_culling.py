@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from anm_mj.sim.camera import RgbdCamera
-from anm_mj.sim.culling import Culling, worth_culling
+from anm_mj.sim.culling import Culling, is_worth_culling
+from anm_mj.sim.gl_camera import GlCamera
 
 _SCENE = """
 <mujoco>
@@ -68,8 +68,8 @@ def _walk() -> list[tuple[float, float, float, float]]:
 def test_pictures_are_the_same_bit_by_bit(width, height):
     model, data = _model(_maze())
     with (
-        RgbdCamera(model, "camera", width, height, cull_hidden=True) as culled,
-        RgbdCamera(model, "camera", width, height, cull_hidden=False) as everything,
+        GlCamera(model, "camera", width, height, cull_hidden=True) as culled,
+        GlCamera(model, "camera", width, height, cull_hidden=False) as everything,
     ):
         for pose in _walk():
             _look(model, data, *pose)
@@ -86,7 +86,7 @@ def test_what_is_out_of_view_or_hidden_is_left_out():
     <geom name="beside" type="mesh" mesh="crate" pos="1 5 0" group="2"/>
     """
     model, data = _model(geoms)
-    with RgbdCamera(model, "camera", 256, 256, cull_hidden=True) as camera:
+    with GlCamera(model, "camera", 256, 256, cull_hidden=True) as camera:
         culling = camera._culling
         assert culling is not None
         _look(model, data, 0.0, 0.0, 0.0)
@@ -102,7 +102,7 @@ def test_what_comes_into_sight_although_it_was_hidden_is_drawn_in_the_same_pictu
     <geom name="hidden" type="mesh" mesh="crate" pos="6 0 0" group="2" rgba="1 0 0 1"/>
     """
     model, data = _model(geoms)
-    with RgbdCamera(model, "camera", 256, 256, cull_hidden=True) as camera:
+    with GlCamera(model, "camera", 256, 256, cull_hidden=True) as camera:
         for _ in range(2):
             _look(model, data, 0.0, 0.0, 0.0)
             camera.render(data)
@@ -118,7 +118,7 @@ def test_nothing_is_hidden_by_glass():
     <geom type="mesh" mesh="crate" pos="6 0 0" group="2" rgba="1 0 0 1"/>
     """
     model, data = _model(geoms)
-    with RgbdCamera(model, "camera", 64, 64, cull_hidden=True) as camera:
+    with GlCamera(model, "camera", 64, 64, cull_hidden=True) as camera:
         _look(model, data, 0.0, 0.0, 0.0)
         first, second = camera.render(data)[0], camera.render(data)[0]
     assert np.array_equal(first, second)
@@ -128,7 +128,7 @@ def test_nothing_is_hidden_by_glass():
 def test_a_model_is_left_as_it_was():
     model, data = _model(_maze())
     groups = model.geom_group.copy()
-    with RgbdCamera(model, "camera", 32, 32, cull_hidden=True) as camera:
+    with GlCamera(model, "camera", 32, 32, cull_hidden=True) as camera:
         _look(model, data, 0.0, 0.0, 0.0)
         camera.render(data)
     assert np.array_equal(model.geom_group, groups)
@@ -136,10 +136,10 @@ def test_a_model_is_left_as_it_was():
 
 def test_small_models_are_drawn_whole():
     model, _ = _model(_maze())
-    assert not worth_culling(model)
-    with RgbdCamera(model, "camera", 32, 32) as camera:
+    assert not is_worth_culling(model)
+    with GlCamera(model, "camera", 32, 32) as camera:
         assert camera._culling is None
 
 
 def _names(model: mujoco.MjModel, culling: Culling) -> set[str]:
-    return {model.geom(geom).name for geom in culling.not_drawn()}
+    return {model.geom(geom).name for geom in culling.skipped_geoms()}

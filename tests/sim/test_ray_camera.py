@@ -12,11 +12,11 @@ import pytest
 from anm_mj.errors import RenderError
 from anm_mj.scene.build import build_spec
 from anm_mj.scene.folder import load_scene
-from anm_mj.sim.camera import RgbdCamera
 from anm_mj.sim.camera_factory import Camera, camera_kind, make_camera
 from anm_mj.sim.gl import GlBackend
-from anm_mj.sim.mipmap import Texels
-from anm_mj.sim.ray_camera import EmbreeCamera, RayCamera
+from anm_mj.sim.gl_camera import GlCamera
+from anm_mj.sim.mipmap import MipmapTextures
+from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
 from anm_mj.utils.raycast import embree_installed
 
 _OFF = GlBackend("off", "", (("egl", "no display"),))
@@ -43,10 +43,10 @@ def _quat(right: list[float]) -> np.ndarray:
     return quat
 
 
-@pytest.mark.parametrize("kind", [pytest.param(EmbreeCamera, marks=needs_embree), RayCamera])
+@pytest.mark.parametrize("kind", [pytest.param(EmbreeCamera, marks=needs_embree), MujocoRayCamera])
 def test_depth_is_that_of_the_camera_that_draws(home, kind):
     model, data = home
-    with RgbdCamera(model, "camera", 96, 96, cull_face=False) as drawing:
+    with GlCamera(model, "camera", 96, 96, cull_face=False) as drawing:
         _, drawn_m = drawing.render(data)
         T_drawn = drawing.T_world_camera(data)
     with kind(model, "camera", 96, 96) as casting:
@@ -62,7 +62,7 @@ def test_depth_is_that_of_the_camera_that_draws(home, kind):
 @needs_embree
 def test_colours_are_those_of_the_camera_that_draws(home):
     model, data = home
-    with RgbdCamera(model, "camera", 96, 96, cull_face=False) as drawing:
+    with GlCamera(model, "camera", 96, 96, cull_face=False) as drawing:
         drawn, _ = drawing.render(data)
     cast, _ = EmbreeCamera(model, "camera", 96, 96).render(data)
     difference = np.abs(drawn.astype(int) - cast)
@@ -72,9 +72,9 @@ def test_colours_are_those_of_the_camera_that_draws(home):
 
 def test_without_textures_each_mesh_has_its_mean_colour(home):
     model, data = home
-    with RgbdCamera(model, "camera", 96, 96, cull_face=False) as drawing:
+    with GlCamera(model, "camera", 96, 96, cull_face=False) as drawing:
         drawn, _ = drawing.render(data)
-    cast, _ = RayCamera(model, "camera", 96, 96).render(data)
+    cast, _ = MujocoRayCamera(model, "camera", 96, 96).render(data)
     assert abs(drawn.mean() - cast.mean()) < 60.0
     assert len(np.unique(cast.reshape(-1, 3), axis=0)) <= model.ngeom
 
@@ -109,7 +109,7 @@ def test_embree_refuses_what_it_cannot_see():
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><geom size="1"/><camera name="camera"/></worldbody></mujoco>'
     )
-    with pytest.raises(RenderError, match="meshes that stand still only"):
+    with pytest.raises(RenderError, match="static meshes only"):
         EmbreeCamera(model, "camera", 8, 8)
     assert camera_kind(model, _OFF) == "mujoco rays"
 
@@ -121,7 +121,7 @@ def test_rays_see_what_moves():
         '<camera name="camera" pos="0 0 4"/></worldbody></mujoco>'
     )
     data = mujoco.MjData(model)
-    camera = RayCamera(model, "camera", 9, 9)
+    camera = MujocoRayCamera(model, "camera", 9, 9)
     for z in (0.0, -1.0):
         data.mocap_pos[0, 2] = z
         mujoco.mj_forward(model, data)
@@ -135,10 +135,10 @@ def test_rays_see_what_moves():
 def test_texels_are_blended_and_repeat():
     picture = np.zeros((2, 2, 3), np.uint8)
     picture[0, 1], picture[1, 0] = (100, 0, 0), (0, 200, 0)
-    texels, which, fine = Texels((picture,)), np.zeros(4, np.int32), np.ones(4, np.float32)
+    texels, which, fine = MipmapTextures((picture,)), np.zeros(4, np.int32), np.ones(4, np.float32)
     places = np.array([[0.75, 0.25], [0.5, 0.25], [1.75, -0.75], [0.25, 0.5]], np.float32)
-    np.testing.assert_allclose(texels.at(which, places, fine), [[100, 0, 0], [50, 0, 0], [100, 0, 0], [0, 100, 0]])
-    np.testing.assert_allclose(texels.at(which, places, 2 * fine), np.tile([25, 50, 0], (4, 1)), atol=1)
+    np.testing.assert_allclose(texels.sample(which, places, fine), [[100, 0, 0], [50, 0, 0], [100, 0, 0], [0, 100, 0]])
+    np.testing.assert_allclose(texels.sample(which, places, 2 * fine), np.tile([25, 50, 0], (4, 1)), atol=1)
 
 
 def test_a_run_completes_without_gl(tmp_path):

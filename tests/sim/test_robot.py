@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RenderError
-from anm_mj.sim.camera import RgbdCamera
+from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.robot import SimRobot
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Pose2, Twist, WheelSpeeds
 
@@ -68,7 +68,7 @@ class _Slide:
 def robot():
     model = mujoco.MjModel.from_xml_string(_SCENE)
     data = mujoco.MjData(model)
-    with SimRobot(model, data, RgbdCamera(model, "camera", 64, 64), _Slide(data), _FOOTPRINT) as robot:
+    with SimRobot(model, data, GlCamera(model, "camera", 64, 64), _Slide(data), _FOOTPRINT) as robot:
         yield robot
 
 
@@ -102,7 +102,7 @@ def test_a_restarted_robot_stands_where_it_was_put_and_counts_anew(robot):
 
 def test_a_closed_robot_says_so(robot):
     robot.close()
-    with pytest.raises(RenderError, match="has been closed"):
+    with pytest.raises(RenderError, match="is closed"):
         robot.observe()
 
 
@@ -110,7 +110,7 @@ def test_observations_are_said_to_be_made_where_the_wheels_have_the_robot(robot)
     T_base_camera = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0], [0, -1, 0, 1.25], [0, 0, 0, 1]], dtype=float)
     drive = _Slide(robot.data)
     with SimRobot(
-        robot.model, robot.data, RgbdCamera(robot.model, "camera", 64, 64), drive, _FOOTPRINT, T_base_camera
+        robot.model, robot.data, GlCamera(robot.model, "camera", 64, 64), drive, _FOOTPRINT, T_base_camera
     ) as believing:
         believing.place(Pose2(1.0, 0.0, 0.0))
         observation = believing.observe()

@@ -8,7 +8,7 @@ import pytest
 
 from anm_mj.errors import RenderError
 from anm_mj.frames import back_project, transform_points
-from anm_mj.sim.camera import RgbdCamera
+from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.types import Intrinsics
 
 _SCENE = """
@@ -36,7 +36,7 @@ def _compile(geoms: str, axes: str = _LOOKING_ALONG_X, fovy: float = 90.0) -> tu
 
 def _render(geoms: str, width: int = 256, height: int = 256, **kwargs):
     model, data = _compile(geoms, **kwargs)
-    with RgbdCamera(model, "camera", width, height) as camera:
+    with GlCamera(model, "camera", width, height) as camera:
         rgb, depth_m = camera.render(data)
         return rgb, depth_m, camera.intrinsics, camera.T_world_camera(data)
 
@@ -55,14 +55,14 @@ def test_a_wall_reads_its_planar_distance_at_the_centre_and_in_the_corners():
 def test_depth_does_not_depend_on_the_clipping_planes(znear_zfar):
     model, data = _compile('<geom type="box" pos="10.3 0 0" size="0.5 20 20"/>')
     model.vis.map.znear, model.vis.map.zfar = znear_zfar
-    with RgbdCamera(model, "camera", 64, 64) as camera:
+    with GlCamera(model, "camera", 64, 64) as camera:
         np.testing.assert_allclose(camera.render(data)[1], 9.5, atol=1e-3)
 
 
 @pytest.mark.parametrize("euler", ["0 0 30", "0 25 0", "0 20 -40"])
 def test_back_projected_pixels_lie_on_a_slanted_wall(euler):
     model, data = _compile(f'<geom name="wall" type="box" pos="3 0 1.25" size="0.1 9 9" euler="{euler}"/>')
-    with RgbdCamera(model, "camera", 256, 256) as camera:
+    with GlCamera(model, "camera", 256, 256) as camera:
         _, depth_m = camera.render(data)
         points = back_project(depth_m, camera.intrinsics, camera.T_world_camera(data))
     wall = data.geom("wall")
@@ -75,7 +75,7 @@ def test_back_projected_pixels_lie_on_a_slanted_wall(euler):
 @pytest.mark.parametrize(("width", "height", "fovy"), [(256, 256, 90.0), (320, 240, 60.0), (65, 47, 75.0)])
 def test_small_markers_appear_where_the_pinhole_says_and_nowhere_else(axes, width, height, fovy):
     model, data = _compile("", axes, fovy)
-    with RgbdCamera(model, "camera", width, height) as camera:
+    with GlCamera(model, "camera", width, height) as camera:
         intrinsics, T_world_camera = camera.intrinsics, camera.T_world_camera(data)
     # One marker per quadrant, none of them symmetric to another: a flip, a mirror or a transpose would show.
     half = 0.5 * math.tan(math.radians(fovy) / 2.0)
@@ -142,15 +142,15 @@ def test_sites_and_the_camera_itself_are_not_drawn():
 def test_faces_seen_from_behind_are_drawn_only_without_culling():
     # The camera stands inside the box, which is seen from within.
     model, data = _compile('<geom type="box" pos="0.3 -0.2 1.25" size="1 1 1"/>')
-    with RgbdCamera(model, "camera", 32, 32, cull_face=True) as camera:
+    with GlCamera(model, "camera", 32, 32, cull_face=True) as camera:
         assert np.isnan(camera.render(data)[1]).all()
-    with RgbdCamera(model, "camera", 32, 32, cull_face=False) as camera:
+    with GlCamera(model, "camera", 32, 32, cull_face=False) as camera:
         np.testing.assert_allclose(camera.render(data)[1], 1.0, atol=1e-4)
 
 
 def test_pictures_are_kept_when_the_next_one_is_taken_and_cameras_alternate():
     model, data = _compile('<geom name="wall" type="box" pos="2.8 0 0" size="0.5 9 9"/>')
-    with RgbdCamera(model, "camera", 64, 64) as first, RgbdCamera(model, "camera", 32, 48) as second:
+    with GlCamera(model, "camera", 64, 64) as first, GlCamera(model, "camera", 32, 48) as second:
         _, before = first.render(data)
         model.geom("wall").pos[0] += 1.0
         mujoco.mj_forward(model, data)
@@ -164,20 +164,20 @@ def test_a_model_is_left_as_it_was():
     model, _ = _compile('<geom type="box" pos="2.8 0 0" size="0.5 9 9"/>')
     quality = model.vis.quality
     before = quality.offsamples, quality.shadowsize, model.vis.global_.offwidth
-    RgbdCamera(model, "camera", 700, 700).close()
+    GlCamera(model, "camera", 700, 700).close()
     assert (quality.offsamples, quality.shadowsize, model.vis.global_.offwidth) == before
 
 
 def test_a_missing_camera_is_named_with_those_that_exist():
     model, _ = _compile("")
     with pytest.raises(RenderError, match=r'no camera "eye"; it has \[\'camera\'\]'):
-        RgbdCamera(model, "eye", 64, 64)
+        GlCamera(model, "eye", 64, 64)
 
 
 def test_a_closed_camera_says_so():
     model, data = _compile("")
-    camera = RgbdCamera(model, "camera", 16, 16)
+    camera = GlCamera(model, "camera", 16, 16)
     camera.close()
     camera.close()
-    with pytest.raises(RenderError, match="has been closed"):
+    with pytest.raises(RenderError, match="is closed"):
         camera.render(data)
