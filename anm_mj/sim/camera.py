@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -16,6 +17,9 @@ from anm_mj.types import Intrinsics
 VISIBLE_GROUPS = (0, 2)
 """Geom groups that the camera sees: 0, the default group of MJCF, and 2, the visual meshes of a scene. It does not see
 the robot's own body (1) and the scene's collision boxes (3)."""
+
+_Self = TypeVar("_Self", bound="Camera")
+"""typing.Self, which beartype does not support in methods that jaxtyping checks."""
 
 
 class Camera(ABC):
@@ -75,7 +79,7 @@ class Camera(ABC):
     def close(self) -> None:  # noqa: B027  Ray cameras have nothing to free.
         """Free all resources; may be called again."""
 
-    def __enter__(self) -> Camera:
+    def __enter__(self: _Self) -> _Self:
         return self
 
     def __exit__(self, *exc_info: object) -> None:

@@ -79,6 +79,11 @@ class GlCamera(Camera):
         self._rgb = np.empty((height, width, 3), np.uint8)
         self._depth = np.empty((height, width), np.float32)
 
+    @property
+    def culling(self) -> Culling | None:
+        """Selects the meshes to render; None if the camera always renders all of them."""
+        return self._culling
+
     def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
         """Render colour and depth; see :meth:`Camera.render`."""
         if self._gl_context is None:

@@ -87,7 +87,7 @@ def test_what_is_out_of_view_or_hidden_is_left_out():
     """
     model, data = _model(geoms)
     with GlCamera(model, "camera", 256, 256, cull_hidden=True) as camera:
-        culling = camera._culling
+        culling = camera.culling
         assert culling is not None
         _look(model, data, 0.0, 0.0, 0.0)
         camera.render(data)
@@ -138,7 +138,7 @@ def test_small_models_are_drawn_whole():
     model, _ = _model(_maze())
     assert not is_worth_culling(model)
     with GlCamera(model, "camera", 32, 32) as camera:
-        assert camera._culling is None
+        assert camera.culling is None
 
 
 def _names(model: mujoco.MjModel, culling: Culling) -> set[str]:

@@ -93,7 +93,7 @@ def test_an_unknown_drive_is_refused_with_those_that_exist(room):
 
 
 def test_an_unknown_robot_or_pose_source_is_refused_with_those_that_exist(room):
-    with pytest.raises(RobotError, match="one of our own: diff_drive"):
+    with pytest.raises(RobotError, match="a builtin name: diff_drive"):
         make_robot(room, robot="r2d2")
     with pytest.raises(RobotError, match="choose one of true, odometry"):
         make_robot(room, pose="guess")
