@@ -132,6 +132,15 @@ def test_former_settings():
         assert all(accepted), (former, present)
 
 
+def test_settings_of_the_default_policy():
+    text = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
+    section = text.partition("## The default policy")[2].partition("\n## ")[0]
+    named = {name for name in re.findall(r"`([a-z]+(?:_[a-z0-9]+)+)`", section)}
+    assert len(named) > 10
+    settings = make_config("default", [], scene="room").policy_settings
+    assert {name for name in named if not hasattr(settings, name)} == set()
+
+
 def test_own_policy():
     namespace = {}
     exec(compile(own_policy(), "planning.md", "exec"), namespace)
