@@ -1,7 +1,7 @@
-"""Shortest safe paths: Dijkstra on the sparse graph, joined to the robot's pose and pulled straight.
+"""Shortest safe paths: Dijkstra on the sparse graph, connected to the robot, with detours cut off.
 
-All vertices are reached by one call (paper, section III-C). The result is shortened by segments that keep the same
-clearance, because a graph that stays in the middle of rooms costs steps that a room does not ask for.
+One search reaches all vertices (paper, section III-C). The graph stays in the middle of rooms, which costs steps that a
+room does not ask for: paths are therefore shortened by straight segments that keep the same clearance.
 """
 
 from __future__ import annotations
@@ -17,39 +17,39 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
 
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
+from anm_mj.geometry.polyline import NUM_HEADINGS, heading_legs, shortcut
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2, TopDownMap, VoronoiGraph
 
-SKIPPED_SAMPLES = 8
-"""Segments are tested first at every eighth of their samples."""
+COARSE_STRIDE = 8
+"""A first test of segments takes every eighth of their samples."""
 MAX_CONNECTIONS = 16
-"""Vertices near the robot that a direct segment is tried to."""
+"""Vertices near the robot that are tested for a straight connection."""
 SHORT_LEG_M = 0.6
-"""Shorter legs need no more than one correction anyway [m]."""
-SHORTEST_LEG_M = 0.1
-"""A leg this much shorter than its fellow is not worth having [m]."""
-FULL_TURN = 36
-"""Turns of the robot in a full one."""
+"""Shorter legs need one heading correction at most [m]."""
+MIN_LEG_M = 0.1
+"""Legs are split in two only where both parts are longer than this [m]."""
 NEAR_ROBOT_M = 0.3
-"""A robot that stands nearer to an obstacle than is safe may leave along any way that gets it no nearer [m]."""
+"""Within this distance of a robot in a tight spot, paths need no more clearance than the robot has [m]."""
 
 
 @dataclass(frozen=True)
 class ShortestPathTree:
-    """How far every vertex is from the robot, and by which way."""
+    """Shortest paths from the robot to all vertices of a graph."""
 
     distance_m: Float[np.ndarray, " n"]
-    """Length of the shortest path [m]; +inf where there is none."""
+    """Length of the path to each vertex [m]; +inf where there is none."""
     predecessor: list[int]
-    """Previous node on it; node ``n`` is the robot itself; negative where there is none."""
+    """The node before each vertex; node ``n`` is the robot itself; negative where there is no path."""
     connection_xy_m: dict[int, Float[np.ndarray, "k 2"]]
-    """Way from the robot to each vertex it is joined to, both ends included [m]."""
+    """Path from the robot to each vertex that it is connected to, both ends included [m]."""
     graph: VoronoiGraph
     topdown: TopDownMap
     safe_m: float
+    """Least clearance of paths [m]."""
     pose: Pose2
 
     def path_to(self, vertex: int) -> Float[np.ndarray, "k 2"]:
-        """Polyline from the robot to a vertex, pulled straight; empty when there is no path [m]."""
+        """Polyline from the robot to a vertex, with detours cut off; empty when there is no path [m]."""
         if not np.isfinite(self.distance_m[vertex]):
             return np.zeros((0, 2))
         vertices = self.vertices_to(vertex)
@@ -58,7 +58,7 @@ class ShortestPathTree:
         return shortcut_path(points, self.topdown, self.safe_m, self.pose)
 
     def vertices_to(self, vertex: int) -> list[int]:
-        """The vertices of the shortest path to a vertex that can be reached, from the vertex back to the robot."""
+        """The vertices of the path to a reachable vertex, from the vertex back to the robot."""
         vertices = [vertex]
         while self.predecessor[vertices[-1]] != len(self.distance_m):
             vertices.append(self.predecessor[vertices[-1]])
@@ -66,25 +66,25 @@ class ShortestPathTree:
 
 
 def shortest_paths(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> ShortestPathTree:
-    """Shortest distances from the robot to all vertices, by one Dijkstra on a sparse graph.
+    """Shortest paths from the robot to all vertices, by one search of a sparse graph.
 
     Args:
         graph: the road map.
-        topdown: decides which segments from the robot to the graph are safe.
+        topdown: decides which connections from the robot to the graph are safe.
         pose: where the robot stands.
-        safe_m: least clearance of a way [m].
+        safe_m: least clearance of a path [m].
     """
     n = len(graph.vertex_xy_m)
-    joints = _join(graph, topdown, pose, safe_m)
-    lengths = [float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) for way in joints.values()]
-    ends = np.fromiter(joints.keys(), np.int64, len(joints))
+    connections = _connect(graph, topdown, pose, safe_m)
+    lengths = [float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in connections.values()]
+    ends = np.fromiter(connections.keys(), np.int64, len(connections))
     rows = np.concatenate([graph.edges[:, 0], np.full(len(ends), n)])
     cols = np.concatenate([graph.edges[:, 1], ends])
-    # A zero would be dropped as 'no edge'.
+    # A sparse matrix takes a weight of zero for a missing edge.
     weights = np.maximum(np.concatenate([graph.edge_length_m, lengths]), 1e-6)
     links = coo_matrix((weights, (rows, cols)), shape=(n + 1, n + 1)).tocsr()
     distance, predecessor = dijkstra(links, directed=False, indices=n, return_predecessors=True)
-    return ShortestPathTree(distance[:n], predecessor.tolist(), joints, graph, topdown, safe_m, pose)
+    return ShortestPathTree(distance[:n], predecessor.tolist(), connections, graph, topdown, safe_m, pose)
 
 
 def segments_clear(
@@ -101,15 +101,15 @@ def segments_clear(
         start_xy_m: first ends [m].
         end_xy_m: second ends [m].
         safe_m: least clearance [m].
-        pose: where the robot stands; within ``NEAR_ROBOT_M`` of it the clearance it has now is enough.
+        pose: where the robot stands; within ``NEAR_ROBOT_M`` of it the clearance that it has now is enough.
     """
     longest = float(np.linalg.norm(end_xy_m - start_xy_m, axis=1).max(initial=0.0))
     share = np.linspace(0.0, 1.0, max(math.ceil(longest / topdown.resolution_m * 2), 1) + 1)
     clear = np.ones(len(start_xy_m), bool)
-    # A few samples are enough to find most segments that are not clear.
-    for some in (share[::SKIPPED_SAMPLES], share):
+    # A few samples find most segments that are not clear.
+    for samples in (share[::COARSE_STRIDE], share):
         start, along = start_xy_m[clear, :, None], (end_xy_m - start_xy_m)[clear, :, None]
-        xy = start + along * some
+        xy = start + along * samples
         clear[clear] = _are_clear(topdown, xy[:, 0], xy[:, 1], safe_m, pose).all(axis=1)
     return clear
 
@@ -150,28 +150,27 @@ def _clearance(
 def shortcut_path(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
-    """The same way with every detour cut that a safe straight segment can cut (greedy, farthest first)."""
-    kept = [points[0]]
-    here = 0
-    while here < len(points) - 1:
-        ahead = np.arange(here + 1, len(points))
-        clear = segments_clear(topdown, np.repeat(points[here][None], len(ahead), axis=0), points[ahead], safe_m, pose)
-        here = int(ahead[clear].max(initial=here + 1))
-        kept.append(points[here])
-    return np.array(kept)
+    """A path without the detours that a safe straight segment can cut off.
+
+    Args:
+        points: the path from the robot on [m].
+        topdown: the map.
+        safe_m: least clearance [m].
+        pose: where the robot stands.
+    """
+    return shortcut(points, lambda start, end: segments_clear(topdown, start, end, safe_m, pose))
 
 
 def quantize_headings(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
-    """The same way with legs along headings that the robot can have, where that is as safe.
+    """A path with legs along headings that the robot can have, where these are as safe.
 
-    A robot that turns by 10 degrees at a time can drive along most legs only with a correction every few steps, each of
-    which costs a step. Two legs along the headings to either side come to the same place with one turn, and are at most
-    0.4 % longer.
+    A robot that turns by 10 degrees follows most legs only with a correction every few steps, and each costs a step.
+    Two legs along the headings to either side lead to the same place with one turn, and are at most 0.4 % longer.
 
     Args:
-        points: the way from the robot on [m].
+        points: the path from the robot on [m].
         topdown: the map.
         safe_m: least clearance [m].
         pose: where the robot stands.
@@ -179,33 +178,28 @@ def quantize_headings(
     kept = [points[0]]
     heading = 0.0  # In turns from the robot's own.
     for start, end in itertools.pairwise(points):
-        along = end - start
-        length = float(np.hypot(*along))
-        if length > SHORT_LEG_M:
-            bearing = wrap_angle(math.atan2(along[1], along[0]) - pose.yaw_rad) / TURN_STEP_RAD
-            side = np.array([math.floor(bearing), math.floor(bearing) + 1.0])
-            angle = (side - bearing) * TURN_STEP_RAD
-            # What each of the two legs is long, from the triangle that they form with the straight one.
-            lengths = length * np.abs(np.sin(angle[::-1])) / math.sin(TURN_STEP_RAD)
-            off = np.abs((side - heading + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2)
-            order = np.argsort(off, kind="stable")
-            for first in order if lengths.min() > SHORTEST_LEG_M else ():
-                yaw = pose.yaw_rad + side[first] * TURN_STEP_RAD
-                corner = start + lengths[first] * np.array([math.cos(yaw), math.sin(yaw)])
+        if float(np.hypot(*(end - start))) > SHORT_LEG_M:
+            sides, _, lengths_m = heading_legs(end - start, pose.yaw_rad)
+            off = [abs((side - heading + NUM_HEADINGS / 2) % NUM_HEADINGS - NUM_HEADINGS / 2) for side in sides]
+            # The heading nearer to the present one comes first.
+            first = int(off[1] < off[0])
+            for k in (first, 1 - first) if min(lengths_m) > MIN_LEG_M else ():
+                yaw = pose.yaw_rad + sides[k] * TURN_STEP_RAD
+                corner = start + lengths_m[k] * np.array([math.cos(yaw), math.sin(yaw)])
                 if segments_clear(topdown, np.stack([start, corner]), np.stack([corner, end]), safe_m, pose).all():
                     kept.append(corner)
                     break
-            heading = side[order[-1]]
+            heading = float(sides[1 - first])
         kept.append(end)
     return np.array(kept)
 
 
 def remaining_path(path_xy_m: Float[np.ndarray, "k 2"], pose: Pose2) -> Float[np.ndarray, "j 2"]:
-    """What is left of a way, from the robot on [m]."""
+    """The rest of a path, from the robot on [m]."""
     start, along = path_xy_m[:-1], np.diff(path_xy_m, axis=0)
     t = ((pose.xy_m - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
     off = np.linalg.norm(start + np.clip(t, 0.0, 1.0)[:, None] * along - pose.xy_m, axis=1)
-    # At a corner both legs are as near: the later one counts.
+    # At a corner both legs are equally near: the later one counts.
     leg = len(off) - 1 - int(np.argmin(off[::-1]))
     return np.concatenate([pose.xy_m[None], path_xy_m[leg + 1 :]])
 
@@ -214,9 +208,9 @@ def path_steps(path_xy_m: Float[np.ndarray, "k 2"], yaw_rad: float, final_yaw_ra
     """Steps of the action budget that a path costs: its length in forward steps and its turns in 10-degree steps.
 
     Args:
-        path_xy_m: the way from the robot [m].
-        yaw_rad: the robot's heading at its start.
-        final_yaw_rad: heading wanted at its end; None = whatever it is then.
+        path_xy_m: the path from the robot [m].
+        yaw_rad: heading at its start [rad].
+        final_yaw_rad: heading wanted at its end [rad]; None for whatever it is then.
     """
     steps = 0.0
     for leg in np.diff(path_xy_m, axis=0):
@@ -231,7 +225,9 @@ def path_steps(path_xy_m: Float[np.ndarray, "k 2"], yaw_rad: float, final_yaw_ra
     return steps
 
 
-def _join(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) -> dict[int, Float[np.ndarray, "k 2"]]:
+def _connect(
+    graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float
+) -> dict[int, Float[np.ndarray, "k 2"]]:
     """Paths from the robot to vertices near it: straight where that is safe, else one along the grid."""
     if not len(graph.vertex_xy_m):
         return {}
@@ -241,11 +237,11 @@ def _join(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m: float) 
     clear = segments_clear(topdown, start, graph.vertex_xy_m[near], safe_m, pose)
     if clear.any():
         return {int(v): np.stack([pose.xy_m, graph.vertex_xy_m[v]]) for v in near[clear]}
-    return _join_along_grid(graph, topdown, pose)
+    return _connect_along_grid(graph, topdown, pose)
 
 
-def _join_along_grid(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2) -> dict[int, Float[np.ndarray, "k 2"]]:
-    """The cheapest way over free cells to any vertex, preferring clearance: for a robot that stands in a tight spot."""
+def _connect_along_grid(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2) -> dict[int, Float[np.ndarray, "k 2"]]:
+    """The cheapest path over free cells to any vertex, preferring clearance: for a robot in a tight spot."""
     cost = np.where(topdown.clearance_m > 0, 1.0 / np.maximum(topdown.clearance_m, 0.02), -1.0)
     start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
     if not ((start >= 0) & (start < cost.shape)).all():
@@ -258,5 +254,5 @@ def _join_along_grid(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2) -> d
     best = int(np.argmin(reached))
     if not np.isfinite(reached[best]):
         return {}
-    way = cell_to_world(np.array(search.traceback(tuple(cells[best]))), topdown.origin_xy_m, topdown.resolution_m)
-    return {best: np.concatenate([pose.xy_m[None], way[1:-1], graph.vertex_xy_m[best][None]])}
+    path = cell_to_world(np.array(search.traceback(tuple(cells[best]))), topdown.origin_xy_m, topdown.resolution_m)
+    return {best: np.concatenate([pose.xy_m[None], path[1:-1], graph.vertex_xy_m[best][None]])}
