@@ -1,7 +1,7 @@
 """The loop: observe, learn, decide, act, until the budget is spent or nothing is left to see. Start reading here.
 
 scene -> simulator -> observation -> neural map -> top-down map -> graph -> regions -> target -> path -> discrete
-actions -> wheel commands -> (again). The stages are seen through :mod:`anm_mj.protocols` only, so that each can be
+actions -> wheel commands -> (again). The loop sees the stages through :mod:`anm_mj.protocols` only. Each can be
 replaced: by a real robot, another map, another policy.
 """
 
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
-from anm_mj.planning.lookahead import way_is_blocked
+from anm_mj.planning.lookahead import path_is_blocked
 from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
 STUCK_COLLISIONS = 12
-"""A robot on its way to a target that collides this often without one free step in between is stuck."""
+"""A robot that collides this often on its path, without a free step in between, is stuck."""
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """What a step came to."""
+    """The state of a run after a step."""
 
     step: int
     observation: Observation
@@ -35,7 +35,7 @@ class StepReport:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended."""
+    """The end of a run."""
 
     stop_reason: StopReason
     num_steps: int
@@ -59,14 +59,14 @@ def explore(
     """Explore until a ``StopReason`` comes up.
 
     Args:
-        robot: the body; it is observed once before the first action and once after every action.
+        robot: observes once before the first action and once after every action.
         mapper: learns from every observation.
-        policy: asked whenever the last plan is done, outdated or blocked.
-        num_steps: budget of discrete actions; turns and blocked moves count.
-        recorder: keeps what happens.
-        viewer: shows what happens.
+        policy: hears every observation, and plans whenever the last plan is done, outdated or blocked.
+        num_steps: budget of discrete actions; turns and collisions count.
+        recorder: records the run.
+        viewer: shows the run.
         stop_requested: asked before every step; True ends the run with INTERRUPTED.
-        on_step: told after every step.
+        on_step: called after every step.
 
     Raises:
         PlanError: the policy returned a plan that asks for nothing.
@@ -135,7 +135,7 @@ def _perceive(robot: Robot, mapper: Mapper, policy: Policy, watch: Stopwatch) ->
 def _is_blocked(
     action: Action | None, plan: Plan | None, robot: Robot, mapper: Mapper, observation: Observation
 ) -> bool:
-    """Whether the map has come to show an obstacle on a planned way; fixed actions are left to the robot."""
+    """Whether the map now shows an obstacle on the planned path; fixed actions are executed without a check."""
     if action is not Action.MOVE_FORWARD or plan is None or plan.actions:
         return False
-    return way_is_blocked(mapper.occupancy, robot.footprint, observation.pose)
+    return path_is_blocked(mapper.occupancy, robot.footprint, observation.pose)

@@ -1,7 +1,7 @@
-"""The seams between the stages: plug-in interface, test seam and real-robot seam at once.
+"""The interfaces between the stages: plug-ins, tests and real robots all use them.
 
-Any object with these methods will do; nothing has to be inherited or registered. ``explore`` sees the stages through
-these only.
+Any object with these methods will do; there is nothing to inherit or register. ``explore`` sees the stages through
+these interfaces only.
 """
 
 from __future__ import annotations
@@ -28,63 +28,63 @@ from anm_mj.types import (
 
 @runtime_checkable
 class Robot(Protocol):
-    """A body with an RGB-D camera that obeys discrete actions and velocities, simulated or real."""
+    """A robot with an RGB-D camera that executes discrete actions and velocities, simulated or real."""
 
     @property
     def footprint(self) -> Footprint:
-        """The cylinder that must stay clear of obstacles."""
+        """The cylinder to keep clear of obstacles."""
         ...
 
     def observe(self) -> Observation:
-        """The view from where the robot stands now."""
+        """The view from the present pose."""
         ...
 
     def act(self, action: Action) -> ActionResult:
-        """Execute one action to its end and say what came of it."""
+        """Execute one action to its end."""
         ...
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
-        """Move at a velocity for a time [s] and say what came of it."""
+        """Move at a velocity for a time [s]."""
         ...
 
 
 @runtime_checkable
 class Drive(Protocol):
-    """Turns what is asked of a simulated robot into wheel motion."""
+    """Turns the actions and velocities of a simulated robot into wheel motion."""
 
     def act(self, action: Action) -> ActionResult:
-        """Execute one action to its end and say what came of it."""
+        """Execute one action to its end."""
         ...
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
-        """Move at a velocity for a time [s]; without a next call the robot does not go on."""
+        """Move at a velocity for a time [s]; the robot stops unless another call follows."""
         ...
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
-        """Turn on the spot until the camera's axis lies in one vertical plane with a point of the world."""
+        """Turn on the spot until a vertical plane holds both the camera's axis and a point of the world [m]."""
         ...
 
     def place(self, pose: Pose2) -> None:
-        """Stand the robot at a pose, at rest; obstacles are not asked."""
+        """Put the robot at a pose, at rest, regardless of obstacles."""
         ...
 
     @property
     def pose(self) -> Pose2:
-        """Where the base stands now."""
+        """The true pose of the base."""
         ...
 
     @property
     def odometry(self) -> Pose2:
-        """Where the base stands as far as the wheels' encoders tell."""
+        """The pose of the base as the wheel encoders have it."""
         ...
 
 
 @runtime_checkable
 class Mapper(Protocol):
-    """The map of the scene, learnt online: a neural field and, beside it, an occupancy grid."""
+    """The map of the scene, learnt online: a neural field and an occupancy grid."""
 
     def integrate(self, observation: Observation) -> MapUpdate:
-        """Take one observation in and train as the schedule says."""
+        """Add an observation and train for the iterations that the schedule sets."""
         ...
 
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
@@ -92,16 +92,16 @@ class Mapper(Protocol):
         ...
 
     def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """How unsure the map is at world points: a variance up to a constant factor; larger is less certain."""
+        """Uncertainty of the map at world points: a variance up to a constant factor; larger is less certain."""
         ...
 
     def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
-        """Zero-crossings of the SDF within ``radius_m`` (in the plane) of a place, where anything was observed."""
+        """Zero-crossings of the SDF in observed space within ``radius_m`` (in the plane) of a place."""
         ...
 
     @property
     def occupancy(self) -> VoxelGrid:
-        """Free, occupied and unknown space as fused from depth so far (a view, not a copy)."""
+        """Free, occupied and unknown space, fused from depth (a view, not a copy)."""
         ...
 
 
@@ -114,7 +114,7 @@ class Policy(Protocol):
         ...
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The next decision, made from the map and the robot's pose."""
+        """The next decision, from the map and the robot's pose."""
         ...
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
@@ -124,27 +124,27 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Keeps what a run does as it does it."""
+    """Records a run while it goes on."""
 
     def observation(self, observation: Observation) -> None:
-        """An observation has been made; the first one stands before any action."""
+        """Record an observation; the first one comes before any action."""
         ...
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """An action has been executed; ``pose`` is where the robot stands after it."""
+        """Record an executed action and the pose after it."""
         ...
 
     def plan(self, step: int, plan: Plan) -> None:
-        """A decision has been made."""
+        """Record a decision."""
         ...
 
 
 @runtime_checkable
 class Viewer(Protocol):
-    """Shows a run while it goes."""
+    """Shows a run while it goes on."""
 
     def show(self, observation: Observation, mapper: Mapper, plan: Plan | None) -> None:
-        """Show the present state; must return quickly and never stop the run."""
+        """Show the present state; returns quickly and never stops the run."""
         ...
 
     def close(self) -> None:

@@ -8,14 +8,13 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from anm_mj.config import RunConfig, default_steps
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth, reachable_area
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
@@ -53,10 +52,10 @@ def run(
     Args:
         config: what to do.
         out: the run folder; None = a new one below ``runs/``.
-        viewer: shows the run while it goes; None = nothing does.
+        viewer: shows the run while it goes on; None = no viewer.
         stop_requested: asked before every step; True ends the run with INTERRUPTED and everything written.
-        on_step: told after every step, with the budget.
-        on_survey: told how much of the search for what can be seen is done; only at the first run in a scene.
+        on_step: called after every step, with the budget.
+        on_survey: called with the progress of the search for the observable surface; only at the first run in a scene.
 
     Raises:
         AnmError: the scene, start, policy, device, renderer or output folder cannot be used; nothing has been written
@@ -68,14 +67,14 @@ def run(
     backend = select_backend()
     mapper = _make_mapper(config)
     with _make_robot(config, scene) as robot:
-        survey = functools.cache(lambda: _survey(scene, robot, on_survey))
-        policy = _make_policy(config, scene, robot, survey)
+        truth = functools.cache(lambda: _true_scene(scene, robot, on_survey))
+        policy = _make_policy(config, robot, truth)
         folder = RunFolder.create(out, scene.name, config.policy)
         folder.write_manifest(manifest(_facts(config, scene, robot, mapper, backend), sys.argv))
         folder.write_config(replace(config, steps=steps))
-        truth = survey().truth
+        surface = truth().surface
         malloc_trim()
-        with RunRecorder(folder, truth, _true_view(config, robot)) as recorder:
+        with RunRecorder(folder, surface, _true_view(config, robot)) as recorder:
             outcome = explore(
                 robot,
                 mapper,
@@ -93,13 +92,13 @@ def run(
             return folder, recorder.finish(outcome.stop_reason, mapper, left, wall_s=wall_s, loop_s=outcome.loop_s)
 
 
-# The next two import torch and mujoco, which take seconds that a mistyped option should not cost. mujoco must not be
-# imported before its GL back-end is chosen.
+# The next two functions import torch and mujoco: a mistyped option should not cost the seconds that this takes, and
+# mujoco must not be imported before its GL back-end is chosen.
 
 
 def _make_mapper(config: RunConfig) -> NeuralMap:
-    # Threads of torch that wait for work by spinning take the cores away from rendering and from other programs: on a
-    # busy machine that costs a factor of five. The OpenMP runtime reads this when torch is imported.
+    # Threads of torch that spin while they wait for work take the cores away from rendering and from other programs; on
+    # a busy machine that costs a factor of five. The OpenMP runtime reads this when torch is imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from anm_mj.mapping.neural_map import NeuralMap
 
@@ -128,26 +127,17 @@ def _start_pose(config: RunConfig) -> Pose2 | None:
     return Pose2(x, y, math.radians(yaw_deg))
 
 
-@dataclass(frozen=True)
-class _Survey:
-    truth: GroundTruth
-    """The true surface, with the part of it that the robot can see."""
-    camera: CameraExtrinsics
-    start: Pose2
-
-
-def _survey(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], None]) -> _Survey:
+def _true_scene(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], None]) -> SceneTruth:
+    """The true surface with its observable part; the search for that part takes minutes at the first run in a scene."""
     first = robot.observe()
     camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
-    return _Survey(cached_ground_truth(scene, robot.footprint, camera, first.pose, on_survey), camera, first.pose)
+    surface = cached_ground_truth(scene, robot.footprint, camera, first.pose, on_survey)
+    return SceneTruth(surface, reachable_area(scene, robot.footprint, first.pose), camera)
 
 
-def _make_policy(config: RunConfig, scene: Scene, robot: SimRobot, survey: Callable[[], _Survey]) -> Policy:
-    """The policy; only one that needs the truth waits for the survey."""
-    told = None
-    if needs_truth(config.policy):
-        reachable = reachable_area(scene, robot.footprint, survey().start)
-        told = SceneTruth(survey().truth, reachable, survey().camera)
+def _make_policy(config: RunConfig, robot: SimRobot, truth: Callable[[], SceneTruth]) -> Policy:
+    """The policy; only one that needs the truth waits for it."""
+    told = truth() if needs_truth(config.policy) else None
     context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, told)
     return make_policy(config.policy, context)
 
@@ -169,7 +159,7 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
 
 
 def _true_view(config: RunConfig, robot: SimRobot) -> Callable[[], tuple[Pose2, np.ndarray]] | None:
-    """Asks for the robot's true pose and camera; None where observations are said to be made there anyway."""
+    """A function that gives the robot's true pose and camera; None when observations are made from the true pose."""
     return None if config.pose == "true" else lambda: (robot.pose, robot.T_true_camera)
 
 

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, UInt8
 
 FREE = 0
-"""State of a cell that depth rays went through."""
+"""State of a cell that depth rays passed through."""
 OCCUPIED = 1
 """State of a cell that holds a surface."""
 UNKNOWN = -1
-"""State of a cell that nothing has told about."""
+"""State of a cell that was never observed."""
 
 _EDGE = 1e-6
 """A height this near to a face between two layers lies on it [layers]."""
@@ -48,13 +48,13 @@ class StopReason(StrEnum):
     """Why a run ended."""
 
     COMPLETE = "COMPLETE"
-    """Nothing reachable is left that is worth a step."""
+    """Nothing reachable is worth another step."""
     BUDGET = "BUDGET"
-    """The number of steps asked for was spent."""
+    """The budget of steps was spent."""
     NO_REACHABLE_TARGET = "NO_REACHABLE_TARGET"
-    """Something is left to see, but no path leads to it."""
+    """Something is unexplored, but no path leads to it."""
     STUCK = "STUCK"
-    """The robot could not leave its place in repeated attempts."""
+    """The robot collided again and again without a free step in between."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
 
@@ -104,7 +104,7 @@ class Footprint:
 
     radius_m: float
     z_min_m: float
-    """Lowest height that obstacles are looked for at [m]; what is lower is driven over."""
+    """Lower obstacles do not matter [m]: the robot drives over them."""
     z_max_m: float
     """Height of the robot's top [m]."""
 
@@ -145,32 +145,32 @@ class Twist:
 
 @dataclass(frozen=True)
 class MotionResult:
-    """What a motion other than a discrete action came to."""
+    """The outcome of a motion other than a discrete action."""
 
     collided: bool
-    """True when it was refused or stopped by an obstacle."""
+    """True when an obstacle prevented or stopped it."""
     wheel_speeds: WheelSpeeds
     """Mean wheel speeds over the motion [rad/s]."""
     moved_m: float
-    """Length of the way that the base moved [m]."""
+    """Length of the path of the base [m]."""
     turned_rad: float
-    """Sum of all turning, to either side [rad]."""
+    """Sum of all turns, to either side [rad]."""
     duration_s: float
-    """Time that it took [s]."""
+    """Duration [s]."""
 
     @property
     def equivalent_steps(self) -> float:
-        """What it would cost of a budget of discrete actions: its way and its turning in their units."""
+        """Its cost as a number of discrete actions: its path in forward steps plus its turns in turn steps."""
         return self.moved_m / FORWARD_STEP_M + self.turned_rad / TURN_STEP_RAD
 
 
 @dataclass(frozen=True)
 class ActionResult:
-    """What executing one action came to."""
+    """The outcome of one action."""
 
     action: Action
     collided: bool
-    """True when the move was refused or stopped by an obstacle."""
+    """True when an obstacle prevented or stopped the move."""
     wheel_speeds: WheelSpeeds
     """Mean wheel speeds over the action [rad/s]."""
     moved_m: float
@@ -217,7 +217,7 @@ class VoxelGrid:
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """Points on the zero-crossing of the SDF, with what the map knows about each."""
+    """Points on the zero-crossing of the SDF, with normals and uncertainty."""
 
     xyz_m: Float32[np.ndarray, "n 3"]
     normal: Float32[np.ndarray, "n 3"]
@@ -228,7 +228,7 @@ class SurfacePoints:
 
 @dataclass(frozen=True)
 class MapUpdate:
-    """What one call of ``Mapper.integrate`` did."""
+    """The effect of one call of ``Mapper.integrate``."""
 
     loss: float
     """Total training loss of the last iteration; NaN when no iteration ran."""
@@ -238,7 +238,7 @@ class MapUpdate:
 
 @dataclass(frozen=True)
 class TopDownMap:
-    """The neural map seen by a robot that moves in the plane."""
+    """The neural map, projected to the plane that the robot moves in."""
 
     clearance_m: Float32[np.ndarray, "rows cols"]
     """Signed distance to the nearest obstacle or unknown-free border [m]: positive in free space, negative inside."""
@@ -250,7 +250,7 @@ class TopDownMap:
     surface_xy_m: Float[np.ndarray, "s 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Where free space ends at an obstacle: zero-crossings of the field, finer than a cell [m]."""
     frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))
-    """Where free space ends because nothing is known beyond [m]."""
+    """Where free space borders on unknown space [m]."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ class VoronoiGraph:
 
 @dataclass(frozen=True)
 class Region:
-    """A region of interest: a cluster of uncertain surface, anchored to the vertex it is to be looked at from."""
+    """A region of interest: a cluster of uncertain surface, anchored to a vertex from which the robot can see it."""
 
     centre_m: Float[np.ndarray, "3"]
     normal: Float[np.ndarray, "3"]
@@ -286,26 +286,26 @@ class Region:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One place a policy weighed, for the plan log."""
+    """One place that a policy considered, for the plan log."""
 
     xy_m: Float[np.ndarray, "2"]
     score: float
     gain: float
-    """What the policy expects to gain there, in the policy's own unit (see its docstring)."""
+    """Gain that the policy expects there, in the policy's own unit (see its docstring)."""
     cost_steps: float
-    """Steps to get there and look, turns included."""
+    """Steps to get there and look, including turns."""
 
 
 @dataclass(frozen=True)
 class UnexploredPatch:
-    """A patch of space that a run leaves unknown although it borders on what is known to be free."""
+    """A patch of unknown space that borders on free space at the end of a run."""
 
     centre_m: Float[np.ndarray, "3"]
     """World x, y, z [m]."""
     area_m2: float
-    """Of the border between the free and the unknown [m2]."""
+    """Area of the border between free and unknown space [m2]."""
     why: str
-    """``unreachable``, ``too narrow a way``, ``too high`` or ``hidden`` (in reach, but no view ever showed it)."""
+    """``unreachable``, ``too narrow a way``, ``too high`` or ``hidden`` (in reach, but in no view)."""
 
 
 @dataclass(frozen=True)
@@ -313,7 +313,7 @@ class Plan:
     """A policy's decision: where to go and look, or why to stop."""
 
     reason: str
-    """Why this one, in one line for a person."""
+    """Why the policy decided so, in one line for a person."""
     path_xy_m: Float[np.ndarray, "k 2"]
     """Polyline from the robot to the target [m]; empty for a turn on the spot or a stop."""
     headings_rad: tuple[float, ...] = ()
@@ -321,10 +321,10 @@ class Plan:
     actions: tuple[Action, ...] = ()
     """Actions to execute as they are (a bootstrap rotation, a random move); path and headings are then empty."""
     valid_steps: int = 0
-    """Decide anew after this many steps even when the target has not been reached; 0 = not before."""
+    """The policy decides anew after this many steps, even before the robot reaches the target; 0 = not before."""
     stop: StopReason | None = None
     unexplored: tuple[UnexploredPatch, ...] = ()
-    """With a stop: what is left, largest first."""
+    """With a stop: the unexplored patches, largest first."""
     candidates: tuple[Candidate, ...] = ()
     topdown: TopDownMap | None = None
     graph: VoronoiGraph | None = None

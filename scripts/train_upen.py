@@ -1,4 +1,4 @@
-"""Train the occupancy predictors of policy upen on floor plans of the project's own generator.
+"""Train the occupancy predictors of the upen policy on floor plans of the project's own generator.
 
     python scripts/train_upen.py            # a quarter of an hour on one core; writes what the policy loads
 

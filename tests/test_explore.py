@@ -171,7 +171,7 @@ def test_a_policy_gets_past_an_obstacle_that_the_map_does_not_show(name, range_n
 def test_vertices_passed_on_the_way_count_as_visited():
     policy = make("anm-s", bootstrap_turns=0, visited_by="place")
     _, recorder = run(policy, seen_room(boxes=[(2.2, 1.6, 2.6, 2.0)]), Pose2(1.0, 1.5, 0.0), num_steps=120)
-    trajectory = np.array(policy._stages.topdown.trajectory_xy_m)
+    trajectory = np.array(policy.stages.topdown.trajectory_xy_m)
     driven = np.array([pose.xy_m for _, _, pose, _ in recorder.steps])
     last_plan = recorder.plans[-1][0]
     away = np.linalg.norm(driven[:last_plan, None] - trajectory[None], axis=-1).min(axis=1)

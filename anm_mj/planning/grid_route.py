@@ -1,4 +1,4 @@
-"""Shortest ways over a grid map, for policies without a graph: Dijkstra over cells, pulled straight."""
+"""Shortest paths over a grid map, for policies without a graph: Dijkstra over cells, then shortcuts."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
 from anm_mj.types import FREE, Pose2, TopDownMap
 
 COMFORT_M = 0.2
-"""Clearance beyond the least one up to which a way prefers to keep away from obstacles [m]."""
+"""Paths prefer to keep this much clearance beyond the least one [m]."""
 
 
 class GridRoutes:
-    """The shortest ways from the robot to all cells of a map that it can reach."""
+    """The shortest paths from the robot to all cells of a map that it can reach."""
 
     def __init__(self, topdown: TopDownMap, pose: Pose2, safe_m: float):
         """Search the whole map once.
 
         Args:
-            topdown: the map; ways lead over free cells only.
-            pose: where the robot stands; within ``NEAR_ROBOT_M`` of it no more clearance is asked than it has now.
-            safe_m: least clearance of a way [m].
+            topdown: the map; paths cross free cells only.
+            pose: the robot's pose; within ``NEAR_ROBOT_M`` of it paths need no more clearance than it has now.
+            safe_m: least clearance of a path [m].
         """
         self.topdown = topdown
         self.pose = pose
@@ -38,16 +38,16 @@ class GridRoutes:
         crowding = np.clip((safe_m + COMFORT_M - clearance) / COMFORT_M, 0.0, 1.0)
         self._search = MCP_Geometric(np.where(passable, 1.0 + crowding, -1.0))
         self.cost_cells = self._search.find_costs([tuple(start)])[0]
-        """Length of the way to each cell, dearer near obstacles [cells]; +inf where there is none."""
+        """Cost of the path to each cell: its length, up to doubled near obstacles [cells]; +inf where none leads."""
         self._cells = np.argwhere(np.isfinite(self.cost_cells))
         self._xy_m = cell_to_world(self._cells, topdown.origin_xy_m, topdown.resolution_m)
 
     def nearest(self, xy_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-        """The reachable place nearest to another one, as the crow flies [m]."""
+        """The reachable place nearest to another one in a straight line [m]."""
         return self._xy_m[np.argmin(np.linalg.norm(self._xy_m - xy_m, axis=1))]
 
     def cost_at(self, xy_m: Float[np.ndarray, "2"]) -> float:
-        """Length of the way to a place, dearer near obstacles; +inf where there is none [m]."""
+        """Cost of the path to a place: its length, up to doubled near obstacles [m]; +inf where none leads."""
         row, col = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
         rows, cols = self.cost_cells.shape
         inside = 0 <= row < rows and 0 <= col < cols
@@ -57,9 +57,9 @@ class GridRoutes:
         """Polyline from the robot to a reachable place [m].
 
         Args:
-            xy_m: a place that :meth:`nearest` gave, or of finite cost.
+            xy_m: a place from :meth:`nearest`, or one of finite cost.
         """
         end = world_to_cell(xy_m[None], self.topdown.origin_xy_m, self.topdown.resolution_m)[0]
         cells = np.array(self._search.traceback(tuple(end)))
-        way = cell_to_world(cells, self.topdown.origin_xy_m, self.topdown.resolution_m)
-        return shortcut_path(np.concatenate([self.pose.xy_m[None], way[1:]]), self.topdown, self.safe_m, self.pose)
+        path = cell_to_world(cells, self.topdown.origin_xy_m, self.topdown.resolution_m)
+        return shortcut_path(np.concatenate([self.pose.xy_m[None], path[1:]]), self.topdown, self.safe_m, self.pose)

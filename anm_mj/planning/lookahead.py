@@ -1,4 +1,4 @@
-"""Whether the next forward step is still free: asked at every step, of the few voxels it would touch."""
+"""Whether the next forward steps are still free, from the few voxels that they would touch; asked at every step."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ LOOKAHEAD_STEPS = 2
 """Forward steps that must be free."""
 
 
-def way_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
-    """Whether the next forward steps would bring occupied voxels into the body, and nearer than any is now.
+def path_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
+    """Whether the next forward steps bring occupied voxels into the body, and nearer than any is now.
 
     Args:
         grid: the occupancy.
-        footprint: the body.
-        pose: where it stands; the way ahead is along its heading.
+        footprint: the robot's body.
+        pose: the robot's pose; it would move along its heading.
     """
     reach = LOOKAHEAD_STEPS * FORWARD_STEP_M
     resolution = grid.resolution_m

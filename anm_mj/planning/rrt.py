@@ -45,9 +45,9 @@ def grow_tree(
         passable: cells that edges may cross, ``[row, col]``.
         origin_xy_m: world x, y of the outer corner of cell [0, 0] [m].
         resolution_m: edge of a cell [m].
-        root_xy_m: where the tree begins [m]; its own cell need not be passable.
+        root_xy_m: the root [m]; its own cell need not be passable.
         half_width_m: half the side of the square that samples are drawn from [m].
-        num_samples: how many are drawn.
+        num_samples: number of samples.
         hop_m: length of an edge [m].
         rng: draws the samples.
     """

@@ -1,8 +1,8 @@
-"""A two-dimensional evidence grid from the depth camera used as a planar scanner, for policies with a map of their own.
+"""A two-dimensional occupancy grid from the depth camera used as a planar scanner, for policies with their own map.
 
-Every image column is one beam of a scan: it ends at the nearest surface between the lowest and the highest point of
-the robot's body, and what lies before that is free (Moravec and Elfes, ICRA 1985; Yamauchi, CIRA 1997). Unlike the
-occupancy beside the neural map it can be limited in range, as the published configurations of the baselines are.
+Every image column is one beam of a scan. It ends at the nearest surface within the heights of the robot's body, and the
+cells before that are free (Moravec and Elfes, ICRA 1985; Yamauchi, CIRA 1997). Its range can be limited, as in the
+published configurations of the baselines; that of the neural map's occupancy grid cannot.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from anm_mj.utils.arrays import embed
 
 RESOLUTION_M = 0.05
 GROWTH_CELLS = 128
-"""The grid grows by blocks of this many cells."""
+"""The grid grows in blocks of this many cells."""
 HIT, PASS = 0.85, -0.4
-"""Log-odds that one scan adds to a cell it ends in, and to one it goes through."""
+"""Log-odds that one scan adds to a cell that a beam ends in, and to one that a beam passes through."""
 JOINED_M = 0.25
-"""Ends of neighbouring beams nearer to each other than this lie on one surface [m]."""
+"""Ends of neighbouring beams that are nearer to each other than this lie on one surface [m]."""
 MOST, LEAST = 3.5, -2.0
-"""Bounds of a cell's log-odds, so that it can change its mind."""
+"""Bounds of a cell's log-odds, so that later scans can still change its state."""
 
 
 class ScanGrid:
-    """Log-odds of occupancy in the plane, grown to wherever scans reach."""
+    """Log-odds of occupancy in the plane; the grid grows with the reach of the scans."""
 
     def __init__(self, footprint: Footprint, range_m: float):
         """Start with nothing known.
 
         Args:
-            footprint: the heights that obstacles are looked for at.
-            range_m: beams are cut at this distance from the camera [m].
+            footprint: the robot's body; obstacles matter within its heights.
+            range_m: beams end at this distance from the camera [m].
         """
         self.footprint = footprint
         self.range_m = range_m
         self.origin_xy_m = np.zeros(2)
         """World x, y of the outer corner of cell [0, 0]."""
         self.log_odds = np.zeros((0, 0), np.float32)
-        """NaN where no scan has told anything."""
+        """NaN in cells that no beam has touched."""
 
     def integrate(self, observation: Observation) -> None:
-        """Take a scan in; the ground under the robot is free, because it stands there."""
+        """Add a scan; the ground under the robot is free, because it stands there."""
         camera_xy_m = observation.T_world_camera[:2, 3]
         self._grow(np.stack([camera_xy_m - self.range_m, camera_xy_m + self.range_m]))
         end_m, hit = self._beams(observation)
@@ -62,20 +62,20 @@ class ScanGrid:
         self.log_odds[struck] = np.minimum(np.nan_to_num(self.log_odds[struck]) + HIT, MOST)
 
     def block_ahead(self, pose: Pose2) -> None:
-        """Remember that a forward step was refused: something stands where it would have led to."""
+        """Mark the end of a forward step as occupied, because the robot collided on it."""
         ahead = np.array([math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)])
         place = pose.xy_m + (self.footprint.radius_m + FORWARD_STEP_M) * ahead
         self.log_odds[self._mask(place[None])] = MOST
 
     def topdown(self) -> TopDownMap:
-        """The grid as a map; clearance is the distance to the nearest obstacle, unknown ground counting as none [m]."""
+        """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""
         state = np.where(self.log_odds > 0, np.int8(OCCUPIED), np.int8(FREE))
         state[np.isnan(self.log_odds)] = UNKNOWN
         clear = np.asarray(ndimage.distance_transform_edt(state != OCCUPIED)) - 0.5
         return TopDownMap((clear * RESOLUTION_M).astype(np.float32), state, RESOLUTION_M, self.origin_xy_m.copy())
 
     def _beams(self, observation: Observation) -> tuple[Float[np.ndarray, " w"], Bool[np.ndarray, " w"]]:
-        """Where each column's beam ends [m], and whether a surface ends it."""
+        """Where each column's beam ends [m], and whether it hits a surface there."""
         depth_m = observation.depth_m
         rays = pixel_directions(observation.intrinsics)
         height_m = observation.T_world_camera[2, 3] + depth_m * (rays @ observation.T_world_camera[2, :3])
@@ -107,7 +107,7 @@ class ScanGrid:
         return x**2 + y**2 <= self.footprint.radius_m**2
 
     def _grow(self, corners_xy_m: Float[np.ndarray, "2 2"]) -> None:
-        """Make the grid hold a box, keeping what it knows."""
+        """Enlarge the grid until it holds a box; cells keep their values."""
         block_m = GROWTH_CELLS * RESOLUTION_M
         low, high = np.floor(corners_xy_m[0] / block_m) * block_m, np.ceil(corners_xy_m[1] / block_m) * block_m
         old = self.log_odds
@@ -123,7 +123,7 @@ class ScanGrid:
 
 
 def _between_hits(ends_xy_m: Float[np.ndarray, "w 2"], hit: Bool[np.ndarray, " w"]) -> Float[np.ndarray, "n 2"]:
-    """The struck ends of beams and, where two neighbours struck one surface, what lies between them [m]."""
+    """Where beams hit and, where two neighbours hit one surface, the points between them [m]."""
     step = np.diff(ends_xy_m, axis=0)
     joined = hit[:-1] & hit[1:] & (np.linalg.norm(step, axis=1) < JOINED_M)
     shares = np.arange(0.0, 1.0, RESOLUTION_M / JOINED_M / 2)
@@ -132,5 +132,5 @@ def _between_hits(ends_xy_m: Float[np.ndarray, "w 2"], hit: Bool[np.ndarray, " w
 
 
 def _middle_row(intrinsics: Intrinsics) -> Intrinsics:
-    """The camera reduced to one row of pixels that looks straight ahead."""
+    """The camera reduced to one row of pixels, the horizon."""
     return Intrinsics(intrinsics.width, 1, intrinsics.fx, intrinsics.fy, intrinsics.cx, 0.5)

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from anm_mj.planning.lookahead import way_is_blocked
+from anm_mj.planning.lookahead import path_is_blocked
 from anm_mj.types import Footprint, Pose2
 from tests.planning.worlds import room
 
@@ -24,4 +24,4 @@ def test_only_what_lies_on_the_way_blocks_it(pose, blocked):
     world = room(4, 3, boxes=[(2.25, 1.6, 2.3, 1.65)])
     if pose.y_m == 1.7 and pose.x_m == 2.0:
         world = room(4, 3)
-    assert way_is_blocked(world.occupancy, BODY, pose) is blocked
+    assert path_is_blocked(world.occupancy, BODY, pose) is blocked

@@ -1,14 +1,17 @@
 """Active Neural Mapping (Yan et al., ICCV 2023): greedily to the most uncertain piece of surface.
 
-The map is one network (preset ``anm``), all of whose weights are perturbed. Its most uncertain tenth of surface near
-the robot is clustered; every cluster gives one target half a metre before it, at the robot's height; the target of
-highest variance is taken, those more than a metre away before nearer ones. It is kept until the robot is within 0.8 m
-of it or has spent 100 steps on it; then all candidates are forgotten. There is no graph and no memory of regions.
+The map is one network (a mapping preset of its own), and all its weights are perturbed. The policy clusters the most
+uncertain tenth of the surface near the robot. Every cluster gives one target half a metre before it, at the robot's
+height. The robot goes to the target of highest variance, preferring those more than a metre away, until it is within
+0.8 m of it or has spent 100 steps; then the policy forgets all candidates. It has no graph and no memory of regions.
 
-Deviations: ways are found on a grid of the policy's own by Dijkstra's algorithm instead of by a learned point
-navigator, which tends to get stuck, so that this baseline is stronger than the published one; targets must lie over
-free ground that a way leads to; uncertainty is asked for within 5 m of the robot and, where nothing there is left,
-everywhere. When no target can be reached the robot looks around once, then the run ends.
+Deviations:
+
+- Dijkstra's algorithm finds paths on a grid of the policy's own instead of a learned point navigator, which tends to
+  get stuck. This makes the baseline stronger than the published one.
+- Targets must lie over free ground that the robot can reach.
+- The policy reads uncertainty within 5 m of the robot and, when it finds no target there, everywhere.
+- When no target can be reached the robot makes one full rotation; then the run ends.
 """
 
 from __future__ import annotations
@@ -41,7 +44,7 @@ EVERYWHERE_M = 1e4
 
 
 class Anm(ScanPolicy):
-    """Drives to the target of highest variance and then chooses anew."""
+    """Drives to the target of highest variance, then chooses anew."""
 
     Config = AnmConfig
 
@@ -50,10 +53,10 @@ class Anm(ScanPolicy):
         self.config = context.settings
         super().__init__(context, self.config.range_m)
         self._footprint = context.footprint
-        self._looked_around = False
+        self._rotated = False
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The way to the most uncertain piece of surface, up to ``arrived_m`` before its target."""
+        """The path to the most uncertain piece of surface, up to ``arrived_m`` before its target."""
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
@@ -67,8 +70,8 @@ class Anm(ScanPolicy):
                 found = self._candidates(mapper.surface(pose.xy_m, EVERYWHERE_M), routes)
                 where = "anywhere"
         if not found:
-            return self._at_a_loss(Plan("", np.zeros((0, 2)), topdown=topdown, stage_ms=watch.ms))
-        self._looked_around = False
+            return self._without_targets(Plan("", np.zeros((0, 2)), topdown=topdown, stage_ms=watch.ms))
+        self._rotated = False
         away = [c for c in found if math.dist(c.xy_m, pose.xy_m) > self.config.min_distance_m]
         best = max(away or found, key=lambda c: c.score)
         path = _cut_end(routes.path_to(best.xy_m), self.config.arrived_m)
@@ -84,7 +87,7 @@ class Anm(ScanPolicy):
         )
 
     def _candidates(self, surface: SurfacePoints, routes: GridRoutes) -> list[Candidate]:
-        """One target per cluster of uncertain surface that a way leads to and that the robot is not at already."""
+        """One target per cluster of uncertain surface that the robot can reach and has not reached already."""
         low = surface.xyz_m[:, 2] < self._footprint.z_max_m
         points, normals = surface.xyz_m[low], surface.normal[low]
         uncertainty = surface.uncertainty[low]
@@ -97,23 +100,23 @@ class Anm(ScanPolicy):
             mine = labels == label
             target = (points[top][mine] + self.config.stand_off_m * normals[top][mine]).mean(axis=0)[:2].astype(float)
             cost_m = routes.cost_at(target)
-            # Nearer ones the robot has come to already: of a way to there nothing would be left to follow.
+            # The robot has reached nearer ones already: nothing would be left of a path to there.
             if math.isfinite(cost_m) and math.dist(target, routes.pose.xy_m) > self.config.arrived_m + ARRIVED_M:
                 variance = float(uncertainty[top][mine].mean())
                 found.append(Candidate(target, variance, float(mine.sum()), cost_m / FORWARD_STEP_M))
         return found
 
-    def _at_a_loss(self, seen: Plan) -> Plan:
-        """Look around once; when that has not helped, stop."""
-        if not self._looked_around:
-            self._looked_around = True
+    def _without_targets(self, seen: Plan) -> Plan:
+        """One full rotation; if that does not help, stop."""
+        if not self._rotated:
+            self._rotated = True
             return Plan(
                 "no target can be reached: one full turn",
                 np.zeros((0, 2)),
                 actions=(Action.TURN_LEFT,) * self.config.full_rotation_turns,
             )
         return Plan(
-            "no target can be reached, even after a look around",
+            "no target can be reached, even after a full rotation",
             np.zeros((0, 2)),
             stop=StopReason.NO_REACHABLE_TARGET,
             topdown=seen.topdown,
@@ -127,7 +130,7 @@ def _clusters(points_m: Float[np.ndarray, "n 3"], link_m: float) -> Int[np.ndarr
 
 
 def _cut_end(path_xy_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:
-    """The same way without its last ``length_m``; at least its first point is left [m]."""
+    """A path without its last ``length_m``; its first point stays [m]."""
     path = path_xy_m
     while len(path) > 1:
         leg = path[-1] - path[-2]

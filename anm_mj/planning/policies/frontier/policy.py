@@ -1,16 +1,19 @@
 """Frontier-based exploration (Yamauchi, CIRA 1997), in the configuration that the paper's tables use as FBE.
 
-The robot goes to the nearest border between free and unknown ground of a planar grid of its own, 5 cm fine and fed
-with depth up to 3 m, as in the code published with UPEN (Georgakis et al., ICRA 2022): frontiers in the order in which
-a flood from the robot meets them, the first one at least 1 m away is taken, and every 10 steps the map is asked again.
-``frontier-full`` is the same with the camera's full range.
+The policy has a planar grid of its own, with cells of 5 cm and depth up to 3 m, as in the code published with UPEN
+(Georgakis et al., ICRA 2022). A flood from the robot over free cells meets the frontiers, the borders of unknown
+ground, one after the other; the robot goes to the first one at least 1 m away and reads the map again every 10 steps. A
+second registered name of this policy uses the camera's full range.
 
-Deviations: the robot goes to the frontier it has chosen until it has looked at it or it is gone, as Yamauchi's does. A
-new choice every 10 steps is made for steps of 25 cm; with steps of 6.5 cm the robot would turn back and forth between
-two frontiers for ever, because the nearer one stops counting a metre before it. Paths are found on the grid by
-Dijkstra's algorithm with our clearance instead of by a learned point navigator; a frontier that the robot has looked at
-and that stays, or that no way comes near, is given up (Yamauchi's list of inaccessible frontiers), at first as a whole,
-and when no other is left only where it was tried; then the run ends as complete instead of driving backwards for ever.
+Deviations:
+
+- The robot keeps its frontier until it has looked at it or the frontier is gone, as Yamauchi's does. The published code
+  chooses anew every 10 steps of 25 cm. With steps of 6.5 cm the robot would turn back and forth between two frontiers
+  for ever, because the nearer one stops counting a metre before it.
+- Dijkstra's algorithm finds paths on the grid, with this project's clearance, instead of a learned point navigator.
+- The robot gives a frontier up when it looked at it and it stays, or when no path comes near (Yamauchi's list of
+  inaccessible frontiers): at first as a whole, and when no other is left only where it was tried. Then the run ends as
+  complete instead of driving backwards for ever.
 """
 
 from __future__ import annotations
@@ -51,14 +54,14 @@ EIGHT = np.ones((3, 3), bool)
 @dataclass(frozen=True)
 class _Frontier:
     contact_xy_m: Float[np.ndarray, "2"]
-    """Where a flood from the robot meets it first [m]."""
+    """Where a flood from the robot first meets it [m]."""
     num_cells: int
     hops: float
     """Cells between it and the robot."""
 
 
 class Frontier(ScanPolicy):
-    """Goes to the nearest frontier that is at least a metre away."""
+    """Goes to the nearest frontier that is not too near."""
 
     Config = FrontierConfig
 
@@ -67,11 +70,11 @@ class Frontier(ScanPolicy):
         self.config = context.settings
         super().__init__(context, self.config.range_m)
         self._goal: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
-        """The frontier headed for and the place to see it from [m]."""
+        """The chosen frontier and the place to see it from [m]."""
         self._given_up_xy_m = np.zeros((0, 2))
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The way to a frontier; what the neural map knows is not asked."""
+        """The path to a frontier; the policy ignores the neural map."""
         del mapper
         watch = Stopwatch()
         pose = observation.pose
@@ -84,13 +87,13 @@ class Frontier(ScanPolicy):
             kept = self._keep(topdown, hops, routes)
             left = self._within_reach(found, routes)
             if kept is None and not left:
-                # One frontier may run around all that was seen: what is given up of it is not the whole of it.
+                # One frontier may run around the whole known area; giving part of it up leaves the rest.
                 left = self._within_reach(_connected(topdown, self._without_given_up(topdown, hops)), routes)
         if kept is not None:
             self._goal = kept
             return self._go("the same frontier as before", routes, left, watch)
         if not left:
-            reason = f"none of {len(found)} frontiers can be come near" if found else "no frontier is left"
+            reason = f"none of {len(found)} frontiers can be reached" if found else "no frontier is left"
             return Plan(reason, np.zeros((0, 2)), stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)
         away = [math.dist(f.contact_xy_m, pose.xy_m) >= self.config.min_distance_m for f, _ in left]
         frontier, place = left[away.index(True) if any(away) else -1]
@@ -104,7 +107,7 @@ class Frontier(ScanPolicy):
     def _keep(
         self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"], routes: GridRoutes
     ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
-        """The present frontier and where to see it from now; None when it is gone, or looked at, and then given up."""
+        """The present frontier and where to see it from; None when it is gone or the robot gives it up."""
         goal, self._goal = self._goal, None
         if goal is None:
             return None
@@ -121,7 +124,7 @@ class Frontier(ScanPolicy):
     def _go(
         self, reason: str, routes: GridRoutes, left: list[tuple[_Frontier, Float[np.ndarray, "2"]]], watch: Stopwatch
     ) -> Plan:
-        """The way to the present goal and a look at it."""
+        """The path to the present goal and a look at it."""
         assert self._goal is not None  # Both callers have just set it.
         contact, place = self._goal
         towards = contact - place
@@ -141,13 +144,13 @@ class Frontier(ScanPolicy):
     def _within_reach(
         self, found: list[_Frontier], routes: GridRoutes
     ) -> list[tuple[_Frontier, Float[np.ndarray, "2"]]]:
-        """The frontiers that can be seen from somewhere, each with where from [m]."""
+        """The frontiers that the robot can see from a reachable place, each with that place [m]."""
         return [(f, place) for f in found if (place := self._place(f, routes)) is not None]
 
     def _without_given_up(
         self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"]
     ) -> Float[np.ndarray, "rows cols"]:
-        """The border without what lies as near to a place given up as would be given up with it."""
+        """The border without the cells near a frontier that was given up."""
         cells = np.argwhere(np.isfinite(hops))
         kept = hops.copy()
         if len(cells) and len(self._given_up_xy_m):
@@ -157,7 +160,7 @@ class Frontier(ScanPolicy):
         return kept
 
     def _place(self, frontier: _Frontier, routes: GridRoutes) -> Float[np.ndarray, "2"] | None:
-        """Where to see a frontier from [m]; None when it is given up, out of reach or already looked at from there."""
+        """Where to see a frontier from [m]; None when the robot gave it up, cannot reach it, or looks at it already."""
         if (np.linalg.norm(self._given_up_xy_m - frontier.contact_xy_m, axis=1) < self.config.given_up_m).any():
             return None
         place = routes.nearest(frontier.contact_xy_m)
@@ -166,12 +169,12 @@ class Frontier(ScanPolicy):
 
 
 def frontiers(topdown: TopDownMap, pose: Pose2) -> list[_Frontier]:
-    """Connected borders of unknown ground with the free ground around the robot, nearest first.
+    """Connected borders between unknown ground and the free ground around the robot, nearest first.
 
     Args:
         topdown: the map.
-        pose: where the flood over free cells begins; a cell is met through one of its four neighbours, the flood and
-            the borders spread over eight.
+        pose: where the flood over free cells begins. The flood and the borders spread over eight neighbours; a border
+            cell is met through one of its four.
     """
     return _connected(topdown, _border_hops(topdown, pose))
 

@@ -1,4 +1,4 @@
-"""The baseline without any intention: uniform over forward, left and right (Yan et al., ICCV 2023, table 1)."""
+"""The random baseline: uniform over forward, left and right (Yan et al., ICCV 2023, table 1)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MOVES = (Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
 
 
 class RandomWalk:
-    """Draws every action anew; a blocked move costs its step and changes nothing."""
+    """Draws every action anew; a collision costs a step and changes nothing."""
 
     def __init__(self, context: PolicyContext[PolicyConfig]):
         """Take the seed; the policy has no settings and asks for no body."""

@@ -1,7 +1,7 @@
-"""A small U-Net that guesses what a planar map looks like beyond what was seen of it; evaluated with numpy alone.
+"""A small U-Net that predicts the unknown part of a planar map; evaluated with numpy alone.
 
 It stands for the occupancy predictor of UPEN (Georgakis et al., ICRA 2022), a ResNet-18 encoder with a U-Net decoder,
-with about a hundredth of its weights: three poolings, two 3 x 3 convolutions per stage, joined again on the way up.
+with about a hundredth of its weights: three poolings, two 3 x 3 convolutions per stage, and skip connections.
 ``scripts/train_upen.py`` trains it.
 """
 
@@ -17,11 +17,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from anm_mj.errors import PlanError
 
 CLASSES = ("void", "occupied", "free")
-"""What a cell is: outside of everything, or not seen yet; an obstacle; floor."""
+"""Classes of a cell: outside or not seen yet; an obstacle; floor."""
 VOID, OCCUPIED_CLASS, FREE_CLASS = range(3)
 CROP_CELLS = 64
 CELL_M = 0.125
-"""A crop is 8 m wide, as published; cells are 2.5 times as wide."""
+"""Edge of a cell [m]. A crop is 8 m wide, as published, with cells 2.5 times as wide."""
 WIDTHS = (8, 16, 32, 48)
 """Channels per stage, from fine to coarse."""
 
@@ -50,7 +50,7 @@ def load_ensemble(path: Path) -> list[Weights]:
         PlanError: the file is missing, or holds other layers than :func:`layer_shapes` names.
     """
     if not path.is_file():
-        raise PlanError(f"The weights of policy upen are not at {path}; make them with scripts/train_upen.py.")
+        raise PlanError(f"The weights of this policy are not at {path}; make them with scripts/train_upen.py.")
     with np.load(path) as file:
         arrays = {name: file[name].astype(np.float32) for name in file.files}
     for name, shape in layer_shapes():

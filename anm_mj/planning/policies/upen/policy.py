@@ -1,14 +1,17 @@
 """Uncertainty-driven planning with an ensemble of occupancy predictors (UPEN; Georgakis et al., ICRA 2022).
 
-Four networks (:mod:`anm_mj.planning.policies.upen.occupancy_net`) guess the map within 8 m about the robot from what a
-planar grid of its own holds. A random tree is grown over what is thought free; among its paths of ten hops the one is
-taken along which the networks disagree most about what is occupied. A new choice is made after 10 steps of 25 cm or at
-its end.
+Four networks (:mod:`anm_mj.planning.policies.upen.occupancy_net`) predict the map in a square of 8 m around the robot
+from a planar grid of the policy's own. A random tree grows over the ground that they predict to be free. Among its
+paths of ten hops the robot takes the one along which the networks disagree most about what is occupied. It chooses anew
+after 10 steps of 25 cm or at the end of the path.
 
-Deviations: the networks are smaller and have learnt from floor plans of our own generator
-(``scripts/train_upen.py``), not from Matterport3D; a guess is made anew at every decision instead of being fused into a
-map of its own; the tree is a plain one, where the original rewires it; ways are followed on the grid instead of by a
-learned point navigator.
+Deviations:
+
+- The networks are smaller, and they are trained on floor plans of this project's generator (``scripts/train_upen.py``),
+  not on Matterport3D.
+- Every decision predicts anew instead of fusing predictions into a map.
+- The tree is a plain one; the original rewires it.
+- The robot follows paths on the grid instead of a learned point navigator.
 """
 
 from __future__ import annotations
@@ -71,7 +74,7 @@ class Upen(ScanPolicy):
         super().__init__(context, self.config.range_m)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
-        """The path of most disagreement; a random turn where there is no path at all."""
+        """The path of most disagreement; a random turn where there is no path."""
         del mapper
         watch = Stopwatch()
         pose = observation.pose
@@ -87,7 +90,9 @@ class Upen(ScanPolicy):
             scores = [float(value_along(occupied.var(axis=0), path, pose).sum()) for path in paths]
         if len(tree.xy_m) == 1:
             turn = (Action.TURN_LEFT, Action.TURN_RIGHT)[self._rng.integers(2)]
-            return Plan(f"no way out of here: {turn.name}", np.zeros((0, 2)), actions=(turn,), topdown=topdown)
+            return Plan(
+                f"no path leads away from here: {turn.name}", np.zeros((0, 2)), actions=(turn,), topdown=topdown
+            )
         best = int(np.argmax(scores))
         ranked = np.argsort(scores)[::-1][:MAX_LOGGED]
         return Plan(
@@ -103,7 +108,7 @@ class Upen(ScanPolicy):
         )
 
     def _tree(self, topdown: TopDownMap, pose: Pose2, occupied: Float32[np.ndarray, "rows cols"]) -> Tree:
-        """A tree over cells that are clear of obstacles and not thought occupied."""
+        """A tree over cells that are clear of obstacles and not predicted to be occupied."""
         rows, cols = np.indices(topdown.state.shape)
         xy = topdown.origin_xy_m + (np.stack([cols, rows], axis=-1) + 0.5) * RESOLUTION_M
         near = np.hypot(*np.moveaxis(xy - pose.xy_m, -1, 0)) < NEAR_ROBOT_M
@@ -124,7 +129,7 @@ class Upen(ScanPolicy):
 
 
 def egocentric_crop(topdown: TopDownMap, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
-    """What is known about the robot, its heading along the columns, by class of the predictor.
+    """The known cells around the robot, its heading along the columns, by class of the predictor.
 
     A cell of the crop is occupied where any of the finer cells about its centre is.
     """
@@ -148,7 +153,7 @@ def egocentric_crop(topdown: TopDownMap, pose: Pose2) -> Int8[np.ndarray, "rows 
 def value_along(
     values: Float32[np.ndarray, "rows cols"], xy_m: Float[np.ndarray, "n 2"], pose: Pose2
 ) -> Float32[np.ndarray, " n"]:
-    """Values of a crop about a pose at world places, zero outside of it."""
+    """Values of a crop around a pose at world points, zero outside of it."""
     c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
     ahead, aside = ((xy_m - pose.xy_m) @ np.array([[c, -s], [s, c]])).T
     cells = np.floor(np.stack([aside, ahead], axis=1) / CELL_M + CROP_CELLS / 2).astype(int)
