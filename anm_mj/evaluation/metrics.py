@@ -12,11 +12,10 @@ from anm_mj.evaluation.curve import CurveRow
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import MeshQuality
 from anm_mj.evaluation.view_quality import NovelViewResult, ViewQuality
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.io.read_run import read_json
-from anm_mj.types import TURN_STEP_RAD, Action
+from anm_mj.types import Action
 
-FULL_TURN = round(math.tau / TURN_STEP_RAD)
-"""Turns to one side that make a full rotation."""
 FORMER_KEYS = {
     "look_arounds": "full_rotations",
     "heldout_views": "novel_views",
@@ -138,7 +137,7 @@ class EpisodeStatistics:
             forwards=self.forwards + moved,
             turns=self.turns + abs(side),
             blocked=self.blocked + (side == 0 and not moved),
-            full_rotations=self.full_rotations + (side != 0 and in_a_row % FULL_TURN == 0),
+            full_rotations=self.full_rotations + (side != 0 and in_a_row % NUM_HEADINGS == 0),
             collisions=self.collisions + collided,
             stage_ms={
                 name: self.stage_ms.get(name, 0.0) + stage_ms.get(name, 0.0) for name in {**self.stage_ms, **stage_ms}

@@ -21,11 +21,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.depth import MAX_DEPTH_M
-from anm_mj.evaluation.pixel_rays import NUM_YAWS, CameraExtrinsics, PixelRays
+from anm_mj.evaluation.pixel_rays import CameraExtrinsics, PixelRays
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.utils.raycast import RayCaster
 
 NUM_ROUNDS = 288
@@ -69,9 +71,17 @@ class ReachableArea:
         return np.where(inside & self.reachable.ravel()[flat], flat, np.int32(NOWHERE))
 
     def centres(self, cells: Int32[np.ndarray, " n"]) -> Float32[np.ndarray, "n 2"]:
-        """World x, y of the centres of cells given by flat index [m]."""
-        row, col = np.divmod(cells, self.reachable.shape[1])
-        return (self.origin_xy_m + (np.stack([col, row], axis=1) + 0.5) * self.resolution_m).astype(np.float32)
+        """World x, y of the centres of cells, given by flat index [m]."""
+        return self.cell_centres(np.stack(np.divmod(cells, self.reachable.shape[1]), axis=1)).astype(np.float32)
+
+    def cell_centres(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """World x, y of the centres of cells, given by row and column [m]."""
+        return self.origin_xy_m + (cells[:, ::-1] + 0.5) * self.resolution_m
+
+    @property
+    def clearance_m(self) -> Float[np.ndarray, "rows cols"]:
+        """Distance from each cell's centre to the nearest unreachable one, beyond the grid included [m]."""
+        return np.asarray(distance_transform_edt(np.pad(self.reachable, 1)))[1:-1, 1:-1] * self.resolution_m
 
 
 def observable_samples(
@@ -164,7 +174,7 @@ class _Search:
         places_m = self._area.centres(cell)
         towards = self._rays.yaw_towards(self._samples[which, :2] - places_m)
         aside = self._rays.yaws_aside
-        yaw = (towards + self._rng.choice(aside, len(which))) % NUM_YAWS
+        yaw = (towards + self._rng.choice(aside, len(which))) % NUM_HEADINGS
         hits = self._hits(which, places_m, yaw)
         if self._tree is not None:
             self._mark_all_near(hits, cell)
@@ -174,7 +184,7 @@ class _Search:
         for turn in aside:
             if len(again) == 0:
                 break
-            hits = self._hits(which[again], places_m[again], (towards[again] + turn) % NUM_YAWS)
+            hits = self._hits(which[again], places_m[again], (towards[again] + turn) % NUM_HEADINGS)
             miss_m = np.linalg.norm(hits - self._samples[which[again]], axis=1)
             self._mark(which[again], cell[again], miss_m)
             again = again[~(miss_m < COVERED_M)]

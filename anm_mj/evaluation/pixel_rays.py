@@ -10,11 +10,9 @@ from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from anm_mj.evaluation.depth import MAX_DEPTH_M, kept_pixels
 from anm_mj.frames import pose_matrix
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import TURN_STEP_RAD, Intrinsics, Pose2
 from anm_mj.utils.raycast import RayCaster
-
-NUM_YAWS = round(math.tau / TURN_STEP_RAD)
-"""Directions that a robot which turns by whole steps can look in."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,8 @@ class PixelRays:
         self._camera = camera.intrinsics
         self._rows, self._cols = kept_pixels(camera.intrinsics.height), kept_pixels(camera.intrinsics.width)
         at_origin = [
-            pose_matrix(Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD)) @ camera.T_base_camera for k in range(NUM_YAWS)
+            pose_matrix(Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD)) @ camera.T_base_camera
+            for k in range(NUM_HEADINGS)
         ]
         T_world_camera = np.stack(at_origin).astype(np.float32)
         self._rotation = np.ascontiguousarray(T_world_camera[:, :3, :3])
@@ -71,9 +70,9 @@ class PixelRays:
     def yaw_towards(self, delta_xy_m: Float32[np.ndarray, "n 2"]) -> Int32[np.ndarray, " n"]:
         """Index of the yaw at which the camera looks most nearly along each direction in the plane."""
         azimuth_rad = np.arctan2(delta_xy_m[:, 1], delta_xy_m[:, 0]) - np.float32(self._ahead_rad)
-        return np.rint(azimuth_rad / np.float32(TURN_STEP_RAD)).astype(np.int32) % np.int32(NUM_YAWS)
+        return np.rint(azimuth_rad / np.float32(TURN_STEP_RAD)).astype(np.int32) % np.int32(NUM_HEADINGS)
 
-    def in_picture(
+    def in_image(
         self,
         targets_m: Float32[np.ndarray, "n 3"],
         place_m: Float32[np.ndarray, "2"] | Float32[np.ndarray, "n 2"],

@@ -1,8 +1,8 @@
-"""From a line on the floor to whole actions: which turns and moves follow it with the fewest steps.
+"""Paths as whole actions: the turns and moves that follow a polyline with the fewest steps.
 
-A robot that turns by 10 degrees can go in 36 directions. Between two corners it goes so far in the direction on one
-side of the line and the rest in the direction on the other side, which costs one turn; steering for the line all the
-time would cost one every half metre.
+A robot that turns by 10 degrees has 36 headings. Between two corners it drives along the heading on one side of the
+line, then along the one on the other side, which costs one turn; steering for the line would cost one turn every half
+metre.
 """
 
 from __future__ import annotations
@@ -13,120 +13,121 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.evaluation.oracle.roadmap import Ways
-from anm_mj.evaluation.pixel_rays import NUM_YAWS
+from anm_mj.evaluation.oracle.roadmap import Roadmap
+from anm_mj.geometry.polyline import NUM_HEADINGS, heading_legs
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
 
-OFF_LINE_M = 0.08
-"""A corner need not be met nearer than this [m]."""
-MIN_ROOM_M = 0.06
-"""Frames stand at least so far from the edge of the floor [m], where there is any way to do so; the floor is good to a
-cell, and a move that touches something is refused."""
-TIGHT_STEPS = 400.0
-"""What a metre less of room than that costs [steps]."""
+TOLERANCE_M = 0.08
+"""Corners are met to this distance [m]."""
+CLEARANCE_M = 0.06
+"""Clearance that paths keep where they can [m]. The map is good to a cell, and the simulator refuses a move that
+touches something."""
+CLEARANCE_COST_STEPS = 400.0
+"""Cost of a metre less clearance than that [steps]."""
 
 
 @dataclass(frozen=True)
-class Walk:
-    """Straight pieces one after the other: turn to a direction, then move."""
+class DiscretePath:
+    """Straight legs in a row: turn to a heading, then move."""
 
     yaws: tuple[int, ...]
-    """Number of the direction of each piece."""
+    """Heading of each leg."""
     moves: tuple[int, ...]
-    """Moves of each piece."""
+    """Moves of each leg."""
     end_m: Float[np.ndarray, "2"]
-    """Where it ends [m]."""
+    """Where the path ends [m]."""
 
     def frames(
         self, start_m: Float[np.ndarray, "2"], yaw: int, yaw_rad: float
     ) -> tuple[Float[np.ndarray, "n 2"], list[int]]:
-        """Place [m] and yaw of the frame after every action, from a place and a yaw on."""
+        """Place [m] and heading after every action, from a start place and heading; heading 0 is ``yaw_rad``."""
         xy_m, yaws = list[Float[np.ndarray, "k 2"]](), list[int]()
         at = start_m
         for towards, moves in zip(self.yaws, self.moves, strict=True):
-            turns = turned(yaw, towards, shorter(yaw, towards))
+            turns = turn(yaw, towards, shorter_side(yaw, towards))
             yaws += [*turns, *[towards] * moves]
             yaw = towards
-            # While it turns it stands still: moves 0, 0, ..., 1, 2, ...
+            # The robot stands still while it turns: moves 0, 0, ..., 1, 2, ...
             moved = np.concatenate([np.zeros(len(turns)), np.arange(1, moves + 1)])
-            xy_m.append(at + moved[:, None] * (FORWARD_STEP_M * heading(yaw, yaw_rad)))
+            xy_m.append(at + moved[:, None] * (FORWARD_STEP_M * direction(yaw, yaw_rad)))
             at = xy_m[-1][-1] if len(moved) else at
         return np.concatenate([np.zeros((0, 2)), *xy_m]), yaws
 
 
-def heading(yaw: int, yaw_rad: float) -> Float[np.ndarray, "2"]:
-    """Unit vector of a numbered direction, yaw number 0 being ``yaw_rad``."""
+def direction(yaw: int, yaw_rad: float) -> Float[np.ndarray, "2"]:
+    """Unit vector of a heading; heading 0 is ``yaw_rad``."""
     angle = yaw_rad + yaw * TURN_STEP_RAD
     return np.array([math.cos(angle), math.sin(angle)])
 
 
-def shorter(a: int, b: int) -> int:
-    """The side to which the turn from one yaw to another is shorter: 1 to the left, -1 to the right."""
-    return 1 if (b - a) % NUM_YAWS <= NUM_YAWS // 2 else -1
+def shorter_side(a: int, b: int) -> int:
+    """The side of the shorter turn from one heading to another: 1 to the left, -1 to the right."""
+    return 1 if (b - a) % NUM_HEADINGS <= NUM_HEADINGS // 2 else -1
 
 
-def turned(a: int, b: int, side: int) -> list[int]:
-    """The yaws after each turn from one to another."""
-    return [(a + side * k) % NUM_YAWS for k in range(1, (side * (b - a)) % NUM_YAWS + 1)]
+def turn(a: int, b: int, side: int) -> list[int]:
+    """The headings after each action of a turn from one heading to another."""
+    return [(a + side * k) % NUM_HEADINGS for k in range(1, (side * (b - a)) % NUM_HEADINGS + 1)]
 
 
-def walk(
-    start_m: Float[np.ndarray, "2"], yaw: int | None, corners_m: Float[np.ndarray, "k 2"], ways: Ways, yaw_rad: float
-) -> Walk:
+def discretize(
+    start_m: Float[np.ndarray, "2"],
+    yaw: int | None,
+    corners_m: Float[np.ndarray, "k 2"],
+    roadmap: Roadmap,
+    yaw_rad: float,
+) -> DiscretePath:
     """The actions that lead along corners.
 
     Args:
-        start_m: Where the robot stands [m].
-        yaw: How it stands there; None where that makes no difference.
-        corners_m: Where it is to go [m]; the way to each from the one before is open.
-        ways: The floor.
-        yaw_rad: Of yaw number 0.
+        start_m: Start place [m].
+        yaw: Start heading; None if it makes no difference.
+        corners_m: Where to go [m]; the segment to each from the one before is clear.
+        roadmap: Clearance of places.
+        yaw_rad: Yaw of heading 0.
     """
     yaws, moves = list[int](), list[int]()
     at = start_m
     for corner in corners_m:
         best: tuple[float, list[tuple[int, int]]] | None = None
-        for pieces in _pieces(corner - at, yaw_rad):
-            ends, rooms, before = at, math.inf, yaw
-            turns = 0
-            for towards, count in pieces:
-                step_m = FORWARD_STEP_M * heading(towards, yaw_rad)
-                rooms = min(rooms, ways.least_room_m(ends, step_m, count))
-                ends = ends + count * step_m
-                turns += count + (0 if before is None else (shorter(before, towards) * (towards - before)) % NUM_YAWS)
+        for legs in _candidate_legs(corner - at, yaw_rad):
+            end, clearance_m, before = at, math.inf, yaw
+            steps = 0
+            for towards, count in legs:
+                step_m = FORWARD_STEP_M * direction(towards, yaw_rad)
+                clearance_m = min(clearance_m, roadmap.least_clearance_m(end, step_m, count))
+                end = end + count * step_m
+                if before is not None:
+                    steps += (shorter_side(before, towards) * (towards - before)) % NUM_HEADINGS
+                steps += count
                 before = towards
-            score = turns + TIGHT_STEPS * max(MIN_ROOM_M - rooms, 0.0)
-            if best is None or score < best[0]:
-                best = score, pieces
+            cost = steps + CLEARANCE_COST_STEPS * max(CLEARANCE_M - clearance_m, 0.0)
+            if best is None or cost < best[0]:
+                best = cost, legs
         for towards, count in best[1] if best else []:
             if yaws and yaws[-1] == towards:
                 moves[-1] += count
             else:
                 yaws.append(towards)
                 moves.append(count)
-            at = at + count * FORWARD_STEP_M * heading(towards, yaw_rad)
+            at = at + count * FORWARD_STEP_M * direction(towards, yaw_rad)
             yaw = towards
-    return Walk(tuple(yaws), tuple(moves), at)
+    return DiscretePath(tuple(yaws), tuple(moves), at)
 
 
-def _pieces(delta_m: Float[np.ndarray, "2"], yaw_rad: float) -> list[list[tuple[int, int]]]:
-    """Ways of going a straight line in the directions next to it: direction and moves of each piece."""
+def _candidate_legs(delta_m: Float[np.ndarray, "2"], yaw_rad: float) -> list[list[tuple[int, int]]]:
+    """Candidates for following a straight line: heading and moves of each leg."""
     length_m = float(np.hypot(*delta_m))
-    if length_m < OFF_LINE_M:
+    if length_m < TOLERANCE_M:
         return []
-    towards = (math.atan2(delta_m[1], delta_m[0]) - yaw_rad) / TURN_STEP_RAD
-    low = math.floor(towards)
-    above = (towards - low) * TURN_STEP_RAD
-    below = TURN_STEP_RAD - above
-    a, b = low % NUM_YAWS, (low + 1) % NUM_YAWS
+    headings, angles, lengths_m = heading_legs(delta_m, yaw_rad)
+    a, b = (heading % NUM_HEADINGS for heading in headings)
     found = []
-    for angle, direction in ((above, a), (below, b)):
-        if length_m * math.sin(angle) <= OFF_LINE_M:
-            found.append([(direction, max(1, round(length_m * math.cos(angle) / FORWARD_STEP_M)))])
+    for angle, heading in zip(angles, (a, b), strict=True):
+        if length_m * math.sin(abs(angle)) <= TOLERANCE_M:
+            found.append([(heading, max(1, round(length_m * math.cos(angle) / FORWARD_STEP_M)))])
     if not found:
-        along_a = round(length_m * math.sin(below) / math.sin(TURN_STEP_RAD) / FORWARD_STEP_M)
-        along_b = round(length_m * math.sin(above) / math.sin(TURN_STEP_RAD) / FORWARD_STEP_M)
-        pieces = [(a, along_a), (b, along_b)]
-        pieces = [piece for piece in pieces if piece[1] > 0]
-        found += [pieces, pieces[::-1]]
+        legs = [(a, round(lengths_m[0] / FORWARD_STEP_M)), (b, round(lengths_m[1] / FORWARD_STEP_M))]
+        legs = [leg for leg in legs if leg[1] > 0]
+        found += [legs, legs[::-1]]
     return found

@@ -1,9 +1,9 @@
-"""What a tour has left: few samples, each to be seen from a few spots only, which are looked for here.
+"""Places and views for the samples that tours have left: few samples, each visible from a few spots only.
 
-They hide under boards and behind edges, and a place every quarter of a metre misses most of the spots that show them.
-So places are tried at a finer spacing, near a sample all of them and far from it ever fewer, with no more tolerance
-than the protocol has, and as few are chosen as show each sample several times (greedy set cover): a robot that moves
-and turns by whole steps does not come to stand exactly where it was to.
+They hide under boards and behind edges, and places every quarter of a metre miss most of the spots that show them. So
+candidates lie denser: all of them near a sample, ever fewer farther away, without more tolerance than the protocol has.
+Greedy set cover selects as few as show each sample several times, because a robot that moves and turns by whole steps
+does not stop exactly at a place.
 """
 
 from __future__ import annotations
@@ -12,48 +12,49 @@ import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt64
-from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.coverage import COVERED_M
 from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.roadmap import spread_places
-from anm_mj.evaluation.oracle.visibility import ASIDE_M, FAR_M, WORD, aimed, pack
-from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
+from anm_mj.evaluation.oracle.visibility import FAR_M, OFFSETS_M, WORD, covered_by_rays, pack
+from anm_mj.evaluation.pixel_rays import PixelRays
+from anm_mj.geometry.polyline import NUM_HEADINGS
 
-FINE_M = 0.1
-"""Spacing of the places tried for what is left [m]."""
+SPACING_M = 0.1
+"""Spacing of candidate places [m]."""
 RING_M = 0.8
-"""All of them are tried so near to a sample, a quarter in the ring out to twice as far, and so on [m]."""
+"""All candidates are tried within this distance of a sample, a quarter in the ring out to twice that, and so on [m]."""
 TIMES = 3
-"""A sample is to be shown by so many places."""
-MOST_PLACES = 400
-"""So many are chosen at most."""
+"""Places that should show each sample."""
+MAX_PLACES = 400
 CHUNK = 1 << 16
-"""Pairs of a place and a sample looked at together."""
+"""Pairs of a place and a sample processed together; bounds the memory."""
 SEED = 0
 
 
-def finer_places(samples: Float32[np.ndarray, "n 3"], area: ReachableArea, rays: PixelRays) -> Float[np.ndarray, "k 2"]:
-    """Places that show samples, few of them, those that show the most first [m].
+def select_places(
+    samples: Float32[np.ndarray, "n 3"], area: ReachableArea, rays: PixelRays
+) -> Float[np.ndarray, "k 2"]:
+    """Few places that show samples, those that show the most first [m].
 
     Args:
         samples: On the surface, world [m].
         area: Where the robot can get to.
         rays: Its camera.
     """
-    edge_m = np.asarray(distance_transform_edt(np.pad(area.reachable, 1)))[1:-1, 1:-1]
-    cells = spread_places(area.reachable, max(1, round(FINE_M / area.resolution_m)), edge_m)
-    places_m = area.origin_xy_m + (cells[:, ::-1] + 0.5) * area.resolution_m
+    cells = spread_places(area.reachable, max(1, round(SPACING_M / area.resolution_m)), area.clearance_m)
+    places_m = area.cell_centres(cells)
     place, sample = _pairs(samples, places_m)
-    shown = _shown(samples, places_m.astype(np.float32), place, sample, rays)
+    visible = _visible(samples, places_m.astype(np.float32), place, sample, rays)
     shows = csr_array(
-        (np.ones(np.count_nonzero(shown), np.int32), (place[shown], sample[shown])), shape=(len(cells), len(samples))
+        (np.ones(np.count_nonzero(visible), np.int32), (place[visible], sample[visible])),
+        shape=(len(cells), len(samples)),
     )
     wanted = np.full(len(samples), TIMES, np.int32)
     chosen = list[int]()
-    while len(chosen) < MOST_PLACES:
+    while len(chosen) < MAX_PLACES:
         gains = shows @ (wanted > 0).astype(np.int32)
         gains[chosen] = 0
         best = int(np.argmax(gains))
@@ -67,49 +68,49 @@ def finer_places(samples: Float32[np.ndarray, "n 3"], area: ReachableArea, rays:
 def exact_bits(
     samples: Float32[np.ndarray, "n 3"], places_m: Float[np.ndarray, "p 2"], rays: PixelRays
 ) -> UInt64[np.ndarray, "p yaws words"]:
-    """The samples that a frame covers by the protocol, for every place and yaw, a bit for each, padded to words.
+    """The samples that a frame covers by the protocol, for every place and yaw: a bit for each, padded to words.
 
-    Unlike :func:`~anm_mj.evaluation.oracle.visibility.frame_bits` every yaw is looked at by itself, with no tolerance.
+    Unlike :func:`~anm_mj.evaluation.oracle.visibility.frame_bits` it tests every yaw by itself, without tolerance.
 
     Args:
         samples: On the surface, world [m].
-        places_m: Where the robot's axis stands.
+        places_m: Places of the robot's axis.
         rays: The camera.
     """
     words = -(-len(samples) // WORD)
-    bits = np.zeros((len(places_m), NUM_YAWS, words), np.uint64)
+    bits = np.zeros((len(places_m), NUM_HEADINGS, words), np.uint64)
     places = places_m.astype(np.float32)
     most = max(1, CHUNK // max(len(samples), 1))
     for begin in range(0, len(places), most):
         some = places[begin : begin + most]
-        shown = np.zeros((len(some), NUM_YAWS, words * WORD), bool)
+        shown = np.zeros((len(some), NUM_HEADINGS, words * WORD), bool)
         far_m = np.linalg.norm(some[:, None] - samples[None, :, :2], axis=2)
         place, sample = np.nonzero(far_m < FAR_M)
-        hit = _shown(samples, some, place, sample, rays)
-        place, sample = place[hit], sample[hit]
+        visible = _visible(samples, some, place, sample, rays)
+        place, sample = place[visible], sample[visible]
         towards = rays.yaw_towards(samples[sample, :2] - some[place])
-        for turn in rays.yaws_aside:
-            yaw = (towards + turn) % NUM_YAWS
-            open_ = np.flatnonzero(rays.in_picture(samples[sample], some[place], yaw))
-            for aside_m in ASIDE_M[: len(ASIDE_M) // 2]:
+        for aside in rays.yaws_aside:
+            yaw = (towards + aside) % NUM_HEADINGS
+            open_ = np.flatnonzero(rays.in_image(samples[sample], some[place], yaw))
+            for offset_m in OFFSETS_M[: len(OFFSETS_M) // 2]:
                 targets = samples[sample[open_]]
-                hits = rays.hits(targets + aside_m, some[place[open_]], yaw[open_])
+                hits = rays.hits(targets + offset_m, some[place[open_]], yaw[open_])
                 covered = np.linalg.norm(hits - targets, axis=1) < COVERED_M
                 at = open_[covered]
                 shown[place[at], yaw[at], sample[at]] = True
                 open_ = open_[~covered]
-        bits[begin : begin + most] = pack(shown.reshape(-1, words * WORD)).reshape(len(some), NUM_YAWS, words)
+        bits[begin : begin + most] = pack(shown.reshape(-1, words * WORD)).reshape(len(some), NUM_HEADINGS, words)
     return bits
 
 
 def _pairs(
     samples: Float32[np.ndarray, "n 3"], places_m: Float[np.ndarray, "p 2"]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Places worth a try for samples, ring by ring: the numbers of both."""
+    """Pairs of place and sample to try, ring by ring: the indices of both."""
     order = np.random.default_rng(SEED).permutation(len(places_m))
     place, sample = list[Int[np.ndarray, " j"]](), list[Int[np.ndarray, " j"]]()
     for ring in range(math.ceil(math.log2(FAR_M / RING_M)) + 1):
-        # Those of a farther ring are among those of a nearer one, so that neighbours try the same.
+        # Candidates of a farther ring are among those of a nearer one, so that neighbouring samples try the same.
         some = np.sort(order[: -(-len(order) // 4**ring)])
         outer_m = min(RING_M * 2**ring, FAR_M)
         near = KDTree(samples[:, :2]).sparse_distance_matrix(KDTree(places_m[some]), outer_m, output_type="ndarray")
@@ -119,20 +120,20 @@ def _pairs(
     return np.concatenate(place), np.concatenate(sample)
 
 
-def _shown(
+def _visible(
     samples: Float32[np.ndarray, "n 3"],
     places_m: Float32[np.ndarray, "p 2"],
     place: Int[np.ndarray, " k"],
     sample: Int[np.ndarray, " k"],
     rays: PixelRays,
 ) -> Bool[np.ndarray, " k"]:
-    """Which samples are shown from which places, the camera turned towards them."""
-    shown = np.zeros(len(place), bool)
+    """Whether each sample is visible from its place, the camera turned towards it."""
+    visible = np.zeros(len(place), bool)
     for begin in range(0, len(place), CHUNK):
         part = slice(begin, begin + CHUNK)
         targets, at = samples[sample[part]], places_m[place[part]]
         towards = rays.yaw_towards(targets[:, :2] - at)
-        inside = np.flatnonzero(rays.in_picture(targets, at, towards))
-        hit = aimed(targets[inside], at[inside], towards[inside], rays, COVERED_M)
-        shown[begin + inside[hit]] = True
-    return shown
+        inside = np.flatnonzero(rays.in_image(targets, at, towards))
+        hit = covered_by_rays(targets[inside], at[inside], towards[inside], rays, COVERED_M)
+        visible[begin + inside[hit]] = True
+    return visible

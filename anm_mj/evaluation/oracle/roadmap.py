@@ -1,4 +1,4 @@
-"""Ways over a floor that is known, between places spread over it."""
+"""A roadmap of a known area: places spread over it, and shortest paths between them."""
 
 from __future__ import annotations
 
@@ -6,139 +6,133 @@ import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.observable import ReachableArea
+from anm_mj.geometry.polyline import shortcut
 
-ROOM_M = 0.1
-"""Ways keep this distance to the edge of the reachable floor where they can [m]."""
-TIGHT_COST = 1.0
-"""A metre of way at the very edge counts as so many more."""
-LINK_SPACINGS = 3.2
-"""Places so many spacings apart are linked directly, where the straight line is open."""
-LINE_STEP_M = 0.05
-"""Spacing of the points tested on a straight line [m], which keeps off the edge of the floor."""
+CLEARANCE_M = 0.1
+"""Clearance that paths keep to the edge of the reachable area where they can [m]."""
+CLEARANCE_COST = 1.0
+"""Extra cost of a metre of path at the very edge [m]."""
+EDGE_SPACINGS = 3.2
+"""Places within this many spacings are joined by an edge if the straight segment is clear."""
+SAMPLE_M = 0.05
+"""Spacing of the points tested on a segment [m]."""
 AVOID_M = 0.25
-"""Links that pass a spot which is to be avoided nearer than this are dearer [m]."""
+"""Edges nearer than this to a spot to avoid cost more [m]."""
 AVOID_COST = 15.0
-"""They count as so many times as long."""
+"""Cost factor of these edges."""
 
 
-class Ways:
-    """Shortest ways between places.
+class Roadmap:
+    """Places in an area and shortest paths between them.
 
     Args:
-        floor: Where the robot's axis can get to.
-        spacing_m: Of the places; one stands in every square of this size that holds reachable floor.
-        more_m: Further places, as far as there is a way to them [m].
+        area: Where the robot's axis can get to.
+        spacing_m: Spacing of places; one stands in every square of this size that holds reachable cells.
+        more_m: Further places; those that no path reaches are left out [m].
     """
 
-    def __init__(self, floor: ReachableArea, spacing_m: float, more_m: Float[np.ndarray, "k 2"] | None = None) -> None:
-        self._floor = floor
-        edge_m = np.asarray(distance_transform_edt(np.pad(floor.reachable, 1)))[1:-1, 1:-1] * floor.resolution_m
-        self._edge_m: Float[np.ndarray, "rows cols"] = edge_m
-        """Distance from each cell's centre to the nearest that cannot be reached [m]."""
-        cells = spread_places(floor.reachable, max(1, round(spacing_m / floor.resolution_m)), edge_m)
-        places_m = np.concatenate([self._xy_m(cells), np.zeros((0, 2)) if more_m is None else more_m])
-        links, _ = self._open_links(places_m, LINK_SPACINGS * spacing_m)
-        _, part = connected_components(csr_array((np.ones(len(links)), links.T), shape=(len(places_m), len(places_m))))
+    def __init__(self, area: ReachableArea, spacing_m: float, more_m: Float[np.ndarray, "k 2"] | None = None) -> None:
+        self._area = area
+        clearance_m = area.clearance_m
+        self._clearance_m = clearance_m
+        cells = spread_places(area.reachable, max(1, round(spacing_m / area.resolution_m)), clearance_m)
+        places_m = np.concatenate([area.cell_centres(cells), np.zeros((0, 2)) if more_m is None else more_m])
+        edges, _ = self._clear_edges(places_m, EDGE_SPACINGS * spacing_m)
+        _, part = connected_components(csr_array((np.ones(len(edges)), edges.T), shape=(len(places_m), len(places_m))))
         self.places_m: Float[np.ndarray, "p 2"] = places_m[part == np.bincount(part).argmax()]
-        """World x, y of every place; there is a way from each to each."""
-        self._links, room_m = self._open_links(self.places_m, LINK_SPACINGS * spacing_m)
+        """World x, y of every place; all are connected."""
+        self._edges, edge_clearance_m = self._clear_edges(self.places_m, EDGE_SPACINGS * spacing_m)
         self._tree = KDTree(self.places_m)
-        every = np.stack(np.meshgrid(*(np.arange(k) for k in edge_m.shape), indexing="ij"), axis=-1)
-        self._nearest = np.asarray(self._tree.query(self._xy_m(every.reshape(-1, 2)))[1], np.int32)
-        length_m = np.linalg.norm(self.places_m[self._links[:, 0]] - self.places_m[self._links[:, 1]], axis=1)
-        tight = np.clip(1.0 - room_m / (ROOM_M + floor.resolution_m), 0.0, 1.0)
-        self._cost = length_m * (1.0 + TIGHT_COST * tight) + 1e-6
-        self._avoided = np.zeros(len(self._links), bool)
+        every = np.stack(np.meshgrid(*(np.arange(k) for k in clearance_m.shape), indexing="ij"), axis=-1)
+        self._nearest = np.asarray(self._tree.query(area.cell_centres(every.reshape(-1, 2)))[1], np.int32)
+        length_m = np.linalg.norm(self.places_m[self._edges[:, 0]] - self.places_m[self._edges[:, 1]], axis=1)
+        lacking = np.clip(1.0 - edge_clearance_m / (CLEARANCE_M + area.resolution_m), 0.0, 1.0)
+        self._cost_m = length_m * (1.0 + CLEARANCE_COST * lacking) + 1e-6
+        self._avoided = np.zeros(len(self._edges), bool)
         self._search()
 
     def _search(self) -> None:
         n = len(self.places_m)
-        a, b = self._links.T
-        cost = np.where(self._avoided, AVOID_COST * self._cost, self._cost)
-        graph = csr_array((cost, (a, b)), shape=(n, n))
+        a, b = self._edges.T
+        cost_m = np.where(self._avoided, AVOID_COST * self._cost_m, self._cost_m)
+        graph = csr_array((cost_m, (a, b)), shape=(n, n))
         distance_m, before = dijkstra(graph, directed=False, return_predecessors=True)
         self.distance_m: Float[np.ndarray, "p p"] = distance_m
-        """Length of the way from each place to each other, dearer along edges [m]."""
+        """Cost of the path from each place to each other: its length, more along edges of the area [m]."""
         self._before = before
 
-    def _open_links(
+    def _clear_edges(
         self, places_m: Float[np.ndarray, "p 2"], reach_m: float
     ) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
-        """Pairs of places near each other with an open line between them, and how much room it has [m]."""
+        """Pairs of near places with a clear segment between them, and its clearance [m]."""
         pairs = KDTree(places_m).query_pairs(reach_m, output_type="ndarray")
-        is_open, room_m = self.open_lines(places_m[pairs[:, 0]], places_m[pairs[:, 1]])
-        return pairs[is_open], room_m[is_open]
+        is_clear, clearance_m = self._segments_clear(places_m[pairs[:, 0]], places_m[pairs[:, 1]])
+        return pairs[is_clear], clearance_m[is_clear]
 
     def nearest(self, xy_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
-        """The places nearest to others, good to a cell; those outside of the grid count as at its border."""
-        col_row = np.floor((xy_m - self._floor.origin_xy_m) / self._floor.resolution_m).astype(np.int64)
-        return self._nearest[np.ravel_multi_index((col_row[:, 1], col_row[:, 0]), self._edge_m.shape, mode="clip")]
+        """The place nearest to each point, good to a cell; points outside of the grid count as at its border."""
+        col_row = np.floor((xy_m - self._area.origin_xy_m) / self._area.resolution_m).astype(np.int64)
+        return self._nearest[np.ravel_multi_index((col_row[:, 1], col_row[:, 0]), self._clearance_m.shape, mode="clip")]
 
     def near(self, radius_m: float) -> list[list[int]]:
-        """For each place those within a radius, itself among them."""
+        """For each place the places within a radius, itself included."""
         return [sorted(near) for near in self._tree.query_ball_point(self.places_m, radius_m)]
 
-    def corners_m(self, a: int, b: int) -> Float[np.ndarray, "k 2"]:
-        """The way from one place to another as few straight pieces: their ends, without the first [m]."""
+    def path_m(self, a: int, b: int) -> Float[np.ndarray, "k 2"]:
+        """Corners of the shortcut path from one place to another, without its start [m]."""
         nodes = [b]
         while nodes[-1] != a:
             nodes.append(int(self._before[a, nodes[-1]]))
-        xy_m = self.places_m[nodes[::-1]]
-        return self.straightened(xy_m)[1:]
+        return self.shortcut_path(self.places_m[nodes[::-1]])[1:]
 
-    def straightened(self, line_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
-        """A polyline without those corners that a straight line passes just as well [m]."""
-        kept = [0]
-        while kept[-1] < len(line_m) - 1:
-            ahead = np.arange(kept[-1] + 1, len(line_m))
-            is_open, _ = self.open_lines(np.broadcast_to(line_m[kept[-1]], (len(ahead), 2)), line_m[ahead])
-            kept.append(int(ahead[is_open][-1]) if is_open.any() else int(ahead[0]))
-        return line_m[kept]
+    def shortcut_path(self, points_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
+        """A polyline without the corners that a clear segment can skip [m]."""
+        return shortcut(points_m, lambda a_m, b_m: self._segments_clear(a_m, b_m)[0])
 
-    def open_lines(
+    def _segments_clear(
         self, a_m: Float[np.ndarray, "n 2"], b_m: Float[np.ndarray, "n 2"]
     ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Whether straight lines keep to the floor, with the room that their ends have, and how much room [m]."""
+        """Whether segments stay reachable with the clearance of their ends, and the least clearance of each [m]."""
         if len(a_m) == 0:
             return np.zeros(0, bool), np.zeros(0)
         longest_m = float(np.linalg.norm(b_m - a_m, axis=1).max())
-        share = np.linspace(0.0, 1.0, 2 + int(longest_m / LINE_STEP_M))[:, None, None]
-        room_m = self.room_m(a_m + share * (b_m - a_m))
-        wanted_m = np.minimum(np.minimum(room_m[0], room_m[-1]), ROOM_M) - self._floor.resolution_m
-        least_m = room_m.min(axis=0)
-        return least_m >= np.maximum(wanted_m, self._floor.resolution_m - 1e-9), least_m
+        share = np.linspace(0.0, 1.0, 2 + int(longest_m / SAMPLE_M))[:, None, None]
+        clearance_m = self._clearance_at(a_m + share * (b_m - a_m))
+        resolution_m = self._area.resolution_m
+        wanted_m = np.minimum(np.minimum(clearance_m[0], clearance_m[-1]), CLEARANCE_M) - resolution_m
+        least_m = clearance_m.min(axis=0)
+        return least_m >= np.maximum(wanted_m, resolution_m - 1e-9), least_m
 
-    def room_m(self, xy_m: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
-        """Distance from places to the edge of the reachable floor, good to a cell [m]; 0 beyond it."""
-        col_row = np.floor((xy_m - self._floor.origin_xy_m) / self._floor.resolution_m).astype(np.int64)
+    def _clearance_at(self, xy_m: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
+        """Distance of points to the edge of the area, good to a cell [m]; 0 beyond it."""
+        col_row = np.floor((xy_m - self._area.origin_xy_m) / self._area.resolution_m).astype(np.int64)
         col, row = col_row[..., 0], col_row[..., 1]
-        rows, cols = self._edge_m.shape
+        rows, cols = self._clearance_m.shape
         inside = (row >= 0) & (col >= 0) & (row < rows) & (col < cols)
-        return np.where(inside, self._edge_m[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)], 0.0)
+        return np.where(inside, self._clearance_m[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)], 0.0)
 
-    def least_room_m(self, xy_m: Float[np.ndarray, "2"], step_m: Float[np.ndarray, "2"], moves: int) -> float:
-        """The least room on a line of moves [m]; every other is looked at, and the last."""
-        resolution_m, edge_m = self._floor.resolution_m, self._edge_m
-        x, y = ((xy_m - self._floor.origin_xy_m) / resolution_m).tolist()
+    def least_clearance_m(self, xy_m: Float[np.ndarray, "2"], step_m: Float[np.ndarray, "2"], moves: int) -> float:
+        """Least clearance on a straight row of moves, sampled at every other move and the last [m]."""
+        resolution_m = self._area.resolution_m
+        x, y = ((xy_m - self._area.origin_xy_m) / resolution_m).tolist()
         dx, dy = (step_m / resolution_m).tolist()
-        rows, cols = edge_m.shape
+        rows, cols = self._clearance_m.shape
         least_m = math.inf
         for k in [*range(2, moves, 2), moves]:
             row, col = math.floor(y + k * dy), math.floor(x + k * dx)
             if not (0 <= row < rows and 0 <= col < cols):
                 return 0.0
-            least_m = min(least_m, edge_m.item(row, col))
+            least_m = min(least_m, self._clearance_m.item(row, col))
         return least_m
 
     def avoid(self, xy_m: Float[np.ndarray, "2"]) -> None:
-        """Make the links about a spot dearer, so that ways lead round it."""
-        a, b = self.places_m[self._links[:, 0]], self.places_m[self._links[:, 1]]
+        """Raise the cost of edges near a spot, so that paths lead round it."""
+        a, b = self.places_m[self._edges[:, 0]], self.places_m[self._edges[:, 1]]
         along = b - a
         squared = np.maximum((along**2).sum(axis=1), 1e-12)
         share = np.clip(((xy_m - a) * along).sum(axis=1) / squared, 0.0, 1.0)
@@ -146,21 +140,18 @@ class Ways:
         self._avoided |= away_m < AVOID_M
         self._search()
 
-    def _xy_m(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        return self._floor.origin_xy_m + (cells[:, ::-1] + 0.5) * self._floor.resolution_m
 
-
-def num_places(floor: ReachableArea, spacing_m: float) -> int:
-    """How many places there are at a spacing."""
-    return len(spread_places(floor.reachable, max(1, round(spacing_m / floor.resolution_m)), floor.reachable * 1.0))
+def num_places(area: ReachableArea, spacing_m: float) -> int:
+    """Number of places at a spacing."""
+    return len(spread_places(area.reachable, max(1, round(spacing_m / area.resolution_m)), area.reachable * 1.0))
 
 
 def spread_places(
-    allowed: Bool[np.ndarray, "rows cols"], spacing_cells: int, room_m: Float[np.ndarray, "rows cols"]
+    allowed: Bool[np.ndarray, "rows cols"], spacing_cells: int, clearance: Float[np.ndarray, "rows cols"]
 ) -> Int[np.ndarray, "n 2"]:
-    """One cell out of every square block that holds an allowed one: the one with the most room about it."""
+    """The cell [row, col] with the largest clearance of each square block that holds allowed cells."""
     rows, cols = np.nonzero(allowed)
     block = (rows // spacing_cells) * (allowed.shape[1] // spacing_cells + 1) + cols // spacing_cells
-    order = np.lexsort((-room_m[rows, cols], block))
+    order = np.lexsort((-clearance[rows, cols], block))
     first = order[np.unique(block[order], return_index=True)[1]]
     return np.stack([rows[first], cols[first]], axis=1)

@@ -1,59 +1,58 @@
 """Search for a short tour that sees most of a known scene.
 
-Set cover, the order of views, and the ways between them are one problem, because most of what a tour sees it sees on
-its way: a camera that is carried through a door shows the room behind it. So a tour is judged by nothing but the curve
-that it makes: the frames after every one of its actions in their order, each with the samples that it covers. Its cost
-is the step at which 90 % of the observable samples have been covered, and so for 95 % and 99 %.
+Set cover, the order of views and the paths between them are one problem, because a tour sees most of what it sees on
+its way: a camera that passes a door shows the room behind it. So the cost of a tour depends on nothing but its coverage
+curve: the samples covered by the frames after each of its actions, in order. The cost is a weighted mean of the steps
+at which the curve reaches certain levels, such as 90 % of the observable samples.
 
-A tour is a list of stops, each a place and, if need be, a yaw to turn to there and the side to turn by. It is improved
-by simulated annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983): stops
-come, go, move and turn, and stretches of the tour are moved and turned round (the Or-opt and 2-opt moves of the
-travelling salesman).
+A tour is a list of stops. A stop is a place and, if need be, a yaw to turn to there and the side to turn by. Simulated
+annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983) adds, removes, moves
+and turns stops, and moves and reverses stretches of the tour (the Or-opt and 2-opt moves of the travelling salesman).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int, UInt64
 
-from anm_mj.evaluation.oracle.discretize import shorter
-from anm_mj.evaluation.oracle.roadmap import Ways
-from anm_mj.evaluation.oracle.segments import NO_YAW, Pieces
+from anm_mj.evaluation.oracle.discretize import shorter_side
+from anm_mj.evaluation.oracle.roadmap import Roadmap
+from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
 from anm_mj.evaluation.oracle.visibility import WORD, count, unpack
-from anm_mj.evaluation.pixel_rays import NUM_YAWS
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import FORWARD_STEP_M
 
 Stop = tuple[int, int, int]
 """Place, yaw (``NO_YAW`` for none), and the side to turn to it by."""
 
 MISSING_STEPS = 4.0
-"""What a sample short of a level costs [steps]."""
+"""Cost of a sample short of a level [steps]."""
 LENGTH_WEIGHT = 0.02
-"""What a step counts wherever it stands, so that no tour goes on when nothing is left to gain."""
+"""Weight of every step of a tour, so that no tour goes on without gain."""
 HOT_STEPS = 10.0
-"""A change that costs so much more is taken one time in e when a search begins [steps]."""
+"""Temperature at the start [steps]: a change that costs so much more is taken one time in e."""
 WARM_STEPS = 4.0
-"""The same where one goes on from the best of several."""
+"""Temperature at the start of a search that goes on from the best of several [steps]."""
 COLD_STEPS = 0.4
-"""The same at the end of each."""
+"""Temperature at the end [steps]."""
 NEAR_M = 1.0
-"""A stop is moved at most this far at a time [m]."""
+"""Farthest that one change moves a stop [m]."""
 LONGEST_PART = 12
-"""Most stops moved or turned round together."""
+"""Most stops moved or reversed together."""
 NUM_DRAWN = 12
-"""Places drawn for a new stop, of which the one nearest to the tour is taken."""
-MAX_PIECES = 120_000
-"""Pieces of tours that are kept."""
+"""Places drawn for a new stop; the one nearest to the tour is taken."""
+MAX_SEGMENTS = 120_000
+"""Most segments in memory."""
 MAX_STOPS = 300
 
 
 @dataclass(frozen=True)
 class Level:
-    """A number of samples, and how much the step counts at which so many are covered."""
+    """A number of samples, and the weight of the step at which they are covered."""
 
     samples: int
     weight: float
@@ -61,44 +60,59 @@ class Level:
 
 @dataclass(frozen=True)
 class Task:
-    """What a tour is wanted for."""
+    """Start and goal of a tour."""
 
     place: int
-    """Where the robot stands."""
+    """Start place."""
     yaw: int
-    """How it stands there."""
+    """Start yaw."""
     seen: UInt64[np.ndarray, " words"]
-    """What has been covered already."""
+    """Samples covered already."""
     levels: tuple[Level, ...]
-    """What is to be covered: samples, those already covered among them."""
+    """Samples to cover, those covered already included."""
+
+
+class TourCoverage(NamedTuple):
+    """What a tour covers."""
+
+    steps: Int[np.ndarray, " k"]
+    """Steps after each segment."""
+    samples: Int[np.ndarray, " k"]
+    """Samples covered by then."""
+    final: UInt64[np.ndarray, " words"]
+    """The samples covered at the end, as bits."""
 
 
 class TourSearch:
     """Makes tours shorter.
 
     Args:
-        pieces: What tours are made of.
-        ways: Between places.
-        task: What they are wanted for.
-        seed: Of the random choices.
-        missing_steps: What a sample short of a level costs [steps].
+        segments: Segments of tours.
+        roadmap: Places and paths between them.
+        task: Start and goal.
+        seed: Of the random changes.
+        missing_steps: Cost of a sample short of a level [steps].
     """
 
-    def __init__(self, pieces: Pieces, ways: Ways, task: Task, seed: int, missing_steps: float = MISSING_STEPS) -> None:
-        self._pieces = pieces
-        self._ways = ways
+    def __init__(
+        self, segments: Segments, roadmap: Roadmap, task: Task, seed: int, missing_steps: float = MISSING_STEPS
+    ) -> None:
+        self._segments = segments
+        self._roadmap = roadmap
         self._task = task
         self._missing_steps = missing_steps
         self._needs = np.array([level.samples for level in task.levels])
         self._rng = np.random.default_rng(seed)
-        self._num_places = len(ways.places_m)
-        self._near = ways.near(NEAR_M)
+        self._num_places = len(roadmap.places_m)
+        self._near = roadmap.near(NEAR_M)
         self._frames_of: dict[int, list[int]] = {}
-        self._last_cover = task.seen
 
     def cost(self, stops: list[Stop]) -> float:
-        """Weighted steps to the levels; what is missing of one costs extra."""
-        steps, covered = self.curve(stops)
+        """Weighted steps to the levels; samples short of a level cost extra."""
+        return self._cost(self.coverage(stops))
+
+    def _cost(self, coverage: TourCoverage) -> float:
+        steps, covered, _ = coverage
         total = LENGTH_WEIGHT * float(steps[-1])
         at = np.searchsorted(covered, self._needs).tolist()
         for k, level in zip(at, self._task.levels, strict=True):
@@ -110,59 +124,50 @@ class TourSearch:
                 total += level.weight * (float(steps[k - 1]) + share * float(steps[k] - steps[k - 1]))
         return total
 
-    def curve(self, stops: list[Stop]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-        """Steps after each piece of a tour, and the samples covered by then."""
-        pieces = self._pieces
+    def coverage(self, stops: list[Stop]) -> TourCoverage:
+        """What a tour covers, segment by segment."""
+        segments = self._segments
         place, yaw = self._task.place, self._task.yaw
-        numbers = [pieces.turn(place, yaw, yaw, 1)]
+        numbers = [segments.turn(place, yaw, yaw, 1)]
         for to, towards, side in stops:
             if to != place:
-                piece, first, last = pieces.walk(place, to)
+                path, first, last = segments.path(place, to)
                 if first != NO_YAW:
                     if first != yaw:
-                        numbers.append(pieces.turn(place, yaw, first, shorter(yaw, first)))
-                    numbers.append(piece)
+                        numbers.append(segments.turn(place, yaw, first, shorter_side(yaw, first)))
+                    numbers.append(path)
                     yaw = last
                 place = to
             if towards not in (NO_YAW, yaw):
-                numbers.append(pieces.turn(place, yaw, towards, side))
+                numbers.append(segments.turn(place, yaw, towards, side))
                 yaw = towards
-        covers = pieces.covers[numbers]
+        covers = segments.covers[numbers]
         covers[0] |= self._task.seen
         covers = np.bitwise_or.accumulate(covers, axis=0)
-        self._last_cover = covers[-1]
-        return np.cumsum(pieces.steps[numbers]), count(covers)
+        return TourCoverage(np.cumsum(segments.steps[numbers]), count(covers), covers[-1])
 
-    def improve(
-        self,
-        stops: list[Stop],
-        rounds: int,
-        hot_steps: float = HOT_STEPS,
-        on_round: Callable[[int], None] = lambda done: None,
-    ) -> list[Stop]:
-        """Anneal a tour; the best one met.
+    def anneal(self, stops: list[Stop], rounds: int, hot_steps: float = HOT_STEPS) -> list[Stop]:
+        """Anneal a tour and return the best one met.
 
         Args:
             stops: The tour.
             rounds: Changes tried.
-            hot_steps: How much worse a change may be at first.
-            on_round: Told now and then how many have been tried.
+            hot_steps: Temperature at the start [steps].
         """
-        present, now = list(stops), self.cost(stops)
-        cover = self._last_cover
+        coverage = self.coverage(stops)
+        present, now, cover = list(stops), self._cost(coverage), coverage.final
         best, least = present, now
         for k in range(rounds):
-            if len(self._pieces) > MAX_PIECES:
-                self._pieces.clear()
+            if len(self._segments) > MAX_SEGMENTS:
+                self._segments.clear()
             tried = self._changed(present, cover)
-            cost = self.cost(tried)
+            coverage = self.coverage(tried)
+            cost = self._cost(coverage)
             temperature = hot_steps * (COLD_STEPS / hot_steps) ** (k / rounds)
             if cost <= now or self._rng.random() < math.exp((now - cost) / temperature):
-                present, now, cover = tried, cost, self._last_cover
+                present, now, cover = tried, cost, coverage.final
                 if now < least - 1e-9:
                     best, least = present, now
-            if k % 1000 == 0:
-                on_round(k)
         return best
 
     def _changed(self, stops: list[Stop], cover: UInt64[np.ndarray, " words"]) -> list[Stop]:
@@ -198,17 +203,17 @@ class TourSearch:
         place, yaw, side = stop
         draw = self._rng.random()
         if yaw == NO_YAW or draw < 0.15:
-            return place, self._below(NUM_YAWS), self._side()
+            return place, self._below(NUM_HEADINGS), self._side()
         if draw < 0.3:
             return place, NO_YAW, side
         if draw < 0.4:
             return place, yaw, -side
-        return place, (yaw + self._side() * (1 + self._below(4))) % NUM_YAWS, side
+        return place, (yaw + self._side() * (1 + self._below(4))) % NUM_HEADINGS, side
 
     def _with_one_more(self, stops: list[Stop], cover: UInt64[np.ndarray, " words"]) -> list[Stop]:
         """A tour with one more stop: near another, anywhere, or where something is seen that is still missing."""
         draw = self._rng.random()
-        yaw = NO_YAW if self._rng.random() < 0.25 else self._below(NUM_YAWS)
+        yaw = NO_YAW if self._rng.random() < 0.25 else self._below(NUM_HEADINGS)
         if stops and draw < 0.4:
             i = self._below(len(stops))
             near = self._near[stops[i][0]]
@@ -216,7 +221,7 @@ class TourSearch:
         else:
             frames = self._frames_that_see(self._missing(cover)) if draw > 0.6 else []
             if frames:
-                chosen = [divmod(frames[self._below(len(frames))], NUM_YAWS) for _ in range(NUM_DRAWN)]
+                chosen = [divmod(frames[self._below(len(frames))], NUM_HEADINGS) for _ in range(NUM_DRAWN)]
             else:
                 chosen = [(self._below(self._num_places), yaw) for _ in range(NUM_DRAWN)]
             k, j = self._cheapest(stops, [place for place, _ in chosen])
@@ -230,9 +235,9 @@ class TourSearch:
         return (int(missing[0]) + word * WORD) % (len(cover) * WORD) if len(missing) else 0
 
     def _frames_that_see(self, sample: int) -> list[int]:
-        """Places and yaws that cover a sample, as place times ``NUM_YAWS`` plus yaw."""
+        """Places and yaws that cover a sample, as place times ``NUM_HEADINGS`` plus yaw."""
         if sample not in self._frames_of:
-            shown = self._pieces.bits[:, :, sample // WORD] >> np.uint64(sample % WORD) & np.uint64(1)
+            shown = self._segments.bits[:, :, sample // WORD] >> np.uint64(sample % WORD) & np.uint64(1)
             self._frames_of[sample] = np.flatnonzero(shown).tolist()
         return self._frames_of[sample]
 
@@ -245,7 +250,7 @@ class TourSearch:
             last: Where each ends; None = where it begins.
         """
         places = np.array([self._task.place, *(stop[0] for stop in stops)])
-        far_m = self._ways.distance_m
+        far_m = self._roadmap.distance_m
         extra_m = far_m[places[:, None], np.array(first)]
         onward_m = far_m[places[1:, None], np.array(first if last is None else last)]
         extra_m[:-1] += onward_m - far_m[places[:-1], places[1:]][:, None]
@@ -253,32 +258,32 @@ class TourSearch:
         return k, j
 
 
-def greedy_tour(pieces: Pieces, ways: Ways, task: Task, yaw_rad: float) -> list[Stop]:
+def greedy_tour(segments: Segments, roadmap: Roadmap, task: Task, yaw_rad: float) -> list[Stop]:
     """A tour to the first level that always goes on to the view with the most new samples per step.
 
     That is where a search begins; it finds the rest better by itself.
     """
     place, yaw, seen, stops = task.place, task.yaw, task.seen.copy(), list[Stop]()
     goal = min((level.samples for level in task.levels), default=0)
-    half = NUM_YAWS // 2
+    half = NUM_HEADINGS // 2
     while int(count(seen)) < goal and len(stops) < MAX_STOPS:
-        gains = count(pieces.bits & ~seen)
-        delta = ways.places_m - ways.places_m[place]
-        towards = np.rint((np.arctan2(delta[:, 1], delta[:, 0]) - yaw_rad) * (NUM_YAWS / math.tau))
+        gains = count(segments.bits & ~seen)
+        delta = roadmap.places_m - roadmap.places_m[place]
+        towards = np.rint((np.arctan2(delta[:, 1], delta[:, 0]) - yaw_rad) * (NUM_HEADINGS / math.tau))
         towards[place] = yaw
-        before = np.abs((towards - yaw + half) % NUM_YAWS - half)
-        after = np.abs((np.arange(NUM_YAWS)[None] - towards[:, None] + half) % NUM_YAWS - half)
-        steps = ways.distance_m[place][:, None] / FORWARD_STEP_M + before[:, None] + after + 1.0
+        before = np.abs((towards - yaw + half) % NUM_HEADINGS - half)
+        after = np.abs((np.arange(NUM_HEADINGS)[None] - towards[:, None] + half) % NUM_HEADINGS - half)
+        steps = roadmap.distance_m[place][:, None] / FORWARD_STEP_M + before[:, None] + after + 1.0
         to, towards_yaw = (int(k) for k in np.unravel_index(int(np.argmax(gains / steps)), gains.shape))
         if gains[to, towards_yaw] == 0:
             break
         if to != place:
-            piece, first, last = pieces.walk(place, to)
-            seen |= pieces.covers[piece]
+            piece, first, last = segments.path(place, to)
+            seen |= segments.covers[piece]
             yaw = last if first != NO_YAW else yaw
-        side = shorter(yaw, towards_yaw)
-        seen |= pieces.covers[pieces.turn(to, yaw, towards_yaw, side)]
-        seen |= pieces.bits[to, towards_yaw]
+        side = shorter_side(yaw, towards_yaw)
+        seen |= segments.covers[segments.turn(to, yaw, towards_yaw, side)]
+        seen |= segments.bits[to, towards_yaw]
         stops.append((to, towards_yaw, side))
         place, yaw = to, towards_yaw
     return stops

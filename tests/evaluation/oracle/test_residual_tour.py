@@ -4,11 +4,12 @@ import pytest
 from anm_mj.evaluation.coverage import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.observable import ReachableArea
-from anm_mj.evaluation.oracle.residual_tour import exact_bits, finer_places
-from anm_mj.evaluation.oracle.roadmap import Ways
+from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
+from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.visibility import count, unpack
-from anm_mj.evaluation.pixel_rays import NUM_YAWS, PixelRays
+from anm_mj.evaluation.pixel_rays import PixelRays
 from anm_mj.frames import pose_matrix
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import TURN_STEP_RAD, Pose2
 from anm_mj.utils.raycast import RayCaster
 from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
@@ -18,7 +19,7 @@ RNG_SEED = 5
 
 @pytest.fixture(scope="module")
 def room():
-    """A room with a cabinet open to one side, its floor, and samples on the cabinet's back wall inside."""
+    """A room with a cabinet open to one side, its area, and samples on the cabinet's back wall inside."""
     vertices, faces = joined(
         box((-2.0, -2.0, 0.0), (2.0, 2.0, 2.5)),
         box((1.0, -0.60, 0.0), (1.6, -0.55, 1.0)),
@@ -29,12 +30,12 @@ def room():
     reachable = np.zeros((80, 80), bool)
     reachable[6:74, 6:74] = True
     reachable[22:58, 54:] = False
-    floor = ReachableArea(reachable, np.array([-2.0, -2.0]), 0.05)
+    area = ReachableArea(reachable, np.array([-2.0, -2.0]), 0.05)
     rng = np.random.default_rng(RNG_SEED)
     inside = np.stack([np.full(90, 1.6), rng.uniform(-0.5, 0.5, 90), rng.uniform(0.05, 0.95, 90)], axis=1)
     hidden = np.stack([np.full(10, 3.0), np.zeros(10), np.ones(10)], axis=1)
     samples = np.concatenate([inside, hidden]).astype(np.float32)
-    return floor, samples, RayCaster(vertices, faces)
+    return area, samples, RayCaster(vertices, faces)
 
 
 def covered_by_a_frame(samples, caster, x_m, y_m, yaw):
@@ -50,28 +51,28 @@ def covered_by_a_frame(samples, caster, x_m, y_m, yaw):
 
 
 def test_few_places_show_all_that_can_be_seen_and_nothing_else(room):
-    floor, samples, caster = room
+    area, samples, caster = room
     rays = PixelRays(caster, CAMERA_ON_BASE)
 
-    places_m = finer_places(samples, floor, rays)
+    places_m = select_places(samples, area, rays)
 
     assert 1 <= len(places_m) < 40
-    assert (floor.cells(places_m.astype(np.float32)) >= 0).all()
+    assert (area.cells(places_m.astype(np.float32)) >= 0).all()
     shown = np.bitwise_or.reduce(exact_bits(samples, places_m, rays).reshape(-1, 2), axis=0)
     assert unpack(shown)[:90].mean() > 0.95
     assert not unpack(shown)[90:].any()
 
 
 def test_what_a_view_promises_its_frame_covers(room):
-    floor, samples, caster = room
+    area, samples, caster = room
     rays = PixelRays(caster, CAMERA_ON_BASE)
-    places_m = finer_places(samples, floor, rays)[:3]
+    places_m = select_places(samples, area, rays)[:3]
 
     bits = exact_bits(samples, places_m, rays)
 
     promised, covered = 0, 0
     for place, (x_m, y_m) in enumerate(places_m.tolist()):
-        for yaw in range(NUM_YAWS):
+        for yaw in range(NUM_HEADINGS):
             frame = covered_by_a_frame(samples, caster, x_m, y_m, yaw)
             flags = unpack(bits[place, yaw])[: len(samples)]
             assert not (flags & ~frame).any()
@@ -81,25 +82,25 @@ def test_what_a_view_promises_its_frame_covers(room):
 
 
 def test_what_cannot_be_seen_asks_for_no_places(room):
-    floor, samples, caster = room
+    area, samples, caster = room
 
-    assert finer_places(samples[90:], floor, PixelRays(caster, CAMERA_ON_BASE)).shape == (0, 2)
+    assert select_places(samples[90:], area, PixelRays(caster, CAMERA_ON_BASE)).shape == (0, 2)
 
 
 def test_places_are_the_same_each_time(room):
-    floor, samples, caster = room
+    area, samples, caster = room
     rays = PixelRays(caster, CAMERA_ON_BASE)
 
-    assert np.array_equal(finer_places(samples, floor, rays), finer_places(samples, floor, rays))
+    assert np.array_equal(select_places(samples, area, rays), select_places(samples, area, rays))
 
 
 def test_ways_lead_to_the_places_asked_for(room):
-    floor, samples, caster = room
-    more_m = finer_places(samples, floor, PixelRays(caster, CAMERA_ON_BASE))
+    area, samples, caster = room
+    more_m = select_places(samples, area, PixelRays(caster, CAMERA_ON_BASE))
 
-    ways = Ways(floor, 0.25, more_m)
+    roadmap = Roadmap(area, 0.25, more_m)
 
-    assert len(ways.places_m) == len(Ways(floor, 0.25).places_m) + len(more_m)
-    assert np.linalg.norm(ways.places_m[ways.nearest(more_m)] - more_m, axis=1).max() < 0.06
-    assert np.isfinite(ways.distance_m).all()
-    assert int(count(exact_bits(samples, ways.places_m, PixelRays(caster, CAMERA_ON_BASE))).max()) > 10
+    assert len(roadmap.places_m) == len(Roadmap(area, 0.25).places_m) + len(more_m)
+    assert np.linalg.norm(roadmap.places_m[roadmap.nearest(more_m)] - more_m, axis=1).max() < 0.06
+    assert np.isfinite(roadmap.distance_m).all()
+    assert int(count(exact_bits(samples, roadmap.places_m, PixelRays(caster, CAMERA_ON_BASE))).max()) > 10

@@ -1,0 +1,66 @@
+import numpy as np
+
+from anm_mj.evaluation.oracle.discretize import discretize, turn
+from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
+from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle.visibility import count
+
+
+def search_in(views, seed=0):
+    roadmap, samples, bits = views
+    levels = (Level(int(0.5 * len(samples)), 1.0), Level(int(0.8 * len(samples)), 0.5))
+    segments = Segments(bits, roadmap, 0.0)
+    task = Task(int(roadmap.nearest(np.array([[-1.5, 0.0]]))[0]), 0, np.zeros(bits.shape[2], np.uint64), levels)
+    return TourSearch(segments, roadmap, task, seed), segments, task
+
+
+def test_coverage_of_a_tour_is_that_of_its_frames(views):
+    roadmap, _, bits = views
+    search, _, task = search_in(views)
+    stops = [(5, 7, 1), (40, NO_YAW, 1), (40, 30, -1), (12, 3, 1)]
+
+    place, yaw = task.place, task.yaw
+    seen, curve = np.zeros(bits.shape[2], np.uint64), [0]
+    for to, towards, side in stops:
+        if to != place:
+            start_m = roadmap.places_m[place]
+            way = discretize(start_m, None, roadmap.path_m(place, to), roadmap, 0.0)
+            xy_m, yaws = way.frames(start_m, yaw, 0.0)
+            for at, k in zip(roadmap.nearest(xy_m), yaws, strict=True):
+                # A turn before a way is made at its beginning, which is the place itself.
+                seen |= bits[at, k]
+                curve.append(int(count(seen)))
+            place, yaw = to, way.yaws[-1]
+        for k in turn(yaw, towards, side) if towards != NO_YAW else []:
+            seen |= bits[place, k]
+            curve.append(int(count(seen)))
+            yaw = k
+
+    steps, covered, _ = search.coverage(stops)
+    assert steps[-1] == len(curve) - 1
+    assert [curve[k] for k in steps] == covered.tolist()
+
+
+def test_annealing_lowers_the_cost(views):
+    roadmap, _, _ = views
+    search, segments, task = search_in(views)
+    begin = greedy_tour(segments, roadmap, task, 0.0)
+
+    found = search.anneal(begin, 300)
+
+    assert search.cost(found) < search.cost(begin)
+
+
+def test_annealing_depends_on_the_seed_alone(views):
+    found = [search_in(views, seed)[0].anneal([], 100) for seed in (0, 0, 1)]
+
+    assert found[0] == found[1] != found[2]
+
+
+def test_missing_a_level_costs_more_than_reaching_it(views):
+    search, _, _ = search_in(views)
+    found = search.anneal([], 600)
+    covered = search.coverage(found).samples
+
+    assert covered[-1] >= 0.8 * 640
+    assert search.cost(found) < search.cost([])
