@@ -16,7 +16,7 @@ import tyro
 from anm_mj.bench.engine import RESULT
 from anm_mj.bench.results_table import OBSERVABLE, Result, read_result
 from anm_mj.errors import AnmError
-from anm_mj.io.jsonl import read_json_lines
+from anm_mj.io.jsonl import read_jsonl
 
 SHARE = 0.9
 """Of the other policy's final ratio."""
@@ -58,7 +58,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
         ratios.append(steps / their_steps)
         finals.append((ours.curve[-1, OBSERVABLE], theirs.curve[-1, OBSERVABLE]))
         areas.append((ours.area_under_curve(OBSERVABLE), theirs.area_under_curve(OBSERVABLE)))
-        decisions = read_json_lines(folder[policy, key] / "plans.jsonl")
+        decisions = read_jsonl(folder[policy, key] / "plans.jsonl")
         took_ms += [sum(line["ms"].values()) for line in decisions if line["ms"]]
         cells = (
             f"{key[0]}, {key[1]}",

@@ -1,7 +1,6 @@
-"""``anm-mj doctor``: what this machine has, what is wrong with it, and what a run will use.
+"""``anm-mj doctor``: checks the machine and names the engine and the camera of a run.
 
-Whatever may be broken is tried in a process of its own, so that the doctor survives it: a GL driver that ends the
-process, a torch that does not find its libraries.
+Checks that may crash (GL drivers, torch without its libraries) run in processes of their own.
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ from anm_mj.utils.raycast import embree_installed
 
 MIN_PYTHON = (3, 11)
 MIN_MEMORY_MIB = 3072
-"""A run of the default preset in a house stays below this."""
+"""A run of the default preset in a house needs less."""
 MIN_DISK_MIB = 1024
-"""A run folder of a thousand steps with its depth frames fits well into this."""
+"""A run folder of a thousand steps with its depth frames is smaller."""
 _TIMEOUT_S = 120.0
 
-_TRY_TORCH = """
+TORCH_PROGRAM = """
 import json, torch
 cuda = torch.cuda.is_available()
 gpu = torch.cuda.get_device_properties(0) if cuda else None
@@ -42,7 +41,7 @@ memory_gib = round(gpu.total_memory / 2**30) if cuda else 0
 print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda else "", memory_gib]))
 """
 
-_TRY_ENGINE = """
+ENGINE_PROGRAM = """
 import json, torch
 from anm_mj.mapping.backends.select import choose_engine
 from anm_mj.mapping.backends.torch_backend import resolve_device
@@ -58,37 +57,37 @@ print(json.dumps([name, device, choice.reason, choice.instead_of]))
 
 
 class State(Enum):
-    """How a thing was found."""
+    """Result of a check."""
 
     GOOD = "ok"
     NOTE = "note"
-    """A run is possible, but something is missing or slower than it could be."""
+    """A run is possible, but something is missing or slower than necessary."""
     BAD = "wrong"
-    """No run is possible."""
+    """A run is impossible."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at."""
+    """One check with its finding."""
 
     name: str
     state: State
     found: str
     advice: str = ""
-    """What to do about it."""
+    """How to fix or improve it."""
 
 
 def main() -> int:
-    """Print the diagnosis; exit status 0 if the robot can run here, else 1."""
+    """Print the diagnosis; exit status 0 if a run is possible, else 1."""
     console = Console()
-    with console.status("Looking at this machine"):
+    with console.status("Checking this machine"):
         checks = diagnose()
     render(checks, console)
     return 1 if any(check.state is State.BAD for check in checks) else 0
 
 
 def diagnose() -> list[Check]:
-    """Everything a run depends on, looked at and tried; takes some seconds."""
+    """Run all checks; takes some seconds."""
     with ThreadPoolExecutor() as pool:
         torch = pool.submit(check_torch)
         engine = pool.submit(check_engine)
@@ -107,18 +106,18 @@ def diagnose() -> list[Check]:
 
 
 def render(checks: list[Check], console: Console) -> None:
-    """Print checks as a table, then what a run will use or what has to be done first."""
+    """Print the checks as a table, then the engine and camera of a run, or the checks to fix first."""
     styles = {State.GOOD: "green", State.NOTE: "yellow", State.BAD: "red"}
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     for check in checks:
         advice = f"\n{check.advice}" if check.advice else ""
         state = Text(check.state.value, styles[check.state])
-        # As Text: an error message may hold what rich takes for markup.
+        # As Text: error messages may contain rich markup.
         table.add_row(state, check.name, Text(f"{check.found}{advice}"))
     console.print(table)
     wrong = [check.name for check in checks if check.state is State.BAD]
     if wrong:
-        console.print(f"\nThe robot cannot run here yet: mend {', '.join(wrong)} first.", style="bold red")
+        console.print(f"\nA run is impossible here; to fix first: {', '.join(wrong)}.", style="bold red")
     else:
         used = {check.name: check.found for check in checks}
         console.print(f"\nA run will use: {used['map engine']}; pictures by {used['pictures by']}.", style="bold")
@@ -141,8 +140,8 @@ def check_mujoco() -> Check:
 
 
 def check_torch() -> list[Check]:
-    """Torch and the GPU that it can use."""
-    done = _try(_TRY_TORCH)
+    """Torch and its GPU."""
+    done = run_python(TORCH_PROGRAM)
     if done.returncode != 0:
         return [Check("torch", State.BAD, _last_line(done.stderr), "Run make setup, or pip install torch anew.")]
     version, num_threads, gpu, memory_gib = json.loads(done.stdout)
@@ -154,8 +153,8 @@ def check_torch() -> list[Check]:
 
 
 def check_engine() -> Check:
-    """The engine that will train the map, where, and why."""
-    done = _try(_TRY_ENGINE)
+    """The engine that trains the map, its device, and the reason for the choice."""
+    done = run_python(ENGINE_PROGRAM)
     if done.returncode != 0:
         advice = "Run make setup, or explore with --set mapping.engine=torch."
         return Check("map engine", State.NOTE, f"does not start: {_last_line(done.stderr)}", advice)
@@ -167,17 +166,17 @@ def check_engine() -> Check:
 
 
 def check_backend(name: str) -> Check:
-    """One GL back-end, tried by rendering a frame."""
+    """One GL back-end, tested by rendering an image."""
     try:
         return Check(f"GL {name}", State.GOOD, probe(name))
     except ProbeError as err:
-        # It may have worked before, and what remembers that must not send a run into it.
+        # The cache may still contain an earlier success.
         forget_backend(name)
         return Check(f"GL {name}", State.NOTE, f"does not work: {err}")
 
 
 def _graphics(backends: list[Check]) -> list[Check]:
-    """The back-ends and which of them a run will use."""
+    """The back-ends, and the camera of a run."""
     try:
         chosen = select_backend()
     except RenderError as err:
@@ -195,7 +194,7 @@ def _graphics(backends: list[Check]) -> list[Check]:
 
 
 def check_ffmpeg() -> Check:
-    """The program that videos are written with; it comes as a package."""
+    """The program that writes videos; a Python package contains it."""
     try:
         import imageio_ffmpeg
 
@@ -205,7 +204,7 @@ def check_ffmpeg() -> Check:
 
 
 def check_port() -> Check:
-    """The port that the live view would get."""
+    """The port of the live view."""
     try:
         from anm_mj.viz.page_server import PageServer
 
@@ -218,7 +217,7 @@ def check_port() -> Check:
 
 
 def check_memory(available_mib: int | None) -> Check:
-    """Memory that programs can still have [MiB]; None where the system does not say."""
+    """Available memory [MiB]; None if unknown."""
     if available_mib is None:
         return Check("memory", State.NOTE, "unknown")
     found = f"{available_mib / 1024:.1f} GiB available"
@@ -228,7 +227,7 @@ def check_memory(available_mib: int | None) -> Check:
 
 
 def available_memory_mib() -> int | None:
-    """Memory that programs can still have [MiB], or None where the system does not say."""
+    """Available memory [MiB]; None if the system does not tell."""
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
     except OSError:
@@ -237,7 +236,7 @@ def available_memory_mib() -> int | None:
 
 
 def check_disk(folder: Path) -> Check:
-    """Room for run folders."""
+    """Free disk space for run folders."""
     free_mib = shutil.disk_usage(folder).free // 2**20
     found = f"{free_mib / 1024:.1f} GiB free in {folder}"
     if free_mib >= MIN_DISK_MIB:
@@ -245,8 +244,8 @@ def check_disk(folder: Path) -> Check:
     return Check("disk", State.NOTE, found, "A long run may need 1 GiB: free some, or choose another disk with --out.")
 
 
-def _try(program: str) -> subprocess.CompletedProcess[str]:
-    """Run a program in a Python of its own."""
+def run_python(program: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in a Python process of its own."""
     command = [sys.executable, "-c", program]
     try:
         return subprocess.run(
@@ -261,6 +260,6 @@ def _try(program: str) -> subprocess.CompletedProcess[str]:
 
 
 def _last_line(text: str) -> str:
-    """What an error message ends with."""
+    """The last line of an error message."""
     lines = text.strip().splitlines()
     return lines[-1].strip() if lines else "no message"

@@ -44,7 +44,7 @@ class LineWriter:
         self.close()
 
 
-def read_json_lines(path: Path) -> list[dict[str, Any]]:
+def read_jsonl(path: Path) -> list[dict[str, Any]]:
     """All complete lines of a file; an incomplete last line, as a killed run leaves it, is skipped.
 
     Raises:

@@ -1,4 +1,4 @@
-"""With what a run was made: enough to make it again, or to say why it cannot be."""
+"""Provenance of a run: versions, machine, scene and robot, for reproduction."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from typing import Any
 from anm_mj.io.to_json import to_json
 
 PACKAGES = ("anm-mj", "mujoco", "dm-control", "torch", "pin", "mink", "numpy", "scipy", "scikit-image", "trimesh")
-"""Packages whose version can change a run."""
+"""Packages whose version can affect a run."""
 
 
 @dataclass(frozen=True)
 class RunFacts:
-    """What only the one who starts a run knows."""
+    """Facts of a run that the caller knows."""
 
     scene: str
     """Name or path of the scene, as given."""
     scene_hash: str
-    """Hash over the scene's files."""
+    """Hash of the scene's files."""
     robot: str
     """Name or path of the robot, as given."""
     robot_hash: str
-    """Hash over the robot as the simulator reads it."""
+    """Hash of the robot in MuJoCo's reading."""
     policy: str
     seed: int
     device: str
-    """Where the neural map is trained: ``cpu``, or the GPU with its name."""
+    """Device that trains the neural map: ``cpu``, or the name of the GPU."""
     engine: str
-    """What trains it: ``torch``, or ``native`` with its instruction set."""
+    """Engine that trains it: ``torch``, or ``native`` with its instruction set."""
     gl_backend: str
-    """What ``MUJOCO_GL`` was in effect."""
+    """Value of ``MUJOCO_GL``."""
     gl_renderer: str
-    """What the GL driver calls itself."""
+    """GL_RENDERER of the driver."""
     camera: str
-    """What made the pictures: ``gl``, ``embree`` or ``mujoco rays``."""
+    """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
 
 
 def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
     """The manifest of a run on this machine.
 
     Args:
-        facts: What the machine does not know.
+        facts: Facts that the caller knows.
         command: The command line.
     """
     return {
@@ -66,7 +66,7 @@ def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
 
 
 def git_revision(folder: Path) -> dict[str, Any] | None:
-    """Revision of the checkout that holds a folder and whether it has changes; None outside of any."""
+    """Git revision of the checkout around a folder, and whether it has changes; None outside of a checkout."""
     git = ["git", "-C", str(folder)]
     try:
         run = {"capture_output": True, "text": True, "timeout": 10, "check": True}
@@ -78,7 +78,7 @@ def git_revision(folder: Path) -> dict[str, Any] | None:
 
 
 def cpu_model() -> str:
-    """What the processor calls itself."""
+    """Model name of the processor."""
     try:
         found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
     except OSError:
@@ -87,7 +87,7 @@ def cpu_model() -> str:
 
 
 def memory_mib() -> int | None:
-    """Physical memory [MiB]; None where the system does not tell."""
+    """Physical memory [MiB]; None if the system does not tell."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2**20
     except (AttributeError, ValueError, OSError):

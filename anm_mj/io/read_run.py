@@ -1,4 +1,4 @@
-"""What a run wrote, read back; a run that was killed reads as far as it came."""
+"""Reads a run folder; that of a killed run is read up to its last complete line."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt16
-from PIL import Image, UnidentifiedImageError
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.jsonl import read_json_lines
+from anm_mj.io.image import read_image
+from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
 
@@ -24,13 +24,13 @@ class FrameRecord:
     step: int
     time_s: float
     pose: Pose2
-    """Where the robot stood, as far as it knew."""
+    """Believed pose of the robot."""
     T_world_camera: Float[np.ndarray, "4 4"]
-    """Where its camera was, as far as it knew."""
+    """Believed pose of its camera."""
     true_pose: Pose2
-    """Where it truly stood."""
+    """True pose of the robot."""
     T_true_camera: Float[np.ndarray, "4 4"]
-    """Where its camera truly was."""
+    """True pose of its camera."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class StepRecord:
     step: int
     action: Action
     pose: Pose2
-    """Where the robot stood after it."""
+    """Pose of the robot after the action."""
     collided: bool
     moved_m: float
     wheel_speeds: WheelSpeeds
@@ -49,7 +49,7 @@ class StepRecord:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run left."""
+    """The content of a run folder."""
 
     folder: RunFolder
     intrinsics: Intrinsics
@@ -57,17 +57,17 @@ class Run:
     frames: tuple[FrameRecord, ...]
     steps: tuple[StepRecord, ...]
     plans: tuple[dict[str, Any], ...]
-    """Lines of ``plans.jsonl`` as they stand there."""
+    """Lines of ``plans.jsonl``, uninterpreted."""
     manifest: dict[str, Any]
-    """Empty where none was written."""
+    """Empty if the file is missing."""
     config: dict[str, Any]
-    """Empty where none was written."""
+    """Empty if the file is missing."""
 
     def depth_mm(self, frame: FrameRecord) -> UInt16[np.ndarray, "rows cols"]:
         """Reduced depth of a frame [mm].
 
         Raises:
-            RunFolderError: The picture is missing or cut short.
+            RunFolderError: The image is missing or damaged.
         """
         return read_depth(self.folder.depth(frame.step))
 
@@ -76,16 +76,16 @@ def read_run(path: Path) -> Run:
     """Read a run folder.
 
     Raises:
-        RunFolderError: It is not a run folder, or a file in it is damaged.
+        RunFolderError: The folder contains no run, or a file in it is damaged.
     """
     folder = RunFolder.open(path)
     try:
         return Run(
             folder=folder,
             intrinsics=Intrinsics(**read_json(folder.camera)["intrinsics"]),
-            frames=tuple(_frame(line) for line in read_json_lines(folder.frames)),
-            steps=tuple(_step(line) for line in read_json_lines(folder.steps)),
-            plans=tuple(read_json_lines(folder.plans)) if folder.plans.is_file() else (),
+            frames=tuple(_frame(line) for line in read_jsonl(folder.frames)),
+            steps=tuple(_step(line) for line in read_jsonl(folder.steps)),
+            plans=tuple(read_jsonl(folder.plans)) if folder.plans.is_file() else (),
             manifest=read_json(folder.manifest) if folder.manifest.is_file() else {},
             config=read_json(folder.config) if folder.config.is_file() else {},
         )
@@ -94,10 +94,10 @@ def read_run(path: Path) -> Run:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON file that holds an object.
+    """Read a JSON file that contains an object.
 
     Raises:
-        RunFolderError: It cannot be read, or holds something else.
+        RunFolderError: It cannot be read, or contains something else.
     """
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
@@ -109,20 +109,16 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_depth(path: Path) -> UInt16[np.ndarray, "rows cols"]:
-    """A 16-bit depth picture [mm].
+    """Read a 16-bit depth image [mm].
 
     Raises:
-        RunFolderError: The picture is missing or cut short.
+        RunFolderError: The image is missing or damaged.
     """
-    try:
-        with Image.open(path) as picture:
-            return np.asarray(picture).astype(np.uint16)
-    except (OSError, SyntaxError, UnidentifiedImageError) as err:
-        raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
+    return read_image(path).astype(np.uint16)
 
 
 def _frame(line: dict[str, Any]) -> FrameRecord:
-    # The truth stands there only where it differs from what the robot was told.
+    # The file has true poses only where they differ from the believed ones.
     true = line.get("true", line)
     believed_camera, true_camera = (np.array(where["T_world_camera"], dtype=np.float64) for where in (line, true))
     return FrameRecord(line["step"], line["time_s"], _pose(line), believed_camera, _pose(true), true_camera)

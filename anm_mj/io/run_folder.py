@@ -1,6 +1,6 @@
-"""The folder of one run: where each file lies, and how a new one is made.
+"""The folder of one run: creation of the folder and paths of its files.
 
-The names are a contract: what other programs read of a run, they find here.
+The file names are a public contract; other programs read them.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.to_json import write_json
 
 RUNS = Path("runs")
-"""Where runs go unless told otherwise, relative to the working directory."""
+"""Default parent of run folders, relative to the working directory."""
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Paths of all that a run leaves."""
+    """Paths of the files of a run."""
 
     path: Path
 
     @classmethod
     def create(cls, out: Path | None, scene_name: str, policy: str, runs: Path = RUNS) -> RunFolder:
-        """Make the folder of a new run.
+        """Create the folder of a new run.
 
         Args:
-            out: Where; None makes ``<runs>/<scene>_<policy>_<time stamp>`` and lets ``<runs>/latest`` point there.
+            out: Its path; None = ``<runs>/<scene>_<policy>_<time stamp>``, with a link ``<runs>/latest`` to it.
             scene_name: Name of the scene.
             policy: Name of the policy, possibly ``module:Name``.
-            runs: Parent of folders that are named here.
+            runs: Parent of automatically named folders.
 
         Raises:
-            RunFolderError: The folder holds files already, is a file, or cannot be made.
+            RunFolderError: The path is a file or a non-empty folder, or cannot be created.
         """
         path = out if out is not None else runs / _stem(scene_name, policy)
         try:
-            path = _made(path) if out is None else _empty(path)
+            path = _numbered(path) if out is None else empty_folder(path)
             (path / "depth").mkdir()
         except OSError as err:
             raise RunFolderError(f"{path} cannot be made ({err.strerror}); choose a folder you may write to.") from err
@@ -50,10 +50,10 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:
-        """The folder of a run that has been made.
+        """The folder of an existing run.
 
         Raises:
-            RunFolderError: There is no such folder, or it is not one of a run.
+            RunFolderError: There is no such folder, or it contains no run.
         """
         if not os.path.isdir(path):  # Unlike Path.is_dir, never an error.
             raise RunFolderError(f"{path} is not a folder; give the folder that a run wrote.")
@@ -65,7 +65,7 @@ class RunFolder:
 
     @property
     def manifest(self) -> Path:
-        """With what the run was made: versions, machine, scene, seed."""
+        """Provenance: versions, machine, scene, seed."""
         return self.path / "manifest.json"
 
     @property
@@ -75,32 +75,32 @@ class RunFolder:
 
     @property
     def steps(self) -> Path:
-        """A line per step."""
+        """One line per step."""
         return self.path / "steps.jsonl"
 
     @property
     def plans(self) -> Path:
-        """A line per decision."""
+        """One line per decision."""
         return self.path / "plans.jsonl"
 
     @property
     def frames(self) -> Path:
-        """A line per observation: when, from where."""
+        """One line per observation: time and poses."""
         return self.path / "frames.jsonl"
 
     @property
     def camera(self) -> Path:
-        """Intrinsics of the original images, and how the depth was reduced."""
+        """Intrinsics of the original images, and the reduction of the depth images."""
         return self.path / "camera.json"
 
     @property
     def curve(self) -> Path:
-        """Completion against steps."""
+        """Completion over steps."""
         return self.path / "curve.csv"
 
     @property
     def metrics(self) -> Path:
-        """The numbers of the whole run."""
+        """Metrics of the whole run."""
         return self.path / "metrics.json"
 
     @property
@@ -110,22 +110,22 @@ class RunFolder:
 
     @property
     def mesh(self) -> Path:
-        """The coloured mesh out of the neural map."""
+        """The coloured mesh of the neural map."""
         return self.path / "mesh.ply"
 
     @property
     def map(self) -> Path:
-        """The neural map itself."""
+        """The neural map."""
         return self.path / "map.pt"
 
     @property
     def topdown_picture(self) -> Path:
-        """Map, graph, regions and trajectory from above."""
+        """Figure of the top-down map, graph, regions and trajectory."""
         return self.path / "topdown.png"
 
     @property
     def curve_picture(self) -> Path:
-        """Completion against steps, drawn."""
+        """Figure of completion over steps."""
         return self.path / "curve.png"
 
     @property
@@ -134,7 +134,7 @@ class RunFolder:
         return self.path / "ground_truth.npz"
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
-        """Write with what the run is made.
+        """Write the provenance of the run.
 
         Raises:
             RunFolderError: The file cannot be written.
@@ -150,7 +150,7 @@ class RunFolder:
         write_json(self.config, config)
 
     def depth(self, step: int) -> Path:
-        """Reduced depth of the observation after ``step`` actions: 16-bit PNG, millimetres, 0 where nothing."""
+        """Reduced depth of the observation after ``step`` actions: 16-bit PNG [mm], 0 without a hit."""
         return self.path / "depth" / f"{step:06d}.png"
 
 
@@ -159,8 +159,8 @@ def _stem(scene_name: str, policy: str) -> str:
     return f"{Path(scene_name).stem}_{readable}_{datetime.now():%Y%m%d-%H%M%S}"
 
 
-def _made(path: Path) -> Path:
-    """A new folder of this name, or with a number after it when another run has just taken the name."""
+def _numbered(path: Path) -> Path:
+    """Create a folder of this name, with a number if another run has just taken the name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     for count in itertools.count(1):
         numbered = path if count == 1 else path.with_name(f"{path.name}-{count}")
@@ -172,11 +172,11 @@ def _made(path: Path) -> Path:
     raise AssertionError("counting never ends")
 
 
-def _empty(path: Path) -> Path:
-    """The folder at a path, made if need be.
+def empty_folder(path: Path) -> Path:
+    """Create a folder unless it exists, and require it to be empty.
 
     Raises:
-        RunFolderError: It holds something.
+        RunFolderError: It is not empty.
     """
     path.mkdir(parents=True, exist_ok=True)
     if any(path.iterdir()):
@@ -193,5 +193,5 @@ def _point_latest_to(path: Path) -> None:
         fresh.symlink_to(path.name)
         os.replace(fresh, latest)
     except OSError:
-        # Some file systems know no links; the run itself does not need one.
+        # Some file systems have no links; the run works without one.
         fresh.unlink(missing_ok=True)

@@ -1,12 +1,12 @@
-"""A recorded sequence: posed RGB-D on disk, from a simulator or from a real camera.
+"""Recorded sequences: posed RGB-D images on disk, from a simulator or a real camera (docs/robot.md).
 
-    camera.json          {"width", "height", "fx", "fy", "cx", "cy": pixels, "depth_unit_m": metres per step of a PNG}
-    poses.tum            a line per frame: time [s], x y z [m], qx qy qz qw of the camera in the world
-    depth/000000.png     16 bit, planar z in units of depth_unit_m, 0 where nothing; or 000000.npy, float32 in metres
-    rgb/000000.png       8 bit, as large as the depth
+    camera.json          {"width", "height", "fx", "fy", "cx", "cy": pixels, "depth_unit_m": metres per unit of a PNG}
+    poses.tum            one line per frame: time [s], x y z [m], qx qy qz qw of the camera in the world
+    depth/000000.png     16 bit, planar z in units of depth_unit_m, 0 without a hit; or 000000.npy, float32 in metres
+    rgb/000000.png       8 bit, of the size of the depth
 
-Camera axes are x right, y down, z forward; the world has z up, the floor at z = 0. Frames are numbered from 0 in the
-order of the lines. The robot's base is taken to stand below the camera, turned as the camera looks.
+Camera axes are x right, y down, z forward; the world has z up and the floor at z = 0. Frame numbers start at 0, in the
+order of the lines. The robot's base is assumed below the camera, with the heading of the camera.
 """
 
 from __future__ import annotations
@@ -18,22 +18,24 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
-from PIL import Image, UnidentifiedImageError
+from jaxtyping import Float, Float32
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.image import read_image
+from anm_mj.io.run_folder import empty_folder
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation, Pose2
 
 DEPTH_UNIT_M = 0.001
-"""Depth of one step of the PNGs written here [m]."""
+"""Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """A folder of posed RGB-D frames, read one by one."""
+    """A folder of posed RGB-D frames; iteration reads them one by one."""
 
     path: Path
     intrinsics: Intrinsics
@@ -45,13 +47,13 @@ class Sequence:
         return len(self.time_s)
 
     def observations(self) -> Iterator[Observation]:
-        """The frames in their order; their number is the observation's step.
+        """The frames in order; the frame number is the step of the observation.
 
         Raises:
-            RunFolderError: a picture is missing, damaged or of another size than camera.json says.
+            RunFolderError: an image is missing or damaged, or its size differs from camera.json.
         """
         for step, (time_s, T_world_camera) in enumerate(zip(self.time_s, self.T_world_camera, strict=True)):
-            rgb = _read_picture(self.path / "rgb" / f"{step:06d}.png", "RGB")
+            rgb = read_image(self.path / "rgb" / f"{step:06d}.png", "RGB")
             depth_m = self._depth_m(step)
             expected = (self.intrinsics.height, self.intrinsics.width)
             if depth_m.shape != expected or rgb.shape[:2] != expected:
@@ -70,7 +72,7 @@ class Sequence:
             except (OSError, ValueError, EOFError) as err:
                 raise RunFolderError(f"{exact} cannot be read ({err}).") from err
         else:
-            steps = _read_picture(exact.with_suffix(".png"), None)
+            steps = read_image(exact.with_suffix(".png"))
             depth_m = steps.astype(np.float32) * np.float32(self.depth_unit_m)
         return np.where(depth_m > 0.0, depth_m, np.float32(np.nan))
 
@@ -79,7 +81,7 @@ def read_sequence(path: Path) -> Sequence:
     """Open a sequence.
 
     Raises:
-        RunFolderError: camera.json or poses.tum is missing, or is not what it should be.
+        RunFolderError: camera.json or poses.tum is missing or invalid.
     """
     try:
         camera = json.loads((path / "camera.json").read_text(encoding="utf-8"))
@@ -97,20 +99,18 @@ def read_sequence(path: Path) -> Sequence:
 
 
 class SequenceWriter:
-    """Writes observations as a sequence, frame by frame; depth beyond 65.5 m is dropped."""
+    """Writes observations as a sequence, frame by frame, without depths beyond 65.5 m."""
 
     def __init__(self, path: Path):
-        """Make the folder.
+        """Create the folder.
 
         Raises:
-            RunFolderError: it holds something already, or cannot be made.
+            RunFolderError: it is not empty, or cannot be created.
         """
         self._path = path
         self._frames = 0
         try:
-            path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()):
-                raise RunFolderError(f"{path} is not empty; choose another folder, or remove this one.")
+            empty_folder(path)
             (path / "depth").mkdir()
             (path / "rgb").mkdir()
         except OSError as err:
@@ -136,29 +136,15 @@ class SequenceWriter:
 
 
 def base_pose(T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
-    """Where a base stands whose camera is here: below the camera, turned as that looks (or leans, looking down)."""
+    """Pose of a base below a camera: heading of the camera's axis, or of its upper edge if it looks straight down."""
     ahead = T_world_camera[:3, 2] if abs(T_world_camera[2, 2]) < 0.99 else -T_world_camera[:3, 1]
     x, y = T_world_camera[:2, 3].tolist()
     return Pose2(x, y, math.atan2(ahead[1], ahead[0]))
 
 
-def _read_picture(path: Path, mode: str | None) -> UInt8[np.ndarray, "h w 3"] | np.ndarray:
-    try:
-        with Image.open(path) as picture:
-            return np.asarray(picture.convert(mode) if mode else picture)
-    except (OSError, SyntaxError, UnidentifiedImageError) as err:
-        raise RunFolderError(f"{path} cannot be read ({err}).") from err
-
-
 def _tum_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
-    values = (time_s, *T_world_camera[:3, 3], *_quaternion(T_world_camera[:3, :3]))
+    values = (time_s, *T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
     return " ".join(f"{value:.9g}" for value in values)
-
-
-def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
-    """x, y, z, w of a rotation matrix."""
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat().tolist()
-    return x, y, z, w
 
 
 def _matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:

@@ -1,9 +1,8 @@
-"""Serves meshcat's page to browsers on this machine alone, and tells them what to show.
+"""Local web server of the live view: serves meshcat's page and sends it updates.
 
-meshcat brings a server of its own, but that listens on all network interfaces, needs a process and a second port, and
-queues without bound for a browser that does not keep up. This one is a thread: it answers on 127.0.0.1 only and keeps
-the last state of every object, which is what a browser that joins late, or reads slowly, gets to see. Page and message
-format are meshcat's.
+meshcat's own server listens on all network interfaces, needs a process and a second port, and queues without bound for
+a slow browser. This one is a thread: it listens on 127.0.0.1 only and keeps the last state of every object, so a late
+or slow browser gets the present state. Page and message format are meshcat's.
 """
 
 from __future__ import annotations
@@ -25,22 +24,22 @@ from anm_mj.errors import RenderError
 
 ADDRESS = "127.0.0.1"
 FIRST_PORT = 7000
-"""The port that meshcat's users expect."""
+"""meshcat's default port."""
 PORTS_TRIED = 100
 HOSTS = r"(127\.0\.0\.1|localhost)"
-"""Names a browser may know us by; any other would be a foreign site that has its name lead here."""
+"""Accepted host names; the server rejects foreign names that resolve to this machine (DNS rebinding)."""
 TIMEOUT_S = 10.0
-"""Longest wait for the thread to start or to end [s]; both take milliseconds."""
+"""Longest wait for the start or end of the thread [s]; both take milliseconds."""
 
 Key = tuple[str, str]
-"""Path of an object, and what of it: the object itself, its transform, or a property."""
+"""Path of an object, and the kind of update: the object itself, its transform, or a property."""
 
 
 class PageServer:
-    """A web page with a three-dimensional scene that this process sets.
+    """A web page with a 3D scene that this process controls.
 
     Args:
-        first_port: The first port to try; the next free one is taken.
+        first_port: The first port to try; the server takes the next free one.
 
     Raises:
         RenderError: No port is free.
@@ -61,45 +60,45 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{ADDRESS}:{self.port}/static/"
 
     @property
     def num_browsers(self) -> int:
-        """How many browsers show the page now."""
+        """Number of connected browsers."""
         return len(self._browsers)
 
     def publish(self, command: SetObject | SetTransform | SetProperty) -> None:
-        """Show something from now on; returns at once, whoever listens."""
+        """Update the scene; returns at once, whatever the browsers do."""
         message: dict[str, Any] = command.lower()
         data: bytes = umsgpack.packb(message)
         with self._lock:
             waiting = bool(self._outbox)
             self._outbox[message["path"], message.get("property", message["type"])] = data
         if not waiting and self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._hand_out)
+            self._loop.call_soon_threadsafe(self._broadcast)
 
     def close(self) -> None:
-        """End the thread and free the port; a second time does nothing."""
+        """End the thread and free the port; may be called again."""
         if self._loop is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(TIMEOUT_S)
 
     def join(self, browser: _Browser) -> None:
-        """Show all there is to a browser that has come; called in the server's thread."""
+        """Send the whole scene to a new browser; called in the server's thread."""
         self._browsers.add(browser)
-        browser.tell(self._state)
+        browser.send(self._state)
 
     def leave(self, browser: _Browser) -> None:
-        """Forget a browser that has gone; called in the server's thread."""
+        """Remove a disconnected browser; called in the server's thread."""
         self._browsers.discard(browser)
 
-    def _hand_out(self) -> None:
+    def _broadcast(self) -> None:
         with self._lock:
-            news, self._outbox = self._outbox, {}
-        self._state.update(news)
+            updates, self._outbox = self._outbox, {}
+        self._state.update(updates)
         for browser in self._browsers:
-            browser.tell(news)
+            browser.send(updates)
 
     async def _serve(self, listening: socket.socket) -> None:
         self._stop = asyncio.Event()
@@ -115,7 +114,7 @@ class PageServer:
         )
         server = HTTPServer(application)
         server.add_sockets([listening])
-        self._hand_out()
+        self._broadcast()
         self._started.set()
         await self._stop.wait()
         server.stop()
@@ -124,32 +123,32 @@ class PageServer:
 
 
 class _Page(StaticFileHandler):
-    """The files of the page, never kept by the browser, so that an upgrade of meshcat shows at once."""
+    """The files of the page, without browser cache, so that an upgrade of meshcat takes effect at once."""
 
     def set_extra_headers(self, path: str) -> None:
         self.set_header("Cache-Control", "no-store")
 
 
 class _Browser(WebSocketHandler):
-    """One open page. News that it has not yet been sent are replaced by newer ones."""
+    """One open page; newer updates replace unsent ones."""
 
     def initialize(self, server: PageServer) -> None:
         self._server = server
-        self._news: dict[Key, bytes] = {}
+        self._updates: dict[Key, bytes] = {}
         self._sending: asyncio.Task[None] | None = None
 
     def open(self, *args: str, **kwargs: str) -> None:
         self._server.join(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """The page has nothing to say that is asked for."""
+        """Ignore messages of the page."""
 
     def on_close(self) -> None:
         self._server.leave(self)
 
-    def tell(self, news: dict[Key, bytes]) -> None:
-        self._news.update(news)
-        if self._news and (self._sending is None or self._sending.done()):
+    def send(self, updates: dict[Key, bytes]) -> None:
+        self._updates.update(updates)
+        if self._updates and (self._sending is None or self._sending.done()):
             self._sending = asyncio.create_task(self._send())
 
     async def end(self) -> None:
@@ -160,8 +159,8 @@ class _Browser(WebSocketHandler):
 
     async def _send(self) -> None:
         try:
-            while self._news:
-                await self.write_message(self._news.pop(next(iter(self._news))), binary=True)
+            while self._updates:
+                await self.write_message(self._updates.pop(next(iter(self._updates))), binary=True)
         except WebSocketClosedError:
             self._server.leave(self)
 

@@ -1,4 +1,4 @@
-"""Pictures of a run for paper and screen, drawn without any window system."""
+"""Figures of a run, rendered without a window system."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ GRAPH_COLOUR, REGION_COLOUR, TARGET_COLOUR = "#4c9a6a", "#e08a1e", "#c8323c"
 START_COLOUR, END_COLOUR = "#1f1f1f", "#2b6ca3"
 RATIO_COLOUR, DISTANCE_COLOUR = "#2b6ca3", "#c8641e"
 ARROW = np.array([[1.0, 0.0], [-0.7, 0.6], [-0.35, 0.0], [-0.7, -0.6], [1.0, 0.0]])
-"""Outline of the mark at the end of the way, pointing along x."""
+"""Outline of the marker at the end of the trajectory, pointing along x."""
 MARGIN_M = 0.4
-"""Unknown space left around what is known [m]."""
+"""Margin of unknown space around the known area [m]."""
 JUNCTION_DEGREE = 3
-"""Vertices with this many edges are where the graph branches."""
+"""Degree from which a vertex is a junction of the graph."""
 FULL_CLEARANCE_M = 1.5
-"""Free space this clear or clearer is drawn in the brightest tint [m]."""
+"""Clearance from which free space has the brightest tint [m]."""
 
 
 def draw_topdown(
@@ -43,16 +43,16 @@ def draw_topdown(
     target_xy_m: Float[np.ndarray, "2"] | None,
     title: str,
 ) -> None:
-    """Draw the map from above with the graph, the regions of interest and the way that was driven.
+    """Draw the top-down map with the Voronoi graph, the regions of interest and the trajectory.
 
     Args:
         path: PNG file to write.
-        topdown: The map as last planned on.
+        topdown: The map of the last plan.
         graph: Its Voronoi graph.
-        regions: Regions of interest of the same plan.
-        poses: Where the robot stood, step by step.
+        regions: Its regions of interest.
+        poses: Poses of the robot, one per step.
         target_xy_m: The last target, world [m].
-        title: Above the picture.
+        title: Title of the figure.
 
     Raises:
         OSError: The file cannot be written.
@@ -96,14 +96,14 @@ def draw_curve(
     *,
     title: str,
 ) -> None:
-    """Draw completion against steps.
+    """Draw completion over steps.
 
     Args:
         path: PNG file to write.
-        steps: When; may be empty.
-        completion_ratio: Share of the true surface seen by then [%].
-        completion_cm: Its mean distance to what was seen [cm].
-        title: Above the picture.
+        steps: Steps of the values; may be empty.
+        completion_ratio: Fraction of the true surface within 5 cm of the observed points [%].
+        completion_cm: Its mean distance to the observed points, capped at 1 m [cm].
+        title: Title of the figure.
 
     Raises:
         OSError: The file cannot be written.
@@ -123,7 +123,7 @@ def draw_curve(
 
 
 def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
-    """South-west and north-east corner of what is known, with a margin [m]; of the whole map where nothing is."""
+    """South-west and north-east corner of the known area with a margin, or of an unknown map as a whole [m]."""
     known = np.argwhere(topdown.state != UNKNOWN)
     if len(known) == 0:
         known = np.array([[0, 0], topdown.state.shape])
@@ -167,19 +167,19 @@ def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | N
 def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None:
     if not poses:
         return
-    way = np.array([pose.xy_m for pose in poses])
-    pieces = np.stack([way[:-1], way[1:]], axis=1)
-    moved = np.flatnonzero(np.any(pieces[:, 0] != pieces[:, 1], axis=1))
-    drawn = LineCollection(list(pieces[moved]), cmap="plasma", linewidths=2.0, capstyle="round", zorder=3)
+    xy_m = np.array([pose.xy_m for pose in poses])
+    segments = np.stack([xy_m[:-1], xy_m[1:]], axis=1)
+    moved = np.flatnonzero(np.any(segments[:, 0] != segments[:, 1], axis=1))
+    drawn = LineCollection(list(segments[moved]), cmap="plasma", linewidths=2.0, capstyle="round", zorder=3)
     drawn.set_array(moved.astype(float))
     drawn.set_clim(0.0, float(max(1, len(poses) - 1)))
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label="step", shrink=0.7, pad=0.01)
-    if len(way) > 1:
+    if len(xy_m) > 1:
         c, s = np.cos(poses[-1].yaw_rad), np.sin(poses[-1].yaw_rad)
         arrow = ARROW @ np.array([[c, s], [-s, c]])
-        axes.plot(*way[-1], marker=arrow, ms=15, ls="", color=END_COLOUR, mec="white", mew=1.0, label="end", zorder=5)
-    axes.plot(*way[0], "o", ms=8, color=START_COLOUR, mec="white", mew=1.0, label="start", zorder=5)
+        axes.plot(*xy_m[-1], marker=arrow, ms=15, ls="", color=END_COLOUR, mec="white", mew=1.0, label="end", zorder=5)
+    axes.plot(*xy_m[0], "o", ms=8, color=START_COLOUR, mec="white", mew=1.0, label="start", zorder=5)
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What the live view draws, as meshcat's objects; all in the world frame [m] unless said otherwise."""
+"""Objects of the live view for meshcat; in the world frame [m] unless stated otherwise."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from meshcat.geometry import (
 from anm_mj.types import Intrinsics, Region, VoronoiGraph
 
 CEILING_CUT_M = 2.0
-"""Faces above this are left out, so that one can look into the rooms from above [m]."""
-GRAPH_HEIGHT_M, WAY_HEIGHT_M, PATH_HEIGHT_M = 0.03, 0.04, 0.05
-"""Bands lie just above the floor and one above the other, so that none flickers through another [m]."""
-GRAPH_WIDTH_M, WAY_WIDTH_M, PATH_WIDTH_M = 0.025, 0.045, 0.05
+"""The view omits faces above this height, for a look into the rooms from above [m]."""
+GRAPH_HEIGHT_M, TRAJECTORY_HEIGHT_M, PATH_HEIGHT_M = 0.03, 0.04, 0.05
+"""Heights of the bands above the floor, all different against flickering [m]."""
+GRAPH_WIDTH_M, TRAJECTORY_WIDTH_M, PATH_WIDTH_M = 0.025, 0.045, 0.05
 FRONT = 0
-"""three.js: draw faces from the side they look to only, so that one sees into a room through its near walls."""
+"""three.js: render front faces only, so that near walls do not hide a room."""
 CHASSIS_RADIUS_M, CHASSIS_HEIGHT_M, MAST_RADIUS_M = 0.17, 0.15, 0.02
-"""The body that stands for the robot: of the size of the one in ``models/diff_drive`` [m]."""
+"""Size of the drawn robot, from ``models/diff_drive`` [m]."""
 FRUSTUM_DEPTH_M = 0.6
 
 
 def neural_surface(mesh: trimesh.Trimesh) -> Object:
-    """The mesh out of the neural map in its colours, without what lies above the cut."""
+    """The coloured mesh of the neural map below the ceiling cut."""
     vertices = np.asarray(mesh.vertices, dtype=np.float32)
     faces = np.asarray(mesh.faces)
     kept = faces[(vertices[faces, 2] < CEILING_CUT_M).all(axis=1)]
@@ -53,25 +53,25 @@ def graph_bands(graph: VoronoiGraph, colour: int) -> Object:
 
 
 def bands(ends_xy_m: Float[np.ndarray, "m 2 2"], height_m: float, width_m: float, colour: int) -> Object:
-    """Flat bands between pairs of points: browsers draw lines one pixel wide, whatever width is asked for."""
+    """Flat bands between pairs of points; browsers ignore the width of lines."""
     starts, ends = ends_xy_m[:, 0], ends_xy_m[:, 1]
     length = np.linalg.norm(ends - starts, axis=1, keepdims=True)
     along = (ends - starts) / np.where(length > 0.0, length, 1.0) * width_m / 2.0
     aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    # Half a width longer at both ends, so that bends have no gaps.
+    # Half a width longer at both ends, to close gaps at bends.
     starts, ends = starts - along, ends + along
     corners = np.stack([starts - aside, starts + aside, ends + aside, ends - aside], axis=1)
     vertices = np.full((4 * len(corners), 3), height_m, dtype=np.float32)
     vertices[:, :2] = corners.reshape(-1, 2)
     first = 4 * np.arange(len(corners))[:, None]
     faces = np.concatenate([first + np.array([0, 3, 1]), first + np.array([1, 3, 2])])
-    # A basic material takes no light: the colour is the same from everywhere.
+    # A basic material ignores light, so its colour is constant.
     plain: Any = MeshBasicMaterial(color=colour)
     return Mesh(TriangularMeshGeometry(vertices, faces), plain)
 
 
 def region_marks(regions: Sequence[Region], colour: int) -> Object:
-    """A ball at every region of interest, larger the more members it has, with its normal as a peg."""
+    """A ball per region of interest, its size by the number of members, with a peg along its normal."""
     most = max((region.num_members for region in regions), default=1)
     parts = []
     for region in regions:
@@ -83,7 +83,7 @@ def region_marks(regions: Sequence[Region], colour: int) -> Object:
 
 
 def robot_body(camera_height_m: float, colour: int) -> Object:
-    """A round base with a mast, in the base frame."""
+    """A round base with a mast, in base axes."""
     chassis = trimesh.creation.cylinder(CHASSIS_RADIUS_M, CHASSIS_HEIGHT_M, sections=32)
     chassis.apply_translation([0.0, 0.0, CHASSIS_HEIGHT_M / 2.0 + 0.02])
     mast = trimesh.creation.cylinder(MAST_RADIUS_M, segment=[[0.0, 0.0, CHASSIS_HEIGHT_M], [0.0, 0.0, camera_height_m]])
@@ -92,7 +92,7 @@ def robot_body(camera_height_m: float, colour: int) -> Object:
 
 
 def camera_frustum(intrinsics: Intrinsics, colour: int) -> Object:
-    """The pyramid that the camera sees, in camera axes (x right, y down, z forward)."""
+    """The view frustum in camera axes (x right, y down, z forward)."""
     u = (np.array([0.0, intrinsics.width, intrinsics.width, 0.0]) - intrinsics.cx) / intrinsics.fx
     v = (np.array([0.0, 0.0, intrinsics.height, intrinsics.height]) - intrinsics.cy) / intrinsics.fy
     corners = FRUSTUM_DEPTH_M * np.stack([u, v, np.ones(4)], axis=1)
@@ -122,5 +122,5 @@ def _solid(parts: Sequence[trimesh.Trimesh], colour: int) -> Object:
 
 
 def _lit(**properties: Any) -> Any:
-    # Of no declared type, because meshcat's own annotations know one material only.
+    # Without a type: meshcat's annotations know one material only.
     return MeshLambertMaterial(**properties)

@@ -1,4 +1,4 @@
-"""The viewer of a run that nobody watches."""
+"""The viewer of a run without a display (null object)."""
 
 from __future__ import annotations
 

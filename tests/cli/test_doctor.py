@@ -1,4 +1,4 @@
-"""What the doctor finds on a healthy machine and on sick ones."""
+"""Findings of the doctor on healthy and faulty machines."""
 
 import io
 import subprocess
@@ -17,7 +17,7 @@ def _printed(checks: list[Check]) -> str:
     return file.getvalue()
 
 
-def test_a_machine_that_runs_these_tests_is_healthy(capsys: pytest.CaptureFixture[str]):
+def test_this_machine_is_healthy(capsys: pytest.CaptureFixture[str]):
     assert doctor.main() == 0
 
     printed = capsys.readouterr().out
@@ -37,25 +37,25 @@ def test_a_machine_that_runs_these_tests_is_healthy(capsys: pytest.CaptureFixtur
     assert "A run will use" in printed
 
 
-def test_an_old_python_is_wrong():
+def test_old_python():
     check = doctor.check_python((3, 10))
 
     assert check.state is State.BAD
     assert "3.11" in check.advice
 
 
-def test_a_back_end_that_does_not_work_is_a_note_with_its_error():
+def test_broken_gl_back_end():
     check = doctor.check_backend("nonsense")
 
     assert check.state is State.NOTE
     assert "nonsense" in check.found
 
 
-def test_a_broken_torch_is_wrong(monkeypatch: pytest.MonkeyPatch):
+def test_broken_torch(monkeypatch: pytest.MonkeyPatch):
     broken = subprocess.CompletedProcess(
         [], 1, "", "Traceback\nImportError: libcudart.so.13: cannot open shared object"
     )
-    monkeypatch.setattr(doctor, "_try", lambda *_: broken)
+    monkeypatch.setattr(doctor, "run_python", lambda *_: broken)
 
     (check,) = doctor.check_torch()
 
@@ -63,9 +63,9 @@ def test_a_broken_torch_is_wrong(monkeypatch: pytest.MonkeyPatch):
     assert "libcudart" in check.found
 
 
-def test_a_missing_native_engine_is_a_note_that_says_why(monkeypatch: pytest.MonkeyPatch):
+def test_missing_native_engine(monkeypatch: pytest.MonkeyPatch):
     found = '["torch", "cpu", "the native engine is missing: it was not built", "native"]'
-    monkeypatch.setattr(doctor, "_try", lambda *_: subprocess.CompletedProcess([], 0, found, ""))
+    monkeypatch.setattr(doctor, "run_python", lambda *_: subprocess.CompletedProcess([], 0, found, ""))
 
     check = doctor.check_engine()
 
@@ -74,7 +74,7 @@ def test_a_missing_native_engine_is_a_note_that_says_why(monkeypatch: pytest.Mon
     assert "it was not built" in check.advice
 
 
-# What the doctor runs in a process of its own, on a machine that differs in what stands before it.
+# Prepended to the doctor's program: simulates a machine without compiler and native engine.
 NATIVE_WITHOUT_COMPILER = """
 import shutil, sys, torch
 torch.cuda.is_available = lambda: False
@@ -83,16 +83,16 @@ sys.modules["anm_mj.mapping.backends._native"] = None
 """
 
 
-def test_beside_a_gpu_the_map_is_trained_by_the_native_engine(monkeypatch: pytest.MonkeyPatch):
+def test_native_engine_beside_a_gpu(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
-        doctor, "_TRY_ENGINE", "import torch\ntorch.cuda.is_available = lambda: True" + doctor._TRY_ENGINE
+        doctor, "ENGINE_PROGRAM", "import torch\ntorch.cuda.is_available = lambda: True" + doctor.ENGINE_PROGRAM
     )
 
     assert doctor.check_engine().found.startswith("native (")
 
 
-def test_a_native_engine_that_cannot_be_built_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "_TRY_ENGINE", NATIVE_WITHOUT_COMPILER + doctor._TRY_ENGINE)
+def test_missing_compiler(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(doctor, "ENGINE_PROGRAM", NATIVE_WITHOUT_COMPILER + doctor.ENGINE_PROGRAM)
 
     check = doctor.check_engine()
 
@@ -100,31 +100,31 @@ def test_a_native_engine_that_cannot_be_built_is_told_with_what_to_do(monkeypatc
     assert "it was not built; install a C++17 compiler (apt install g++) and run make setup" in check.advice
 
 
-def test_an_engine_that_does_not_start_is_a_note_with_advice(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "_try", lambda *_: subprocess.CompletedProcess([], -4, "", ""))
+def test_engine_that_does_not_start(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(doctor, "run_python", lambda *_: subprocess.CompletedProcess([], -4, "", ""))
 
     assert "mapping.engine=torch" in doctor.check_engine().advice
 
 
-def test_little_memory_is_a_note_with_advice():
+def test_low_memory():
     check = doctor.check_memory(1000)
 
     assert check.state is State.NOTE
     assert "--preset quick" in check.advice
 
 
-def test_room_on_the_disk_is_told(tmp_path: Path):
+def test_disk_space(tmp_path: Path):
     assert str(tmp_path) in doctor.check_disk(tmp_path).found
 
 
-def test_what_is_wrong_is_named_at_the_end():
+def test_summary_names_faults():
     printed = _printed([Check("torch", State.BAD, "not installed", "Install it."), Check("disk", State.GOOD, "9 GiB")])
 
     assert "Install it." in printed
-    assert "mend torch first" in printed
+    assert "to fix first: torch" in printed
 
 
-def test_any_fault_makes_the_exit_status_1(monkeypatch: pytest.MonkeyPatch):
+def test_exit_status_of_a_fault(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(doctor, "diagnose", lambda: [Check("Python", State.BAD, "3.9")])
 
     assert doctor.main() == 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.jsonl import LineWriter, read_json_lines
+from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.manifest import RunFacts, cpu_model, git_revision, manifest, memory_mib
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.types import StopReason
@@ -106,9 +106,9 @@ def test_lines_before_the_last_must_be_whole(tmp_path):
     with LineWriter(path) as file:
         file.json({"a": 1})
         file.json({"a": np.nan})
-    assert read_json_lines(path) == [{"a": 1}, {"a": None}]
+    assert read_jsonl(path) == [{"a": 1}, {"a": None}]
     path.write_text('{"a": 1}\n{"a":')
-    assert read_json_lines(path) == [{"a": 1}]
+    assert read_jsonl(path) == [{"a": 1}]
     path.write_text('{"a": \n{"a": 1}\n')
     with pytest.raises(RunFolderError, match="line 1, is not JSON"):
-        read_json_lines(path)
+        read_jsonl(path)

@@ -100,7 +100,7 @@ def test_run_goes_on_without_a_browser_and_makes_no_mesh_for_nobody(viewer):
 
 def test_browser_that_comes_late_is_told_all_there_is(viewer):
     show(viewer, 60)
-    names = ("robot", "camera", "graph", "regions", "path", "target", "way/0", "way/1")
+    names = ("robot", "camera", "graph", "regions", "path", "target", "trajectory/0", "trajectory/1")
     wanted = {(f"/meshcat/{name}", "set_object") for name in names}
     wanted |= {("/meshcat/robot", "set_transform"), ("/meshcat/target", "set_transform")}
     told = watch(viewer, lambda told: wanted <= told.keys())
@@ -141,7 +141,7 @@ def test_browser_that_never_reads_holds_nothing_up(viewer):
         show(viewer, 200)
         (browser,) = viewer._server._browsers
         # One state per object at most, however many steps it has missed.
-        assert len(browser._news) < 40
+        assert len(browser._updates) < 40
 
 
 def test_broken_map_ends_the_view_and_not_the_run(viewer, caplog):
@@ -157,7 +157,7 @@ def test_broken_map_ends_the_view_and_not_the_run(viewer, caplog):
         await leave(page)
 
     asyncio.run(look())
-    assert caplog.text.count("The live view is off") == 1
+    assert caplog.text.count("An error disabled the live view") == 1
 
 
 def test_closing_frees_the_port_even_with_a_page_open():
