@@ -7,6 +7,7 @@ parse their options. A command that this module has no way to execute fails.
 
 import argparse
 import json
+import pkgutil
 import re
 import runpy
 import shlex
@@ -31,7 +32,7 @@ from anm_mj.protocols import Policy
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.scene.folder import load_scene
 from anm_mj.types import Footprint, Plan
-from tests.docs.pages import PAGES, ROOT, blocks, commands, files, options, settings
+from tests.docs.pages import PAGES, ROOT, blocks, commands, files, inline_code, options, settings
 
 QUICK = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
 """Makes a run of a few steps quick."""
@@ -177,6 +178,14 @@ def test_options(capsys):
 
 def test_files():
     assert [(page, path) for page, path in sorted(files()) if not (ROOT / path).exists()] == []
+
+
+def test_names():
+    code = [span for page in PAGES for span in inline_code(page.read_text(encoding="utf-8"))]
+    names = {name for span in code for name in re.findall(r"\banm_mj(?:\.\w+)+", span)}
+    assert names
+    for name in names:
+        pkgutil.resolve_name(name)
 
 
 def test_anchors():
