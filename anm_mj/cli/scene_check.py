@@ -53,11 +53,11 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     if backfaces is None:
         console.print("one-sided walls: not looked for, because nothing can be drawn here", soft_wrap=True)
     else:
-        mended = backfaces.changed_fraction > _MAX_ONE_SIDED and disable_backface_culling(scene)
-        if mended:
+        fixed = backfaces.changed_fraction > _MAX_ONE_SIDED and disable_backface_culling(scene)
+        if fixed:
             scene = replace(scene, cull_face=False)
             views = SceneViews(scene, backend)
-        says = " (mended: both sides are drawn from now on)" if mended else ""
+        says = " (fixed: both sides are drawn from now on)" if fixed else ""
         drawn = "front sides are" if scene.cull_face else "both sides are"
         console.print(
             f"one-sided walls: leaving out back sides would change {backfaces.changed_fraction:.2%} of the picture; "

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from PIL import Image
-from scipy import ndimage
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import ASSETS, TOML, Scene
 from anm_mj.scene.importing.canonical_axes import find_floor
-from anm_mj.scene.navigable import FLOOR_TOLERANCE_M, NavigableArea, is_clear, scene_area
-from anm_mj.scene.raster import clip_to_slab, distance_cells, label_components, level_mask, rasterise
+from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_area
+from anm_mj.scene.raster import border_labels, clip_to_slab, distance_cells, label_components, rasterise
 from anm_mj.scene.rooms import RoomPlan, find_rooms
 from anm_mj.types import Footprint, Pose2
 
@@ -33,14 +32,14 @@ class SceneCheck:
     """Height of the lowest floor, which should be 0 [m]; None if there is none."""
     texture_sizes_px: tuple[tuple[int, int], ...]
     """Width and height of every texture [px]."""
-    area: NavigableArea | None
+    area: NavigableArea | None = None
     """None if the robot can stand nowhere."""
-    plan: RoomPlan | None
-    holes: tuple[tuple[float, float, float], ...]
+    plan: RoomPlan | None = None
+    holes: tuple[tuple[float, float, float], ...] = ()
     """x [m], y [m] and area [m2] of places where the robot could drive but for the floor that is missing."""
-    clear_starts: tuple[Pose2, ...]
-    blocked_starts: tuple[Pose2, ...]
-    problems: tuple[str, ...]
+    clear_starts: tuple[Pose2, ...] = ()
+    blocked_starts: tuple[Pose2, ...] = ()
+    problems: tuple[str, ...] = ()
     """Why a robot cannot use the scene, one sentence each; none if it can."""
 
 
@@ -60,41 +59,27 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
                 sizes.append(image.size)
         except OSError as err:
             raise SceneError(f"The texture {path} cannot be read ({err}): import the scene again.") from err
+    found = SceneCheck(scene, footprint, None if floor is None else float(floor.z_m), tuple(sizes))
     try:
         area = scene_area(scene, footprint)
     except SceneError as err:
-        problem = (str(err),)
-        return SceneCheck(
-            scene,
-            footprint,
-            None if floor is None else float(floor.z_m),
-            tuple(sizes),
-            None,
-            None,
-            (),
-            (),
-            scene.starts,
-            problem,
-        )
+        return replace(found, blocked_starts=scene.starts, problems=(str(err),))
     clear = tuple(start for start in scene.starts if is_clear(scene, start, footprint))
-    problems = []
+    problems = ()
     if not clear:
         near = area.nearest(area.places(1).mean(axis=0))
-        problems.append(
+        problems = (
             f"None of the {len(scene.starts)} start poses is clear: put starts = [[{near[0]:.2f}, {near[1]:.2f}, 0.0]] "
-            f"into {TOML}, or import the scene again."
+            f"into {TOML}, or import the scene again.",
         )
-    return SceneCheck(
-        scene,
-        footprint,
-        None if floor is None else float(floor.z_m),
-        tuple(sizes),
-        area,
-        find_rooms(triangles, area),
-        _holes(triangles, area, footprint),
-        clear,
-        tuple(start for start in scene.starts if start not in clear),
-        tuple(problems),
+    return replace(
+        found,
+        area=area,
+        plan=find_rooms(triangles, area),
+        holes=_holes(triangles, area, footprint),
+        clear_starts=clear,
+        blocked_starts=tuple(start for start in scene.starts if start not in clear),
+        problems=problems,
     )
 
 
@@ -103,20 +88,18 @@ def _holes(
 ) -> tuple[tuple[float, float, float], ...]:
     """Gaps in the floor that are enclosed by floor and walls and wide enough for the robot to drive into."""
     grid = area.grid
-    level = clip_to_slab(triangles_m[level_mask(triangles_m)], -FLOOR_TOLERANCE_M, FLOOR_TOLERANCE_M)
-    floor = np.asarray(ndimage.binary_closing(rasterise(level, grid), iterations=2), dtype=bool)
+    floor = floor_cells(triangles_m, grid, closing_cells=2)
     blocked = rasterise(clip_to_slab(triangles_m, footprint.z_min_m, footprint.z_max_m), grid)
     # Behind the faces of a hollow wall there is no floor either, but no room for a robot.
     roomy = distance_cells(~blocked) * grid.resolution_m >= footprint.radius_m
     gaps, num = label_components(~floor & ~blocked)
-    outside = np.unique(np.concatenate([gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]]))
     found = []
-    for gap in np.setdiff1d(np.arange(1, num + 1), outside).tolist():
+    for gap in np.setdiff1d(np.arange(1, num + 1), border_labels(gaps)).tolist():
         cells = gaps == gap
         size_m2 = float(np.count_nonzero(cells)) * grid.resolution_m**2
         if size_m2 >= MIN_HOLE_M2 and (cells & roomy).any():
             rows, cols = np.nonzero(cells)
-            x, y = grid.origin_xy_m + (np.array([cols.mean(), rows.mean()]) + 0.5) * grid.resolution_m
+            x, y = grid.centres_m(rows.mean(), cols.mean())
             found.append((round(float(x), 2), round(float(y), 2), round(size_m2, 3)))
     return tuple(found)
 
@@ -130,10 +113,10 @@ def disable_backface_culling(scene: Scene) -> bool:
     path: Path = scene.folder / TOML
     try:
         text = path.read_text(encoding="utf-8")
-        mended = re.sub(r"(?m)^cull_face\s*=\s*true\s*$", "cull_face = false", text)
-        if mended == text:
+        changed = re.sub(r"(?m)^cull_face\s*=\s*true\s*$", "cull_face = false", text)
+        if changed == text:
             return False
-        path.write_text(mended, encoding="utf-8")
+        path.write_text(changed, encoding="utf-8")
     except OSError as err:
         raise SceneError(f"{path} cannot be written ({err.strerror}): set cull_face = false in it by hand.") from err
     return True

@@ -73,8 +73,13 @@ def _draw_plan(axes, check: SceneCheck) -> None:
         rows, cols = np.nonzero(room == number)
         # The cell in the middle of the list lies within the room, which the mean of a corridor may not.
         middle = np.argmin((rows - rows.mean()) ** 2 + (cols - cols.mean()) ** 2)
-        place = grid.origin_xy_m + (np.array([cols[middle], rows[middle]]) + 0.5) * grid.resolution_m
-        axes.text(*place, f"{number}\n{size_m2:.1f} m²", ha="center", va="center", fontsize=7)
+        axes.text(
+            *grid.centres_m(rows[middle], cols[middle]),
+            f"{number}\n{size_m2:.1f} m²",
+            ha="center",
+            va="center",
+            fontsize=7,
+        )
     for door in check.plan.doors:
         axes.plot(*door.xy_m, "o", color="black" if door.fits else "red", markersize=4)
         axes.annotate(f"{door.width_m:.2f}", door.xy_m, fontsize=6, xytext=(3, 3), textcoords="offset points")

@@ -11,7 +11,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
 
-from anm_mj.scene.raster import Grid, clip_to_slab, distance_cells, grid_over, label_components, rasterise
+from anm_mj.scene.raster import (
+    Grid,
+    border_labels,
+    clip_to_slab,
+    distance_cells,
+    grid_over,
+    label_components,
+    rasterise,
+)
 
 SLICE_Z_MIN_M = 0.05
 """What is lower (rugs, thresholds) passes below the robot's shell [m]."""
@@ -31,8 +39,7 @@ def collision_boxes(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarr
     polygons = clip_to_slab(triangles_m, SLICE_Z_MIN_M, SLICE_Z_MAX_M)
     if not len(polygons):
         return np.zeros((0, 4))
-    corners = polygons.reshape(-1, 2)
-    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), RESOLUTION_M)
+    grid = grid_over(polygons, RESOLUTION_M)
     occupied = fill_pockets(rasterise(polygons, grid), POCKET_RADIUS_M / RESOLUTION_M)
     return merge_cells(occupied, grid)
 
@@ -45,9 +52,8 @@ def fill_pockets(occupied: Bool[np.ndarray, "rows cols"], radius_cells: float) -
     # The border counts as free, so that the outside is never taken for a pocket.
     distance = distance_cells(np.pad(~occupied, 1, constant_values=True))[1:-1, 1:-1]
     widest = np.asarray(ndimage.maximum(distance, free, index=np.arange(num + 1)))
-    on_border = np.unique(np.concatenate([free[0], free[-1], free[:, 0], free[:, -1]]))
     pocket = widest < radius_cells
-    pocket[on_border] = False
+    pocket[border_labels(free)] = False
     pocket[0] = False
     return occupied | pocket[free]
 

@@ -181,7 +181,7 @@ def read_scene_folder(folder: Path) -> Scene:
         with (folder / TOML).open("rb") as file:
             return _scene_of(folder, tomllib.load(file))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
-        raise SceneError(f"{folder / TOML} cannot be read ({err}): mend it or import the scene again.") from err
+        raise SceneError(f"{folder / TOML} cannot be read ({err}): fix it or import the scene again.") from err
     except (KeyError, TypeError, ValueError) as err:
         raise SceneError(f"{folder / TOML} lacks or misstates an entry ({err}): import the scene again.") from err
 

@@ -54,8 +54,7 @@ class NavigableArea:
 
     def places(self, component: int) -> Float64[np.ndarray, "n 2"]:
         """Centres of all cells of a component, row by row [m]."""
-        rows, cols = np.nonzero(self.component == component)
-        return self.grid.origin_xy_m + (np.stack([cols, rows], axis=1) + 0.5) * self.grid.resolution_m
+        return self.grid.centres_m(*np.nonzero(self.component == component))
 
 
 def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint) -> NavigableArea:
@@ -66,12 +65,10 @@ def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint
     Raises:
         SceneError: if there is next to no such place.
     """
-    corners = triangles_m.reshape(-1, 3)
-    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), RESOLUTION_M, 2 * RESOLUTION_M)
+    grid = grid_over(triangles_m, RESOLUTION_M, 2 * RESOLUTION_M)
     blocked = rasterise(clip_to_slab(triangles_m, footprint.z_min_m, footprint.z_max_m), grid)
-    floor = rasterise(clip_to_slab(triangles_m[level_mask(triangles_m)], -FLOOR_TOLERANCE_M, FLOOR_TOLERANCE_M), grid)
     # Joints between floor tiles and thresholds leave slits that no wheel falls into.
-    floor = np.asarray(ndimage.binary_closing(floor, iterations=2), dtype=bool)
+    floor = floor_cells(triangles_m, grid, closing_cells=2)
     clearance = (distance_cells(~blocked) * grid.resolution_m).astype(np.float32)
     labels, num = label_components((clearance >= footprint.radius_m) & floor)
     sizes = np.bincount(labels.ravel(), minlength=num + 1)
@@ -87,6 +84,14 @@ def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint
     # A robot beside the edge of the floor has nothing to fall from in a building, but starts should keep away from it.
     to_edge = (distance_cells(floor) * grid.resolution_m).astype(np.float32)
     return NavigableArea(grid, np.minimum(clearance, to_edge), rank[labels])
+
+
+def floor_cells(
+    triangles_m: Float[np.ndarray, "f 3 3"], grid: Grid, closing_cells: int
+) -> Bool[np.ndarray, "rows cols"]:
+    """Cells with a floor at z = 0, after closing gaps of up to twice ``closing_cells``."""
+    level = clip_to_slab(triangles_m[level_mask(triangles_m)], -FLOOR_TOLERANCE_M, FLOOR_TOLERANCE_M)
+    return np.asarray(ndimage.binary_closing(rasterise(level, grid), iterations=closing_cells), dtype=bool)
 
 
 def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STARTS) -> tuple[Pose2, ...]:
@@ -121,37 +126,29 @@ def _start_at(area: NavigableArea, free: Bool[np.ndarray, "rows cols"], row: int
         run = int(np.argmin(open_cells)) if not open_cells.all() else len(reach)
         if run > best_run:
             best_yaw_deg, best_run = yaw_deg, run
-    x, y = area.grid.origin_xy_m + (np.array([col, row]) + 0.5) * area.grid.resolution_m
+    x, y = area.grid.centres_m(row, col)
     yaw_deg = best_yaw_deg - 360 if best_yaw_deg > 180 else best_yaw_deg
     return Pose2(round(float(x), 3), round(float(y), 3), math.radians(yaw_deg))
 
 
+@functools.lru_cache(maxsize=4)
 def scene_area(scene: Scene, footprint: Footprint) -> NavigableArea:
     """Where a robot may stand in a scene; computed once per scene and footprint.
 
     Raises:
         SceneError: if there is next to no such place.
     """
-    return _scene_area(scene, footprint.radius_m, footprint.z_min_m, footprint.z_max_m)
+    vertices, faces = scene.triangles()
+    return navigable_area(vertices[faces], footprint)
 
 
 @functools.lru_cache(maxsize=4)
-def _scene_area(scene: Scene, radius_m: float, z_min_m: float, z_max_m: float) -> NavigableArea:
-    vertices, faces = scene.triangles()
-    return navigable_area(vertices[faces], Footprint(radius_m, z_min_m, z_max_m))
-
-
 def scene_clearance(scene: Scene, footprint: Footprint) -> Clearance:
     """Exact clearance of a robot among a scene's triangles; built once per scene and footprint."""
-    return _scene_clearance(scene, footprint.radius_m, footprint.z_min_m, footprint.z_max_m)
-
-
-@functools.lru_cache(maxsize=4)
-def _scene_clearance(scene: Scene, radius_m: float, z_min_m: float, z_max_m: float) -> Clearance:
     # Loads coal, which takes a third of a second: too long for commands that only list or import scenes.
     from anm_mj.geometry.clearance import Clearance
 
-    return Clearance(*scene.triangles(), Footprint(radius_m, z_min_m, z_max_m))
+    return Clearance(*scene.triangles(), footprint)
 
 
 def is_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> bool:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int
+from jaxtyping import Bool, Float, Float64, Int, Real
 from scipy import ndimage
 
 
@@ -25,16 +25,22 @@ class Grid:
     rows: int
     cols: int
 
+    def centres_m(
+        self, rows: Real[np.ndarray, "*n"] | float, cols: Real[np.ndarray, "*n"] | float
+    ) -> Float64[np.ndarray, "*n 2"]:
+        """World x, y of the centres of cells [m]; fractions of a cell are allowed."""
+        return self.origin_xy_m + (np.stack([cols, rows], axis=-1) + 0.5) * self.resolution_m
 
-def grid_over(bounds_m: Float[np.ndarray, "2 n"], resolution_m: float, margin_m: float = 0.0) -> Grid:
-    """A grid that covers the x, y of ``bounds_m`` and a margin about it.
 
-    Cell *centres* lie on multiples of the resolution: walls of man-made scenes stand at round numbers, and a surface in
-    the middle of its cell is not thrown from one cell to the next by rounding.
+def grid_over(points_m: Float[np.ndarray, "*n d"], resolution_m: float, margin_m: float = 0.0) -> Grid:
+    """A grid that covers the x, y of points, and a margin around them.
+
+    Cell *centres* lie on multiples of the resolution: walls of man-made scenes stand at round numbers, and rounding
+    does not move a surface in the middle of its cell to another cell.
     """
-    bounds = bounds_m.astype(np.float64)
-    low = np.floor((bounds[0, :2] - margin_m) / resolution_m)
-    high = np.ceil((bounds[1, :2] + margin_m) / resolution_m)
+    corners = points_m.reshape(-1, points_m.shape[-1])[:, :2]
+    low = np.floor((corners.min(axis=0).astype(np.float64) - margin_m) / resolution_m)
+    high = np.ceil((corners.max(axis=0).astype(np.float64) + margin_m) / resolution_m)
     cols, rows = (high - low + 1).astype(int)
     return Grid((low - 0.5) * resolution_m, resolution_m, int(rows), int(cols))
 
@@ -160,6 +166,16 @@ def _normals(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "f 
 def distance_cells(free: Bool[np.ndarray, "rows cols"]) -> Float64[np.ndarray, "rows cols"]:
     """Distance from every free cell's centre to the nearest centre of a cell that is not free [cells]."""
     return np.asarray(ndimage.distance_transform_edt(free), dtype=np.float64)
+
+
+def distance_in_walls(free: Bool[np.ndarray, "rows cols"]) -> Float64[np.ndarray, "rows cols"]:
+    """As :func:`distance_cells`, with walls all around the grid."""
+    return distance_cells(np.pad(free, 1))[1:-1, 1:-1]
+
+
+def border_labels(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, " n"]:
+    """The labels that touch the border of the grid."""
+    return np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
 
 
 def label_components(cells: Bool[np.ndarray, "rows cols"]) -> tuple[Int[np.ndarray, "rows cols"], int]:

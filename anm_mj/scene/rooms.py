@@ -2,7 +2,7 @@
 
 Above furniture and below lintels a slice shows little but walls. What the walls leave free is parted where it is
 narrow: around every local maximum of the distance to the walls a basin is grown (watershed), and basins are joined
-again unless the neck between them is a door, that is, at most ``DOOR_MAX_M`` wide and clearly narrower than both.
+again unless the bottleneck between them is a door, that is, at most ``DOOR_MAX_M`` wide and clearly narrower than both.
 
 Source of the idea: Bormann et al., "Room segmentation: survey, implementation, and analysis", ICRA 2016.
 """
@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
 
-from anm_mj.scene.navigable import FLOOR_TOLERANCE_M, NavigableArea
-from anm_mj.scene.raster import clip_to_slab, distance_cells, label_components, level_mask, rasterise
+from anm_mj.scene.navigable import NavigableArea, floor_cells
+from anm_mj.scene.raster import clip_to_slab, distance_in_walls, label_components, rasterise
 
 WALL_SLICE_M = (1.5, 1.9)
 """Heights between which the walls are looked for [m]."""
@@ -60,14 +60,12 @@ def find_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> 
 
     grid, cell_m = area.grid, area.grid.resolution_m
     walls = rasterise(clip_to_slab(triangles_m, *WALL_SLICE_M), grid)
-    floor = rasterise(clip_to_slab(triangles_m[level_mask(triangles_m)], -FLOOR_TOLERANCE_M, FLOOR_TOLERANCE_M), grid)
-    free = np.asarray(ndimage.binary_closing(floor, iterations=4), dtype=bool) & ~walls
+    free = floor_cells(triangles_m, grid, closing_cells=4) & ~walls
     # In metres and smoothed by half a cell: on the raw distances every second cell is a maximum of its own.
-    distance_m = ndimage.gaussian_filter(distance_cells(np.pad(free, 1))[1:-1, 1:-1] * cell_m, 0.7)
+    distance_m = ndimage.gaussian_filter(distance_in_walls(free) * cell_m, 0.7)
     tops, _ = label_components(np.asarray(h_maxima(distance_m, 2 * cell_m), dtype=bool))
     basin = np.asarray(watershed(-distance_m, tops, mask=free))
-    joined = _joined(basin, distance_m)
-    joined = _without_niches(joined, distance_m, area)
+    joined = _without_niches(_joined(basin, distance_m), distance_m, area)
     size = np.bincount(joined.ravel())
     size[0] = 0
     order = [label for label in np.argsort(-size, kind="stable").tolist() if size[label]]
@@ -77,9 +75,9 @@ def find_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> 
     return RoomPlan(room, tuple(float(size[label]) * cell_m**2 for label in order), _doors(room, distance_m, area))
 
 
-def _necks(label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"]) -> dict[tuple[int, int], float]:
+def _bottlenecks(label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"]) -> dict[tuple[int, int], float]:
     """The widest place of the border between every two labels that touch: its distance to the walls [m]."""
-    necks: dict[tuple[int, int], float] = {}
+    bottlenecks: dict[tuple[int, int], float] = {}
     for a, b, da, db in (
         (label[1:], label[:-1], distance_m[1:], distance_m[:-1]),
         (label[:, 1:], label[:, :-1], distance_m[:, 1:], distance_m[:, :-1]),
@@ -88,18 +86,18 @@ def _necks(label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"]
         widths = np.minimum(da[touch], db[touch])
         pairs = np.sort(np.stack([a[touch], b[touch]], axis=1), axis=1)
         for pair, width in zip(map(tuple, pairs.tolist()), widths.tolist(), strict=True):
-            necks[pair] = max(necks.get(pair, 0.0), width)
-    return necks
+            bottlenecks[pair] = max(bottlenecks.get(pair, 0.0), width)
+    return bottlenecks
 
 
 def _joined(basin: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"]) -> Int[np.ndarray, "r c"]:
-    """Basins joined wherever no door parts them, the widest necks first."""
+    """Basins joined wherever no door parts them, the widest bottlenecks first."""
     num = int(basin.max())
     tops_m = np.asarray(ndimage.maximum(distance_m, basin, index=np.arange(num + 1)), dtype=np.float64)
     parent = np.arange(num + 1)
-    for (a, b), neck_m in sorted(_necks(basin, distance_m).items(), key=lambda item: (-item[1], item[0])):
+    for (a, b), bottleneck_m in sorted(_bottlenecks(basin, distance_m).items(), key=lambda item: (-item[1], item[0])):
         a, b = _root(parent, a), _root(parent, b)
-        if a != b and (2 * neck_m > DOOR_MAX_M or neck_m > _NARROWING * min(tops_m[a], tops_m[b])):
+        if a != b and (2 * bottleneck_m > DOOR_MAX_M or bottleneck_m > _NARROWING * min(tops_m[a], tops_m[b])):
             parent[max(a, b)] = min(a, b)
             tops_m[min(a, b)] = max(tops_m[a], tops_m[b])
     return np.array([_root(parent, label) for label in range(num + 1)])[basin]
@@ -115,15 +113,15 @@ def _root(parent: Int[np.ndarray, " n"], label: int) -> int:
 def _without_niches(
     label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"], area: NavigableArea
 ) -> Int[np.ndarray, "r c"]:
-    """Labels too small for a room given to the neighbour with the widest neck; those out of reach dropped."""
+    """Labels too small for a room given to the neighbour with the widest bottleneck; those out of reach dropped."""
     label = label.copy()
     while True:
         size_m2 = np.bincount(label.ravel()) * area.grid.resolution_m**2
-        necks = _necks(label, distance_m)
-        small = [pair for pair in necks if min(size_m2[pair[0]], size_m2[pair[1]]) < _MIN_ROOM_M2]
+        bottlenecks = _bottlenecks(label, distance_m)
+        small = [pair for pair in bottlenecks if min(size_m2[pair[0]], size_m2[pair[1]]) < _MIN_ROOM_M2]
         if not small:
             break
-        a, b = max(small, key=lambda pair: (necks[pair], pair))
+        a, b = max(small, key=lambda pair: (bottlenecks[pair], pair))
         label[label == max(a, b)] = min(a, b)
     stands = np.bincount(label[area.component == 1], minlength=int(label.max()) + 1) > 0
     stands[0] = False
@@ -135,7 +133,7 @@ def _doors(
 ) -> tuple[Door, ...]:
     """Every piece of border between two rooms, if it is wide enough to be a door."""
     doors = []
-    for a, b in sorted(_necks(room, distance_m)):
+    for a, b in sorted(_bottlenecks(room, distance_m)):
         pieces, num = label_components(_beside(room == a, room == b))
         for piece in range(1, num + 1):
             cells = np.argwhere(pieces == piece)
@@ -143,9 +141,8 @@ def _doors(
             # Distances are taken between centres of cells.
             width_m = 2.0 * float(distance_m[row, col]) - area.grid.resolution_m
             if width_m >= _DOOR_MIN_M:
-                xy_m = area.grid.origin_xy_m + (np.array([col, row]) + 0.5) * area.grid.resolution_m
                 fits = bool((area.component[pieces == piece] > 0).any())
-                doors.append(Door(xy_m, width_m, (a, b), fits))
+                doors.append(Door(area.grid.centres_m(row, col), width_m, (a, b), fits))
     return tuple(doors)
 
 

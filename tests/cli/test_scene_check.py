@@ -31,12 +31,12 @@ def test_a_room_in_order(tmp_path, capsys, monkeypatch):
     assert read_scene_folder(scene.folder).cull_face
 
 
-def test_walls_seen_from_behind_are_mended(tmp_path, capsys):
+def test_walls_seen_from_behind_are_fixed(tmp_path, capsys):
     inside_out = room()
     inside_out.invert()
     scene = _write(inside_out, tmp_path / "room")
     assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.png")]) == 0
-    assert "both sides are drawn (mended" in capsys.readouterr().out
+    assert "both sides are drawn (fixed" in capsys.readouterr().out
     assert not read_scene_folder(scene.folder).cull_face
 
 

@@ -5,6 +5,7 @@ A generated layout and an imported floor plan both become this, so that all that
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -141,6 +142,18 @@ class Building:
                     sides.append(Wall((float(p[0]), float(p[1])), (float(q[0]), float(q[1]))))
                 start = b
         return sides
+
+
+def named_rooms(floors: list[shapely.Polygon], room_types: list[str]) -> tuple[PlanRoom, ...]:
+    """Rooms with names of their own: the type, numbered where there are several."""
+    total, seen = Counter(room_types), Counter[str]()
+    rooms = []
+    for floor, room_type in zip(floors, room_types, strict=True):
+        seen[room_type] += 1
+        rooms.append(
+            PlanRoom(room_type if total[room_type] == 1 else f"{room_type} {seen[room_type]}", room_type, floor)
+        )
+    return tuple(rooms)
 
 
 def _edges(

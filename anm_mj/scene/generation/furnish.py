@@ -74,12 +74,12 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
             for window in wall.windows:
                 put = space.curtain(curtains(style, rng, window.end_m - window.start_m), wall, window)
                 placed += [put] if put is not None else []
-    return FurnishedRoom(room, walls, style, tuple(_passable(grid, placed)), grid)
+    return FurnishedRoom(room, walls, style, tuple(_traversable(grid, placed)), grid)
 
 
-def _passable(grid: RoomGrid, placed: list[Placed]) -> list[Placed]:
+def _traversable(grid: RoomGrid, placed: list[Placed]) -> list[Placed]:
     """The pieces without those that close a way: one if that is enough, else the least important ones."""
-    while placed and not grid.passable(placed):
+    while placed and not grid.is_traversable(placed):
         without = [placed[:k] + placed[k + 1 :] for k in reversed(range(len(placed)))]
-        placed = next((rest for rest in without if grid.passable(rest)), placed[:-1])
+        placed = next((rest for rest in without if grid.is_traversable(rest)), placed[:-1])
     return placed

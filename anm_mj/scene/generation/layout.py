@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Literal
 
 import numpy as np
 import shapely
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.generation.building import Building, Passage, PlanRoom
+from anm_mj.scene.generation.building import Building, Passage, PlanRoom, named_rooms
 from anm_mj.scene.generation.cells import Cell, cluster, wings
 from anm_mj.scene.generation.room_types import ROOM_TYPES, choose_room_types
 
@@ -76,16 +75,13 @@ def _attempt(num: int, style: Style, rng: np.random.Generator) -> Building | Non
 
 
 def _rooms(cells: list[Cell]) -> tuple[PlanRoom, ...]:
-    """The cells' clear floors, each with a name of its own."""
-    total, seen = Counter(cell.room_type for cell in cells), Counter[str]()
-    rooms = []
-    for cell in cells:
-        seen[cell.room_type] += 1
-        name = cell.room_type if total[cell.room_type] == 1 else f"{cell.room_type} {seen[cell.room_type]}"
-        half = WALL_M / 2
-        floor = shapely.box(cell.low_m[0] + half, cell.low_m[1] + half, cell.high_m[0] - half, cell.high_m[1] - half)
-        rooms.append(PlanRoom(name, cell.room_type, floor))
-    return tuple(rooms)
+    """The cells' clear floors."""
+    half = WALL_M / 2
+    floors = [
+        shapely.box(cell.low_m[0] + half, cell.low_m[1] + half, cell.high_m[0] - half, cell.high_m[1] - half)
+        for cell in cells
+    ]
+    return named_rooms(floors, [cell.room_type for cell in cells])
 
 
 _Shared = tuple[int, float, tuple[float, float], float]

@@ -14,6 +14,9 @@ from jaxtyping import Float64
 
 from anm_mj.scene.generation.furniture.quads import Quads
 
+GAP_M = 0.015
+"""Between the back of a piece and the wall: the skirting [m]."""
+
 Box = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max in the piece's own frame [m]."""
 Placement = Literal["wall", "corner", "middle", "rug", "hang", "window"]
@@ -70,3 +73,28 @@ def box_corners(box: Box, x_m: float, y_m: float, yaw_deg: float) -> Float64[np.
     c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
     local = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     return local @ np.array([[c, s], [-s, c]]) + (x_m, y_m)
+
+
+def against_wall(
+    name: str, width_m: float, depth_m: float, height_m: float, make: Callable[[], Quads], front_m: float = 0.6
+) -> Piece:
+    """A piece that fills a box before a wall, moved off the wall by the skirting."""
+    solid = (-width_m / 2, -depth_m - GAP_M, width_m / 2, -GAP_M)
+    return Piece(name, "wall", (solid,), lambda: make().placed(0.0, -GAP_M), front_m, height_m)
+
+
+def in_corner(
+    name: str,
+    half_m: float,
+    depth_m: tuple[float, float],
+    height_m: float,
+    make: Callable[[], Quads],
+    front_m: float = 0.0,
+) -> Piece:
+    """A piece that stands in corners: half its width, and how near to and far from the wall it reaches."""
+    return Piece(name, "corner", ((-half_m, -depth_m[1], half_m, -depth_m[0]),), make, front_m, height_m)
+
+
+def on_wall(name: str, half_m: float, depth_m: float, height_m: float, make: Callable[[], Quads]) -> Piece:
+    """A piece that hangs on a wall: half its width, how far it stands out, and its top."""
+    return Piece(name, "hang", ((-half_m, -depth_m, half_m, 0.0),), make, 0.0, height_m)

@@ -43,17 +43,8 @@ ROOM_TYPES = {
 
 _APARTMENT = ("living", "bedroom", "kitchen", "bathroom", "child", "study", "dining", "storage")
 _APARTMENT_MORE = (
-    "bedroom",
-    "bathroom",
-    "study",
-    "living",
-    "library",
-    "child",
-    "kitchen",
-    "hobby",
-    "bedroom",
-    "storage",
-)
+    "bedroom", "bathroom", "study", "living", "library", "child", "kitchen", "hobby", "bedroom", "storage",
+)  # fmt: skip
 _OFFICE = ("open office", "office", "meeting", "break room", "office", "washroom", "reception", "office", "archive")
 _OFFICE_MORE = ("office", "office", "meeting", "laboratory", "office", "lounge", "open office", "office", "washroom")
 

@@ -31,18 +31,8 @@ CEILING = plaster(rgb("f3f1ec"), 0.02, texel_m=0.06)
 
 _WOODS = ("b98a56", "dcb887", "6e4a32", "9c5f3c", "c79a63", "8a6a4f", "e0c79a")
 _ACCENTS = (
-    "3f6c8f",
-    "a8433d",
-    "3b6b4f",
-    "d9a441",
-    "6b5b95",
-    "b86f3c",
-    "2f5f6e",
-    "8c2f39",
-    "4f6b5a",
-    "c4573c",
-    "5aa9c9",
-)
+    "3f6c8f", "a8433d", "3b6b4f", "d9a441", "6b5b95", "b86f3c", "2f5f6e", "8c2f39", "4f6b5a", "c4573c", "5aa9c9",
+)  # fmt: skip
 _LIGHTS = ("ecd9ad", "a9cfc9", "e7d3bf", "c3cbe0", "dff0f5", "cfe0c4", "f0dcd2", "e6e2d3", "d7dfe6", "f1e7b8", "d9cbe0")
 _BOARDS = ("b5855a", "7b5137", "d8b98c", "9c5f3c", "c9a376", "a58f74", "5f4636")
 _TILES = (

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64, Int
 
 from anm_mj.scene.generation.building import RoomWall
 from anm_mj.scene.generation.piece import Placed
-from anm_mj.scene.raster import distance_cells, label_components
+from anm_mj.scene.raster import distance_in_walls, label_components
 
 CELL_M = 0.05
 _RADIUS_M = 0.25
@@ -51,7 +51,7 @@ class RoomGrid:
                     self._fill(cells, corners)
         return cells
 
-    def passable(self, placed: list[Placed]) -> bool:
+    def is_traversable(self, placed: list[Placed]) -> bool:
         """True if furniture parts no two doors that were joined, and leaves enough floor within reach."""
         doors, share = self._reach(self.floor & ~self.solid(placed))
         joined = (doors[:, None] == doors[None, :]) & (doors[:, None] > 0)
@@ -60,7 +60,7 @@ class RoomGrid:
 
     def _reach(self, free: Bool[np.ndarray, "rows cols"]) -> tuple[Int[np.ndarray, " doors"], float]:
         """Component (0 for none) that each door opens into, and the number of cells of the largest of them."""
-        distance = distance_cells(np.pad(free, 1))[1:-1, 1:-1] * CELL_M
+        distance = distance_in_walls(free) * CELL_M
         labels, num = label_components(distance >= _RADIUS_M)
         sizes = np.bincount(labels.ravel(), minlength=num + 1)
         sizes[0] = 0

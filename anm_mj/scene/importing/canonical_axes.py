@@ -134,8 +134,7 @@ def _walkable_m2(triangles_m: Float[np.ndarray, "f 3 3"], level: Float[np.ndarra
     ground = clip_to_slab(level, z_m - _BIN_M, z_m + _BIN_M)
     if not len(ground):
         return 0.0
-    corners = ground.reshape(-1, 2)
-    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), _CELL_M)
+    grid = grid_over(ground, _CELL_M)
     above = clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M)
     return float(np.count_nonzero(rasterise(ground, grid) & ~rasterise(above, grid))) * _CELL_M**2
 
@@ -146,8 +145,7 @@ def covered_share(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
     floor = clip_to_slab(level, -_FLOOR_ROUGHNESS_M, _FLOOR_ROUGHNESS_M)
     if not len(floor):
         return 0.0
-    corners = floor.reshape(-1, 2)
-    grid = grid_over(np.stack([corners.min(axis=0), corners.max(axis=0)]), _CELL_M)
+    grid = grid_over(floor, _CELL_M)
     ground = rasterise(floor, grid)
     overhead = clip_to_slab(level, 1.8, max(1.8, float(level[:, :, 2].max())))
     return float(np.mean(rasterise(overhead, grid)[ground]))

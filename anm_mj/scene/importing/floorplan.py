@@ -99,7 +99,7 @@ def _read(src: Path) -> tuple[str, Building, dict[str, Any]]:
                 return form, read(plan), plan
             except (KeyError, IndexError, TypeError, ValueError, ShapelyError) as err:
                 raise SceneError(
-                    f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): mend or replace it."
+                    f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): fix or replace it."
                 ) from err
     names = ", ".join(form for form, _, _ in _FORMATS)
     raise SceneError(f"{src} is no floor plan of a known format: give one of {names}.")

@@ -18,10 +18,8 @@ def stack_of_books(num: int, seed: int) -> Quads:
     rng = np.random.default_rng(seed)
     pieces, z = [], 0.0
     for _ in range(num):
-        thick, colour = (
-            rng.uniform(0.02, 0.04),
-            rgb(("8c2f39", "2f5d8c", "d9a441", "3b6b4f", "e4ddd0")[rng.integers(5)]),
-        )
+        thick = rng.uniform(0.02, 0.04)
+        colour = rgb(("8c2f39", "2f5d8c", "d9a441", "3b6b4f", "e4ddd0")[rng.integers(5)])
         book = box((-0.12, -0.085, 0.0), (0.12, 0.085, thick), plain(colour), "-z")
         pieces.append(book.placed(0.0, 0.0, rng.uniform(-20, 20), z))
         z += thick

@@ -56,12 +56,9 @@ def plant(height_m: float, num_leaves: int, pot: Material, seed: int) -> Quads:
     size = 0.25 * height_m + 0.04
     rim = 0.36 * size
     soil = spots(rgb("4a3728"), rgb("33261c"), scale=60.0)
+    outside = [(0.7 * rim, 0.0), (rim, 0.8 * size), (1.08 * rim, 0.8 * size), (1.08 * rim, size), (0.9 * rim, size)]
     pieces = [
-        lathe(
-            [(0.7 * rim, 0.0), (rim, 0.8 * size), (1.08 * rim, 0.8 * size), (1.08 * rim, size), (0.9 * rim, size)],
-            pot,
-            14,
-        ),
+        lathe(outside, pot, 14),
         lathe([(0.9 * rim, size), (0.9 * rim, 0.92 * size), (0.0, 0.92 * size)], soil, 14),
     ]
     for k in range(num_leaves):

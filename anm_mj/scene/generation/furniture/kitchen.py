@@ -56,10 +56,8 @@ def wall_units(width_m: float, front: Material, z_low_m: float = 1.45, height_m:
         left = -x + k * share
         low = (left + 0.004, -depth, z_low_m + 0.004)
         pieces.append(box(low, (left + share - 0.004, -depth + 0.02, z_low_m + height_m - 0.004), front, "+y"))
-        low, high = (
-            (left + share / 2 - 0.06, -depth - 0.02, z_low_m + 0.04),
-            (left + share / 2 + 0.06, -depth, z_low_m + 0.055),
-        )
+        middle = left + share / 2
+        low, high = (middle - 0.06, -depth - 0.02, z_low_m + 0.04), (middle + 0.06, -depth, z_low_m + 0.055)
         pieces.append(box(low, high, _STEEL, "+y"))
     return join(*pieces)
 
@@ -118,38 +116,14 @@ def basin(front: Material) -> Quads:
 def bathtub(length_m: float, depth_m: float, side: Material) -> Quads:
     """A tub 0.56 m high, hollow, walled in on its front."""
     x, rim, high, bottom = length_m / 2, 0.07, 0.56, 0.2
-    low_inner, high_inner = (-x + rim, -depth_m + rim), (x - rim, -rim)
+    (x0, y0), (x1, y1) = (-x + rim, -depth_m + rim), (x - rim, -rim)
+    thin = 0.001
     inside = [
-        box(
-            (low_inner[0], low_inner[1], bottom - 0.01),
-            (high_inner[0], high_inner[1], bottom),
-            _PORCELAIN,
-            "-x +x -y +y -z",
-        ),
-        box(
-            (low_inner[0] - 0.001, low_inner[1], bottom),
-            (low_inner[0], high_inner[1], high),
-            _PORCELAIN,
-            "-x -y +y -z +z",
-        ),
-        box(
-            (high_inner[0], low_inner[1], bottom),
-            (high_inner[0] + 0.001, high_inner[1], high),
-            _PORCELAIN,
-            "+x -y +y -z +z",
-        ),
-        box(
-            (low_inner[0], low_inner[1] - 0.001, bottom),
-            (high_inner[0], low_inner[1], high),
-            _PORCELAIN,
-            "-y -x +x -z +z",
-        ),
-        box(
-            (low_inner[0], high_inner[1], bottom),
-            (high_inner[0], high_inner[1] + 0.001, high),
-            _PORCELAIN,
-            "+y -x +x -z +z",
-        ),
+        box((x0, y0, bottom - 0.01), (x1, y1, bottom), _PORCELAIN, "-x +x -y +y -z"),
+        box((x0 - thin, y0, bottom), (x0, y1, high), _PORCELAIN, "-x -y +y -z +z"),
+        box((x1, y0, bottom), (x1 + thin, y1, high), _PORCELAIN, "+x -y +y -z +z"),
+        box((x0, y0 - thin, bottom), (x1, y0, high), _PORCELAIN, "-y -x +x -z +z"),
+        box((x0, y1, bottom), (x1, y1 + thin, high), _PORCELAIN, "+y -x +x -z +z"),
     ]
     rim_pieces = [
         box((-x, -depth_m, high - 0.03), (x, -depth_m + rim, high), _PORCELAIN, "+y -x +x"),

@@ -80,10 +80,7 @@ def chest(width_m: float, depth_m: float, height_m: float, rows: int, body: Mate
             left, z = -x + 0.01 + column * share, foot + 0.01 + row * pitch
             low, high = (left + 0.006, -depth_m, z + 0.006), (left + share - 0.006, -depth_m + 0.02, z + pitch - 0.006)
             pieces.append(box(low, high, front, "+y"))
-            middle = left + share / 2
-            low, high = (
-                (middle - 0.05, -depth_m - 0.02, z + 0.6 * pitch),
-                (middle + 0.05, -depth_m, z + 0.6 * pitch + 0.015),
-            )
+            middle, grip = left + share / 2, z + 0.6 * pitch
+            low, high = (middle - 0.05, -depth_m - 0.02, grip), (middle + 0.05, -depth_m, grip + 0.015)
             pieces.append(box(low, high, body, "+y"))
     return join(*pieces)

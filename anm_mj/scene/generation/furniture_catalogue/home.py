@@ -7,23 +7,8 @@ import numpy as np
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
 from anm_mj.scene.generation.furniture.quads import Quads, box, join
 from anm_mj.scene.generation.furniture.textures import abstract, landscape, plain, rgb, stone, stripes, tiles
-from anm_mj.scene.generation.piece import Piece
+from anm_mj.scene.generation.piece import GAP_M, Piece, against_wall, in_corner, on_wall
 from anm_mj.scene.generation.style import DARK, METAL, PORCELAIN, WHITE, Style
-
-_GAP_M = 0.015
-"""Between a piece's back and the wall: the skirting."""
-
-
-def against_wall(name: str, width_m: float, depth_m: float, height_m: float, make, front_m: float = 0.6) -> Piece:
-    """A piece that fills a box before a wall."""
-    return Piece(
-        name,
-        "wall",
-        ((-width_m / 2, -depth_m - _GAP_M, width_m / 2, -_GAP_M),),
-        lambda: make().placed(0.0, -_GAP_M),
-        front_m,
-        height_m,
-    )
 
 
 def sofa_group(width_m: float, s: Style, rng: np.random.Generator) -> Piece:
@@ -48,14 +33,11 @@ def sofa_group(width_m: float, s: Style, rng: np.random.Generator) -> Piece:
 def armchair(s: Style, rng: np.random.Generator) -> Piece:
     """A chair to sit back in."""
     cover = s.cloth_2 if rng.random() < 0.5 else s.cloth
-    return Piece(
-        "armchair",
-        "corner",
-        ((-0.55, -1.05, 0.55, -0.05),),
-        lambda: seating.sofa(0.95, cover, (s.cloth,), DARK).placed(0.0, -0.55, 12.0),
-        0.4,
-        0.85,
-    )
+
+    def make() -> Quads:
+        return seating.sofa(0.95, cover, (s.cloth,), DARK).placed(0.0, -0.55, 12.0)
+
+    return in_corner("armchair", 0.55, (0.05, 1.05), 0.85, make, front_m=0.4)
 
 
 def television(s: Style, rng: np.random.Generator) -> Piece:
@@ -111,10 +93,10 @@ def bed(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
 
     def make() -> Quads:
         pillows = (WHITE, WHITE) if width_m > 1.3 else (WHITE,)
-        pieces = [tables.bed(width_m, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, pillows).placed(0.0, -_GAP_M)]
+        pieces = [tables.bed(width_m, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, pillows).placed(0.0, -GAP_M)]
         for side in sides:
             x = side * (width_m / 2 + 0.3)
-            pieces.append(tables.chest(0.44, 0.38, 0.5, 2, s.wood, s.wood).placed(x, -_GAP_M))
+            pieces.append(tables.chest(0.44, 0.38, 0.5, 2, s.wood, s.wood).placed(x, -GAP_M))
             pieces.append(decor.table_lamp(rgb("ffe0c2"), plain(s.colours[6])).placed(x, -0.2, 0.0, 0.5))
         pieces.append(clutter.stack_of_books(2, seed).placed(sides[-1] * (width_m / 2 + 0.2), -0.27, 60.0, 0.5))
         if len(sides) == 2:
@@ -123,8 +105,8 @@ def bed(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
             pieces.append(rug.placed(0.0, -1.7))
         return join(*pieces)
 
-    solids = [(-width_m / 2 - 0.02, -2.12, width_m / 2 + 0.02, -_GAP_M)]
-    solids += [(side * (width_m / 2 + 0.3) - 0.22, -0.4, side * (width_m / 2 + 0.3) + 0.22, -_GAP_M) for side in sides]
+    solids = [(-width_m / 2 - 0.02, -2.12, width_m / 2 + 0.02, -GAP_M)]
+    solids += [(side * (width_m / 2 + 0.3) - 0.22, -0.4, side * (width_m / 2 + 0.3) + 0.22, -GAP_M) for side in sides]
     return Piece("bed", "wall", tuple(solids), make, 0.5, 0.9)
 
 
@@ -135,7 +117,7 @@ def couch_bed(s: Style) -> Piece:
     def make() -> Quads:
         return tables.bed(0.9, s.wood, plain(rgb("f1ece2"), 0.03), s.cloth, pillow).placed(1.05, -0.47, -90.0)
 
-    return Piece("bed", "wall", ((-1.07, -0.93, 1.07, -_GAP_M),), make, 0.6, 0.9)
+    return Piece("bed", "wall", ((-1.07, -0.93, 1.07, -GAP_M),), make, 0.6, 0.9)
 
 
 def wardrobe(s: Style, rng: np.random.Generator) -> Piece:
@@ -153,7 +135,7 @@ def desk(s: Style, rng: np.random.Generator) -> Piece:
 
     def make() -> Quads:
         return join(
-            tables.desk(width, 0.68, s.wood, WHITE).placed(0.0, -_GAP_M),
+            tables.desk(width, 0.68, s.wood, WHITE).placed(0.0, -GAP_M),
             decor.monitor(landscape(seed, 0.57, 0.31)).placed(-0.1, -0.02, 0.0, 0.74),
             decor.table_lamp(rgb("fff3c4"), DARK).placed(width / 2 - 0.15, -0.2, 0.0, 0.74),
             clutter.cup(s.colours[4]).placed(-width / 2 + 0.15, -0.45, 0.0, 0.74),
@@ -161,7 +143,7 @@ def desk(s: Style, rng: np.random.Generator) -> Piece:
             seating.office_chair(DARK, s.cloth).placed(-0.1, -0.85, turn),
         )
 
-    solids = ((-width / 2, -0.7, width / 2, -_GAP_M), (-0.42, -1.17, 0.22, -0.53))
+    solids = ((-width / 2, -0.7, width / 2, -GAP_M), (-0.42, -1.17, 0.22, -0.53))
     return Piece("desk", "wall", solids, make, 0.45, 0.8)
 
 
@@ -208,7 +190,7 @@ def kitchen_counter(s: Style, rng: np.random.Generator, width_m: float) -> Piece
             clutter.bottle(s.colours[7]).placed(x - width_m / 2 + 0.22, -0.12, 0.0, 0.9),
             clutter.cup(s.colours[3]).placed(x + width_m / 2 - 0.2, -0.3, 0.0, 0.9),
             clutter.bowl_of_fruit(plain(s.colours[0])).placed(x, -0.3, 0.0, 0.9),
-        ).placed(0.0, -_GAP_M)
+        ).placed(0.0, -GAP_M)
 
     solids = ((-total / 2, -0.65, total / 2 - 0.62, 0.0), (total / 2 - 0.64, -0.71, total / 2, 0.0))
     return Piece("kitchen counter", "wall", solids, make, 0.8, 1.8)
@@ -224,7 +206,7 @@ def worktop(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
             kitchen.sink().placed(width_m / 4, 0.0, 0.0, 0.9),
             clutter.bottle(s.colours[2]).placed(-width_m / 2 + 0.12, -0.15, 0.0, 0.9),
             clutter.cup(s.colours[3]).placed(0.0, -0.3, 0.0, 0.9),
-        ).placed(0.0, -_GAP_M)
+        ).placed(0.0, -GAP_M)
 
     return Piece("worktop", "wall", ((-width_m / 2, -0.65, width_m / 2, 0.0),), make, 0.7, 0.9)
 
@@ -285,39 +267,26 @@ def plant(s: Style, rng: np.random.Generator) -> Piece:
     """A plant in a pot on the floor."""
     height, seed, leaves = float(rng.uniform(0.9, 1.5)), int(rng.integers(1000)), int(rng.integers(11, 18))
     reach = 0.1 + 0.3 * height
-    return Piece(
-        "plant",
-        "corner",
-        ((-reach, -2 * reach, reach, 0.0),),
-        lambda: decor.plant(height, leaves, plain(s.colours[4]), seed).placed(0.0, -reach),
-        0.0,
-        height,
-    )
+
+    def make() -> Quads:
+        return decor.plant(height, leaves, plain(s.colours[4]), seed).placed(0.0, -reach)
+
+    return in_corner("plant", reach, (0.0, 2 * reach), height, make)
 
 
 def floor_lamp() -> Piece:
     """A lamp on a thin pole."""
-    return Piece(
-        "floor lamp",
-        "corner",
-        ((-0.2, -0.42, 0.2, -0.02),),
-        lambda: decor.floor_lamp(rgb("ffe9b8")).placed(0.0, -0.22),
-        0.0,
-        1.6,
-    )
+    return in_corner("floor lamp", 0.2, (0.02, 0.42), 1.6, lambda: decor.floor_lamp(rgb("ffe9b8")).placed(0.0, -0.22))
 
 
 def basket(s: Style, rng: np.random.Generator) -> Piece:
     """A basket or bin."""
     radius, height = float(rng.uniform(0.13, 0.2)), float(rng.uniform(0.3, 0.5))
-    return Piece(
-        "basket",
-        "corner",
-        ((-radius, -2 * radius - 0.03, radius, -0.03),),
-        lambda: clutter.basket(radius, height, s.cloth_2).placed(0.0, -radius - 0.03),
-        0.0,
-        height,
-    )
+
+    def make() -> Quads:
+        return clutter.basket(radius, height, s.cloth_2).placed(0.0, -radius - 0.03)
+
+    return in_corner("basket", radius, (0.03, 2 * radius + 0.03), height, make)
 
 
 def cartons(rng: np.random.Generator) -> Piece:
@@ -331,19 +300,16 @@ def cartons(rng: np.random.Generator) -> Piece:
             clutter.carton(0.75 * w, 0.75 * d, 0.22).placed(0.02, -half, -turn, 0.32),
         )
 
-    return Piece("cartons", "corner", ((-half, -2 * half, half, 0.0),), make, 0.0, 0.6)
+    return in_corner("cartons", half, (0.0, 2 * half), 0.6, make)
 
 
 def shoes(s: Style) -> Piece:
     """A pair of shoes by the wall."""
-    return Piece(
-        "shoes",
-        "wall",
-        ((-0.13, -0.33, 0.15, -0.02),),
-        lambda: clutter.pair_of_shoes(s.colours[2]).placed(0.0, -0.18),
-        0.0,
-        0.12,
-    )
+
+    def make() -> Quads:
+        return clutter.pair_of_shoes(s.colours[2]).placed(0.0, -0.18)
+
+    return Piece("shoes", "wall", ((-0.13, -0.33, 0.15, -0.02),), make, 0.0, 0.12)
 
 
 def toys(s: Style, rng: np.random.Generator) -> Piece:
@@ -362,38 +328,21 @@ def toys(s: Style, rng: np.random.Generator) -> Piece:
 
 def beanbag(s: Style) -> Piece:
     """A soft seat."""
-    return Piece(
-        "beanbag",
-        "corner",
-        ((-0.43, -0.88, 0.43, -0.02),),
-        lambda: seating.beanbag(s.cloth_2).placed(0.0, -0.45),
-        0.0,
-        0.6,
-    )
+    return in_corner("beanbag", 0.43, (0.02, 0.88), 0.6, lambda: seating.beanbag(s.cloth_2).placed(0.0, -0.45))
 
 
 def chair(s: Style) -> Piece:
     """A chair by the wall."""
-    return Piece(
-        "chair",
-        "wall",
-        ((-0.22, -0.45, 0.22, -0.02),),
-        lambda: seating.chair(s.wood, s.paint).placed(0.0, -0.24),
-        0.3,
-        0.9,
-    )
+
+    def make() -> Quads:
+        return seating.chair(s.wood, s.paint).placed(0.0, -0.24)
+
+    return Piece("chair", "wall", ((-0.22, -0.45, 0.22, -0.02),), make, 0.3, 0.9)
 
 
 def stool(s: Style) -> Piece:
     """A stool with three thin legs."""
-    return Piece(
-        "stool",
-        "corner",
-        ((-0.2, -0.42, 0.2, -0.02),),
-        lambda: seating.stool(s.wood, s.cloth).placed(0.0, -0.22),
-        0.0,
-        0.46,
-    )
+    return in_corner("stool", 0.2, (0.02, 0.42), 0.46, lambda: seating.stool(s.wood, s.cloth).placed(0.0, -0.22))
 
 
 def hall_table(s: Style, rng: np.random.Generator) -> Piece:
@@ -414,48 +363,32 @@ def coat_rack(s: Style, rng: np.random.Generator) -> Piece:
     """Coats on hooks."""
     coats = (s.cloth, s.cloth_2, plain(s.colours[7]), plain(s.colours[9]))[: int(rng.integers(2, 5))]
     width = 0.36 * len(coats)
-    return Piece(
-        "coat rack",
-        "wall",
-        ((-width / 2 - 0.02, -0.15, width / 2 + 0.02, 0.0),),
-        lambda: storage.coat_rack(width, s.wood_dark, coats),
-        0.75,
-        1.74,
-    )
+    solids = ((-width / 2 - 0.02, -0.15, width / 2 + 0.02, 0.0),)
+    return Piece("coat rack", "wall", solids, lambda: storage.coat_rack(width, s.wood_dark, coats), 0.75, 1.74)
 
 
 def rug(s: Style, size_m: tuple[float, float]) -> Piece:
     """A carpet in the middle."""
     x, y = size_m[0] / 2, size_m[1] / 2
-    return Piece(
-        "rug",
-        "rug",
-        ((-x, -y, x, y),),
-        lambda: decor.rug_on_floor(size_m, s.colours[1], s.colours[6], s.colours[3]),
-        0.0,
-        0.01,
-    )
+
+    def make() -> Quads:
+        return decor.rug_on_floor(size_m, s.colours[1], s.colours[6], s.colours[3])
+
+    return Piece("rug", "rug", ((-x, -y, x, y),), make, 0.0, 0.01)
 
 
 def picture(s: Style, rng: np.random.Generator) -> Piece:
     """A painting."""
     width, height, seed = float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.4, 0.65)), int(rng.integers(1000))
     image = landscape(seed, width, height) if rng.random() < 0.5 else abstract(seed, width, height)
-    return Piece(
-        "picture",
-        "hang",
-        ((-width / 2 - 0.05, -0.03, width / 2 + 0.05, 0.0),),
-        lambda: decor.picture(width, height, 1.4, image, s.wood_dark),
-        0.0,
-        2.1,
+    return on_wall(
+        "picture", width / 2 + 0.05, 0.03, 2.1, lambda: decor.picture(width, height, 1.4, image, s.wood_dark)
     )
 
 
 def towels(s: Style) -> Piece:
     """Towels on a rail."""
-    return Piece(
-        "towels", "hang", ((-0.37, -0.09, 0.37, 0.0),), lambda: kitchen.towel_rail(0.7, (s.cloth, s.cloth_2)), 0.0, 1.3
-    )
+    return on_wall("towels", 0.37, 0.09, 1.3, lambda: kitchen.towel_rail(0.7, (s.cloth, s.cloth_2)))
 
 
 def curtains(s: Style, rng: np.random.Generator, window_m: float) -> Piece:
@@ -480,4 +413,4 @@ def porcelain_shelf() -> Piece:
             clutter.bottle(rgb("e5659d")).placed(0.1, -0.1, 0.0, 1.28),
         )
 
-    return Piece("shelf", "hang", ((-0.3, -0.2, 0.3, 0.0),), make, 0.0, 1.6)
+    return on_wall("shelf", 0.3, 0.2, 1.6, make)

@@ -7,8 +7,7 @@ import numpy as np
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
 from anm_mj.scene.generation.furniture.quads import Quads, box, join, lathe
 from anm_mj.scene.generation.furniture.textures import abstract, glow, landscape, plain, rgb
-from anm_mj.scene.generation.furniture_catalogue.home import against_wall
-from anm_mj.scene.generation.piece import Piece
+from anm_mj.scene.generation.piece import Piece, against_wall, on_wall
 from anm_mj.scene.generation.style import DARK, METAL, WHITE, Style
 
 _GREY = plain(rgb("c9ccd1"), 0.03)
@@ -77,7 +76,7 @@ def whiteboard(rng: np.random.Generator) -> Piece:
         sheet = decor.picture(0.4, 0.3, 1.45, abstract(seed, 0.4, 0.3), WHITE).placed(0.3, -0.012)
         return join(decor.picture(width, 0.9, 1.0, board, METAL), sheet)
 
-    return Piece("whiteboard", "hang", ((-width / 2 - 0.05, -0.05, width / 2 + 0.05, 0.0),), make, 0.0, 1.95)
+    return on_wall("whiteboard", width / 2 + 0.05, 0.05, 1.95, make)
 
 
 def filing(s: Style, rng: np.random.Generator) -> Piece:
@@ -86,7 +85,7 @@ def filing(s: Style, rng: np.random.Generator) -> Piece:
 
     def make() -> Quads:
         top = (
-            printer_body().placed(0.0, -0.28, 0.0, 1.0)
+            _printer().placed(0.0, -0.28, 0.0, 1.0)
             if seed % 2
             else decor.plant(0.4, 9, plain(s.colours[3]), seed).placed(0.1, -0.25, 0.0, 1.0)
         )
@@ -95,7 +94,7 @@ def filing(s: Style, rng: np.random.Generator) -> Piece:
     return against_wall("filing cabinet", width, 0.54, 1.35, make, 0.6)
 
 
-def printer_body() -> Quads:
+def _printer() -> Quads:
     """A desktop printer about the origin."""
     return join(
         box((-0.24, -0.2, 0.0), (0.24, 0.2, 0.26), plain(rgb("e6e7e9"), 0.02), "-z"),
@@ -189,12 +188,8 @@ def water_dispenser() -> Piece:
     """A water dispenser."""
 
     def make() -> Quads:
-        bottle = kitchen_bottle()
+        blue = plain(rgb("8fc3df"))
+        bottle = lathe([(0.05, 0.0), (0.13, 0.05), (0.13, 0.3), (0.1, 0.34), (0.0, 0.34)], blue, 12)
         return join(box((-0.16, -0.34, 0.0), (0.16, -0.02, 1.0), WHITE, "-z +y"), bottle.placed(0.0, -0.18, 0.0, 1.0))
 
     return against_wall("water dispenser", 0.36, 0.36, 1.35, make, 0.5)
-
-
-def kitchen_bottle() -> Quads:
-    """The blue bottle on top of a water dispenser."""
-    return lathe([(0.05, 0.0), (0.13, 0.05), (0.13, 0.3), (0.1, 0.34), (0.0, 0.34)], plain(rgb("8fc3df")), 12)

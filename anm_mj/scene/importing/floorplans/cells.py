@@ -29,6 +29,10 @@ class CellPlan:
     """World x, y of the outer corner of cell [0, 0]."""
     cell_m: float
 
+    def outlines(self) -> list[shapely.Polygon]:
+        """Outline of every room."""
+        return [self.outline(self.labels == label) for label in range(int(self.labels.max()) + 1)]
+
     def outline(self, cells: Bool[np.ndarray, "rows cols"]) -> shapely.Polygon:
         """Outline of 4-connected cells; cells that touch share their corners to the last bit."""
         padded = np.pad(cells, ((0, 0), (1, 1))).astype(np.int8)
@@ -70,19 +74,22 @@ def fill_nearest(
     return np.where(free, labels[tuple(np.asarray(nearest))], -1)
 
 
-def whole_rooms(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
-    """Every room reduced to its largest 4-connected part, those next to nothing left out, numbered anew from 0."""
+def largest_parts(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
+    """Every room reduced to its largest 4-connected part, under its old number."""
     kept = np.full_like(labels, -1)
-    count = 0
     for label in range(int(labels.max()) + 1):
         parts, num = label_components(labels == label)
-        if not num:
-            continue
-        sizes = np.bincount(parts.ravel())[1:]
-        if sizes.max() >= _MIN_ROOM_CELLS:
-            kept[parts == 1 + int(np.argmax(sizes))] = count
-            count += 1
+        if num:
+            kept[parts == 1 + int(np.argmax(np.bincount(parts.ravel())[1:]))] = label
     return kept
+
+
+def whole_rooms(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
+    """The largest part of every room that is large enough, numbered anew from 0."""
+    kept = largest_parts(labels)
+    large = np.bincount(kept[kept >= 0], minlength=int(labels.max()) + 1) >= _MIN_ROOM_CELLS
+    # The last entry is for cells of no room, whose label is -1.
+    return np.append(np.where(large, np.cumsum(large) - 1, -1), -1)[kept]
 
 
 def take_passages(
@@ -116,7 +123,8 @@ def take_passages(
         inside = (t > -_BESIDE_M) & (t < length + _BESIDE_M) & (np.abs(n) <= depth_m / 2) & (labels[part] >= 0)
         owner[part][inside] = index
     labels[owner >= 0] = -1
-    labels = whole_rooms_in_place(labels)
+    # Passages may have cut corners off.
+    labels = largest_parts(labels)
     rest = CellPlan(labels, plan.origin_m, plan.cell_m)
     passages = []
     for index in range(len(doors_m)):
@@ -127,13 +135,3 @@ def take_passages(
             if len(beside) == 2:
                 passages.append(Passage((int(beside[0]), int(beside[1])), rest.outline(cells)))
     return rest, passages
-
-
-def whole_rooms_in_place(labels: Int[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
-    """The rooms' largest parts under their old numbers: passages may have cut corners off."""
-    kept = np.full_like(labels, -1)
-    for label in range(int(labels.max()) + 1):
-        parts, num = label_components(labels == label)
-        if num:
-            kept[parts == 1 + int(np.argmax(np.bincount(parts.ravel())[1:]))] = label
-    return kept

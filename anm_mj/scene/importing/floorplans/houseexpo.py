@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from skimage.segmentation import watershed
 
-from anm_mj.scene.generation.building import Building
+from anm_mj.scene.generation.building import Building, named_rooms
 from anm_mj.scene.importing.floorplans.cells import CellPlan, grid_axes, take_passages, whole_rooms
-from anm_mj.scene.importing.floorplans.room_types import named_rooms, room_type_of_word
-from anm_mj.scene.raster import distance_cells, label_components
+from anm_mj.scene.importing.floorplans.room_types import room_type_of_word
+from anm_mj.scene.raster import distance_in_walls, label_components
 
 _CELL_M = 0.05
 _NARROW_M = 1.1
@@ -49,14 +49,14 @@ def read_houseexpo(plan: Any) -> Building:
     labels = whole_rooms(_parted(free))
     plan_cells = CellPlan(labels, origin, _CELL_M)
     cells, passages = take_passages(plan_cells, _borders(plan_cells), _PASSAGE_M)
-    outlines = [cells.outline(cells.labels == index) for index in range(int(cells.labels.max()) + 1)]
+    outlines = cells.outlines()
     room_types = [_room_type(outline, plan["room_category"]) for outline in outlines]
     return Building(named_rooms(outlines, room_types), tuple(passages))
 
 
 def _parted(free: Bool[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
     """Rooms of a floor: its wide parts, each grown until it meets the next (watershed on the distance to walls)."""
-    distance = distance_cells(np.pad(free, 1))[1:-1, 1:-1] * _CELL_M
+    distance = distance_in_walls(free) * _CELL_M
     cores, num = label_components(distance > _NARROW_M / 2)
     sizes = np.bincount(cores.ravel(), minlength=num + 1)
     cores[sizes[cores] * _CELL_M**2 < _MIN_CORE_M2] = 0

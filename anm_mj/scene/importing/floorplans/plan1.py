@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from anm_mj.scene.generation.building import Building
+from anm_mj.scene.generation.building import Building, named_rooms
 from anm_mj.scene.importing.floorplans.cells import CellPlan, fill_nearest, grid_axes, take_passages, whole_rooms
-from anm_mj.scene.importing.floorplans.room_types import doors_of, named_rooms, office_room_type
+from anm_mj.scene.importing.floorplans.room_types import doors_of, office_room_type
 
 _CELL_M = 0.0625
 """Plans are drawn on this grid: walls follow it exactly [m]."""
@@ -44,7 +44,7 @@ def read_plan1(plan: Any) -> Building:
     cells = CellPlan(whole_rooms(fill_nearest(labels, free)), origin, _CELL_M)
     doors = np.array([[door["p0"], door["p1"]] for door in plan["doors"]], dtype=np.float64).reshape(-1, 2, 2)
     cells, passages = take_passages(cells, doors, _PASSAGE_M)
-    outlines = [cells.outline(cells.labels == index) for index in range(int(cells.labels.max()) + 1)]
+    outlines = cells.outlines()
     num_doors = doors_of(len(outlines), passages)
     room_types = [office_room_type(floor, int(num_doors[k]), k) for k, floor in enumerate(outlines)]
     return Building(
@@ -64,10 +64,10 @@ def _inside(region: Any, grid: tuple[np.ndarray, ...]) -> np.ndarray:
 
 
 def _polygon(entry: dict[str, Any]) -> shapely.Polygon:
-    """An outline with its holes, mended where it crosses itself."""
+    """An outline with its holes, repaired where it crosses itself."""
     polygon = shapely.Polygon(entry["exterior"], entry.get("holes", []))
-    mended = polygon if polygon.is_valid else shapely.make_valid(polygon)
-    parts = [part for part in shapely.get_parts(mended) if isinstance(part, shapely.Polygon)]
+    repaired = polygon if polygon.is_valid else shapely.make_valid(polygon)
+    parts = [part for part in shapely.get_parts(repaired) if isinstance(part, shapely.Polygon)]
     if not parts:
         raise ValueError("an outline encloses nothing")
     return max(parts, key=lambda part: part.area)

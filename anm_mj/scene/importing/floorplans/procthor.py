@@ -12,9 +12,9 @@ import numpy as np
 import shapely
 from jaxtyping import Float64
 
-from anm_mj.scene.generation.building import Building, GivenWindow, Passage
+from anm_mj.scene.generation.building import Building, GivenWindow, Passage, named_rooms
 from anm_mj.scene.generation.layout import WALL_M
-from anm_mj.scene.importing.floorplans.room_types import named_rooms, room_type_of_word
+from anm_mj.scene.importing.floorplans.room_types import room_type_of_word
 
 
 def is_procthor(plan: Any) -> bool:

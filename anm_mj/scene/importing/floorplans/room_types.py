@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 import shapely
 
-from anm_mj.scene.generation.building import Passage, PlanRoom
+from anm_mj.scene.generation.building import Passage
 
 _WORDS = {
     "living": "living", "lounge": "lounge", "kitchen": "kitchen", "dining": "dining", "bed": "bedroom",
@@ -41,18 +39,6 @@ def office_room_type(floor: shapely.Polygon, num_doors: int, index: int) -> str:
     if area < _LARGE_M2:
         return ("meeting", "laboratory", "office", "reception")[index % 4]
     return ("open office", "laboratory", "lounge", "open office")[index % 4]
-
-
-def named_rooms(floors: list[shapely.Polygon], room_types: list[str]) -> tuple[PlanRoom, ...]:
-    """Rooms with names of their own: the type, numbered where there are several."""
-    total, seen = Counter(room_types), Counter[str]()
-    rooms = []
-    for floor, room_type in zip(floors, room_types, strict=True):
-        seen[room_type] += 1
-        rooms.append(
-            PlanRoom(room_type if total[room_type] == 1 else f"{room_type} {seen[room_type]}", room_type, floor)
-        )
-    return tuple(rooms)
 
 
 def doors_of(num_rooms: int, passages: list[Passage]) -> np.ndarray:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.gazebo import is_gazebo, read_gazebo
-from anm_mj.scene.importing.readers.habitat import DATASETS, dataset_reader, is_scene_instance
+from anm_mj.scene.importing.readers.habitat import DATASETS, is_scene_instance, read_scene_instance
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import read_mesh_scene
 from anm_mj.scene.importing.readers.mesh_check import MESH_SUFFIXES
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
-from anm_mj.scene.importing.readers.scans import SCAN_LAYOUTS, scan_reader
+from anm_mj.scene.importing.readers.scans import SCAN_LAYOUTS, read_scan
 
 
 @dataclass(frozen=True)
@@ -32,13 +33,10 @@ class SceneFormat:
 FORMATS = (
     SceneFormat("gazebo", is_gazebo, read_gazebo),
     *(
-        SceneFormat(data.name, lambda src, data=data: is_scene_instance(src, data), dataset_reader(data))
+        SceneFormat(data.name, partial(is_scene_instance, dataset=data), partial(read_scene_instance, data))
         for data in DATASETS
     ),
-    *(
-        SceneFormat(layout.name, lambda src, layout=layout: layout.find(src) is not None, scan_reader(layout))
-        for layout in SCAN_LAYOUTS
-    ),
+    *(SceneFormat(layout.name, layout.matches, partial(read_scan, layout)) for layout in SCAN_LAYOUTS),
     SceneFormat("mesh", lambda src: src.is_file() and src.suffix.lower() in MESH_SUFFIXES, read_mesh_scene),
 )
 """All formats; the first that matches a source is taken."""

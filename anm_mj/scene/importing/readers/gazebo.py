@@ -21,7 +21,7 @@ from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import find_uri, model_file, search_folders
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
-from anm_mj.scene.importing.readers.sdf_material import Look, Materials, painted
+from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
 from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, pose_of, state_poses
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
 from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
@@ -83,10 +83,10 @@ class _Reader:
         """Names of the model folders that were used."""
         self._folders = folders
         self._report = report
-        self._materials = Materials(folders, report)
+        self._materials = MaterialReader(folders, report)
         self._meshes: dict[Path, list[Submesh]] = {}
         self._submeshes: list[Submesh] = []
-        self._grounds: list[tuple[Submesh, Look]] = []
+        self._grounds: list[tuple[Submesh, Material]] = []
 
     def read(self, file: Path) -> list[Submesh]:
         """Everything that can be drawn of a file's world, in world coordinates [m]."""
@@ -177,7 +177,7 @@ class _Reader:
         pose = visual.find("pose")
         relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
         T_world_visual = (scope.frame(relative_to) if relative_to else T_world_link) @ pose_of(visual)
-        look = self._materials.look(visual.find("material"), folder)
+        material = self._materials.read(visual.find("material"), folder)
         name = f"{scope.element.get('name', 'model')}_{visual.get('name', 'visual')}"
 
         def stand(submesh: Submesh) -> Submesh:
@@ -185,23 +185,23 @@ class _Reader:
 
         if shape.tag == "mesh":
             for submesh in self._mesh_submeshes(shape, folder):
-                self._submeshes.append(stand(submesh if look is None else painted(submesh, look)))
+                self._submeshes.append(stand(submesh if material is None else with_material(submesh, material)))
             return
-        look = Look(PLAIN_RGB) if look is None else look
+        material = Material(PLAIN_RGB) if material is None else material
         if shape.tag == "plane":
             width, depth = numbers(shape.find("size"), 2, (1.0, 1.0))
             normal = np.array(numbers(shape.find("normal"), 3, (0.0, 0.0, 1.0)))
             plane = stand(plane_submesh((width, depth), normal, name))
             if max(width, depth) > _WIDE_M and level_mask(plane.vertices_m[plane.faces]).all():
-                self._grounds.append((plane, look))
+                self._grounds.append((plane, material))
             else:
-                self._submeshes.append(painted(plane, look))
+                self._submeshes.append(with_material(plane, material))
             return
         submesh = shape_submesh(shape, name)
         if submesh is None:
             self._report.add(_NO_SHAPE, f"<{shape.tag}> of {name}")
         else:
-            self._submeshes.append(stand(painted(submesh, look)))
+            self._submeshes.append(stand(with_material(submesh, material)))
 
     def _mesh_submeshes(self, shape: ET.Element, folder: Path) -> Iterator[Submesh]:
         """The submeshes of a <mesh>, scaled; none, with a note, where they cannot be had."""
@@ -231,10 +231,10 @@ class _Reader:
         scale = np.diag(numbers(shape.find("scale"), 3, (1.0, 1.0, 1.0)))
         yield from (transformed(submesh, scale) for submesh in submeshes)
 
-    def _cut_ground(self, ground: Submesh, look: Look) -> list[Submesh]:
+    def _cut_ground(self, ground: Submesh, material: Material) -> list[Submesh]:
         """A ground plane cut to what stands on it, and lowered a little under a floor of the world's own."""
         if not self._submeshes:
-            return [painted(ground, look)]
+            return [with_material(ground, material)]
         vertices, faces = merge_geometry(self._submeshes)
         triangles = vertices[faces]
         low, high = triangles.reshape(-1, 3).min(axis=0)[:2], triangles.reshape(-1, 3).max(axis=0)[:2]
@@ -253,7 +253,7 @@ class _Reader:
         submesh = transformed(submesh, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
         share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
         # The texture keeps its size on the ground.
-        return [painted(replace(submesh, uv=None if submesh.uv is None else submesh.uv * share), look)]
+        return [with_material(replace(submesh, uv=None if submesh.uv is None else submesh.uv * share), material)]
 
 
 def _parse(file: Path) -> ET.Element:
@@ -261,7 +261,7 @@ def _parse(file: Path) -> ET.Element:
     try:
         return ET.parse(file).getroot()
     except ET.ParseError as err:
-        raise SceneError(f"{file} is damaged or no SDF file ({err}): mend it or save the world again.") from err
+        raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
     except (OSError, ValueError, LookupError) as err:
         raise SceneError(f"{file} cannot be read ({err}): check its permissions and its encoding.") from err
 

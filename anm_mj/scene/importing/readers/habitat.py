@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,15 +60,6 @@ def is_scene_instance(src: Path, dataset: Dataset) -> bool:
         return False
     config = _dataset_config(src)
     return not dataset.prefix or (config is not None and config.name.lower().startswith(dataset.prefix))
-
-
-def dataset_reader(dataset: Dataset) -> Callable[[Path, Sequence[Path], ImportReport], ParsedScene]:
-    """The reader of a dataset, as formats have them."""
-
-    def read(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-        return read_scene_instance(dataset, src, model_paths, report)
-
-    return read
 
 
 def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Integer, UInt8
@@ -76,7 +76,7 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
         neighbours = MeshNeighbours(src, report)
         loaded = trimesh.load_scene(src, process=False, resolver=neighbours)
-        submeshes = [submesh for placed in _placed_meshes(loaded, unit_m) for submesh in _submeshes_of(*placed, store)]
+        submeshes = [submesh for placed in _placed_meshes(loaded, unit_m) for submesh in _submeshes_of(placed, store)]
     except SceneError:
         raise
     except Exception as err:
@@ -109,11 +109,16 @@ def _collada_unit_m(src: Path) -> float:
     return unit_m if unit_m > 0.0 else 1.0
 
 
-_Placed = tuple[str, Float64[np.ndarray, "v 3"], Integer[np.ndarray, "f 3"], Any]
-"""Name, vertices, faces and visual of a mesh where it stands."""
+class _PlacedMesh(NamedTuple):
+    """A mesh where it stands."""
+
+    name: str
+    vertices: Float64[np.ndarray, "v 3"]
+    faces: Integer[np.ndarray, "f 3"]
+    visual: Any
 
 
-def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_Placed]:
+def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_PlacedMesh]:
     """Every mesh of a scene at every place it stands, moved there."""
     import trimesh
 
@@ -128,23 +133,18 @@ def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_Placed]:
         faces = np.asarray(mesh.faces, dtype=np.int64)
         if np.linalg.det(transform[:3, :3]) < 0.0:
             faces = faces[:, ::-1]
-        placed.append((str(name), vertices * unit_m, faces, mesh.visual))
+        placed.append(_PlacedMesh(str(name), vertices * unit_m, faces, mesh.visual))
     return placed
 
 
-def _submeshes_of(
-    name: str,
-    vertices: Float64[np.ndarray, "v 3"],
-    faces: Integer[np.ndarray, "f 3"],
-    visual: Any,
-    store: TextureStore,
-) -> list[Submesh]:
+def _submeshes_of(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
     """Submeshes that look like a mesh."""
+    name, vertices, faces, visual = mesh
     if not np.isfinite(vertices).all():
         bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
         raise SceneError(f"Mesh {name!r} has {bad} vertices with NaN or infinite coordinates: repair it.")
     if visual.kind == "texture":
-        return _textured_submeshes(name, vertices, faces, visual, store)
+        return _textured_submeshes(mesh, store)
     if visual.kind == "vertex":
         return bake_colours(name, vertices, faces, corner_colours(faces, vertex_rgb=_rgb8(visual.vertex_colors)))
     if visual.kind == "face":
@@ -152,14 +152,9 @@ def _submeshes_of(
     return [Submesh(name, vertices, faces, PLAIN_RGB)]
 
 
-def _textured_submeshes(
-    name: str,
-    vertices: Float64[np.ndarray, "v 3"],
-    faces: Integer[np.ndarray, "f 3"],
-    visual: Any,
-    store: TextureStore,
-) -> list[Submesh]:
+def _textured_submeshes(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
     """Submeshes of a mesh with a material: texture times factor, else vertex colours times factor, else the factor."""
+    name, vertices, faces, visual = mesh
     image, factor = _material(visual.material)
     uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, dtype=np.float64)[:, :2])
     if uv is not None and len(uv) != len(vertices):

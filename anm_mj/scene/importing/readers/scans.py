@@ -36,13 +36,18 @@ class ScanLayout:
     file_hint: str
     """The mesh to look for, in words."""
 
+    def matches(self, src: Path) -> bool:
+        """Whether a file or folder is laid out so."""
+        return self.find(src) is not None
 
-def read_scan(layout: ScanLayout, src: Path, report: ImportReport) -> ParsedScene:
+
+def read_scan(layout: ScanLayout, src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
     """The scene in a folder or file that is said to be laid out so.
 
     Raises:
         SceneError: if a folder holds no mesh where the layout has it, or the mesh cannot be read.
     """
+    del model_paths
     mesh = src if src.is_file() else layout.find(src)
     if mesh is None:
         raise SceneError(f"{src} does not hold a {layout.title} scene: give the folder that holds {layout.file_hint}.")
@@ -157,13 +162,3 @@ SCAN_LAYOUTS = (
     ),
 )
 """The data sets of scans; the first that knows a source has it."""
-
-
-def scan_reader(layout: ScanLayout) -> Callable[[Path, Sequence[Path], ImportReport], ParsedScene]:
-    """The reader of a layout, as formats have them."""
-
-    def read(src: Path, model_paths: Sequence[Path], report: ImportReport) -> ParsedScene:
-        del model_paths
-        return read_scan(layout, src, report)
-
-    return read

@@ -62,8 +62,8 @@ colour like it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """How a surface looks."""
+class Material:
+    """Colour or texture of a surface."""
 
     rgb: Rgb
     texture: UInt8[np.ndarray, "h w 3"] | None = None
@@ -71,39 +71,39 @@ class Look:
     """How often the texture repeats from 0 to 1."""
 
 
-class Materials:
+class MaterialReader:
     """Reads the materials of one world; every script and texture once."""
 
     def __init__(self, folders: Sequence[Path], report: ImportReport) -> None:
-        """Materials that name files in model folders, best first."""
+        """MaterialReader that name files in model folders, best first."""
         self._folders = folders
         self._report = report
         self._textures: dict[Path, UInt8[np.ndarray, "h w 3"] | None] = {}
         self._scripts: dict[Path, dict[str, _Script]] = {}
 
-    def look(self, material: ET.Element | None, folder: Path) -> Look | None:
-        """The look that a <material> in a file of ``folder`` gives; None where it gives none.
+    def read(self, element: ET.Element | None, folder: Path) -> Material | None:
+        """The material that a <material> element in a file of ``folder`` gives; None where it gives none.
 
         Raises:
             SceneError: if a colour is no numbers.
         """
-        if material is None:
+        if element is None:
             return None
-        albedo = material.find("pbr/*/albedo_map")
-        diffuse, ambient = _colour(material.find("diffuse")), _colour(material.find("ambient"))
+        albedo = element.find("pbr/*/albedo_map")
+        diffuse, ambient = _colour(element.find("diffuse")), _colour(element.find("ambient"))
         if albedo is not None and (albedo.text or "").strip():
             texture = self._texture((albedo.text or "").strip(), [folder], folder)
             if texture is not None:
-                return Look((1.0, 1.0, 1.0), texture)
+                return Material((1.0, 1.0, 1.0), texture)
         if diffuse is not None:
-            return Look(diffuse)
-        script = material.find("script")
+            return Material(diffuse)
+        script = element.find("script")
         if script is not None and (script.findtext("name") or "").strip():
-            return self._scripted(script, folder) or (None if ambient is None else Look(ambient))
-        return None if ambient is None else Look(ambient)
+            return self._scripted(script, folder) or (None if ambient is None else Material(ambient))
+        return None if ambient is None else Material(ambient)
 
-    def _scripted(self, script: ET.Element, folder: Path) -> Look | None:
-        """The look of a material script, or None if it is not there and unknown."""
+    def _scripted(self, script: ET.Element, folder: Path) -> Material | None:
+        """The material of a material script, or None if it is not there and unknown."""
         name = (script.findtext("name") or "").strip()
         uris = [find_uri(uri.text or "", folder, self._folders) for uri in script.findall("uri")]
         places = [place for place in uris if place is not None]
@@ -115,12 +115,12 @@ class Materials:
             if found is not None and found.texture is not None:
                 texture = self._texture(found.texture, [*places, file.parent], folder)
                 if texture is not None:
-                    return Look((1.0, 1.0, 1.0), texture, found.uv_scale)
+                    return Material((1.0, 1.0, 1.0), texture, found.uv_scale)
             if found is not None and found.diffuse is not None:
-                return Look(found.diffuse)
+                return Material(found.diffuse)
         plain = re.sub(r"(Glow|TransparentOverlay|Transparent|Bright)$", "", name.rpartition("/")[2])
         if name.startswith("Gazebo/") and plain in _GAZEBO_RGB:
-            return Look(_GAZEBO_RGB[plain])
+            return Material(_GAZEBO_RGB[plain])
         self._report.add(_UNKNOWN_SCRIPT, name)
         return None
 
@@ -178,13 +178,14 @@ def read_script(text: str) -> dict[str, _Script]:
     return materials
 
 
-def painted(submesh: Submesh, look: Look) -> Submesh:
-    """A submesh with another look; a texture on a submesh without texture coordinates becomes its mean colour."""
-    if look.texture is None:
-        return replace(submesh, rgb=look.rgb, texture=None, tiled=False)
-    uv = np.zeros((len(submesh.vertices_m), 2)) if submesh.uv is None or submesh.tiled else submesh.uv * look.uv_scale
-    textured = replace(submesh, rgb=look.rgb, uv=uv, texture=look.texture, tiled=False)
-    return flat_coloured(textured) if submesh.uv is None or submesh.tiled else textured
+def with_material(submesh: Submesh, material: Material) -> Submesh:
+    """The submesh with a material; without texture coordinates a texture becomes its mean colour."""
+    if material.texture is None:
+        return replace(submesh, rgb=material.rgb, texture=None, tiled=False)
+    if submesh.uv is None or submesh.tiled:
+        uv = np.zeros((len(submesh.vertices_m), 2))
+        return flat_coloured(replace(submesh, rgb=material.rgb, uv=uv, texture=material.texture, tiled=False))
+    return replace(submesh, rgb=material.rgb, uv=submesh.uv * material.uv_scale, texture=material.texture)
 
 
 def _colour(element: ET.Element | None) -> Rgb | None:

@@ -34,7 +34,7 @@ def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) 
     except ValueError:
         values = ()
     if len(values) < count or not all(math.isfinite(value) for value in values):
-        raise SceneError(f"<{element.tag}>{text}</{element.tag}> should hold {count} numbers: mend the world file.")
+        raise SceneError(f"<{element.tag}>{text}</{element.tag}> should hold {count} numbers: fix the world file.")
     return values[:count]
 
 
@@ -78,7 +78,7 @@ def quaternion_matrix(wxyz: tuple[float, float, float, float]) -> Float64[np.nda
     """
     length = math.sqrt(sum(value * value for value in wxyz))
     if not (math.isfinite(length) and length > 1e-9):
-        raise SceneError(f"The quaternion {wxyz} is no rotation: mend it in the source.")
+        raise SceneError(f"The quaternion {wxyz} is no rotation: fix it in the source.")
     w, x, y, z = (value / length for value in wxyz)
     return np.array(
         [
@@ -134,11 +134,11 @@ class Scope:
         child = self._framed.get(first)
         where = f"{self.element.tag} {self.element.get('name', '')!r}"
         if child is None:
-            raise SceneError(f"A pose in {where} is relative to {name!r}, which is not there: mend the world file.")
+            raise SceneError(f"A pose in {where} is relative to {name!r}, which is not there: fix the world file.")
         if rest:
             return self.inner(child).frame(rest)
         if name in self._open:
-            raise SceneError(f"The poses in {where} go round in a circle at {name!r}: mend the world file.")
+            raise SceneError(f"The poses in {where} go round in a circle at {name!r}: fix the world file.")
         self._open.append(name)
         self._poses[name] = self._place(child)
         self._open.pop()

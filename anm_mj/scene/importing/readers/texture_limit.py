@@ -65,15 +65,15 @@ def _texels(submeshes: list[Submesh], side: int) -> int:
 
 
 def _fewest(submeshes: list[Submesh]) -> list[Submesh]:
-    """Submeshes with at most MAX_TEXTURES looks that need a texture."""
+    """Submeshes with at most MAX_TEXTURES materials that need a texture."""
     area_m2: dict[tuple[int, tuple[float, float, float]], float] = {}
     for submesh in submeshes:
         if submesh.texture is not None:
-            look = (id(submesh.texture), submesh.rgb)
-            area_m2[look] = area_m2.get(look, 0.0) + float(areas(submesh.vertices_m[submesh.faces]).sum())
+            material = (id(submesh.texture), submesh.rgb)
+            area_m2[material] = area_m2.get(material, 0.0) + float(areas(submesh.vertices_m[submesh.faces]).sum())
     if len(area_m2) <= MAX_TEXTURES:
         return submeshes
-    kept = set(sorted(area_m2, key=lambda look: -area_m2[look])[:MAX_TEXTURES])
+    kept = set(sorted(area_m2, key=lambda material: -area_m2[material])[:MAX_TEXTURES])
     _logger.warning(
         "the scene has %d textures, but at most %d can be drawn: the %d on the least surface became plain colours",
         len(area_m2),

@@ -94,5 +94,5 @@ def _numbers(text: str, count: int) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) < count:
-        raise SceneError(f"{text!r} should be {count} numbers: mend the URDF file.")
+        raise SceneError(f"{text!r} should be {count} numbers: fix the URDF file.")
     return values
