@@ -13,7 +13,7 @@ from anm_mj.cli.scene_check import add_check
 
 def add_scene(commands: Any) -> None:
     """Add ``scene`` and its actions to the commands of the program."""
-    scene = commands.add_parser("scene", help="import scenes and list them")
+    scene = commands.add_parser("scene", help="import, generate, check and list scenes")
     actions = scene.add_subparsers(required=True, metavar="ACTION")
     imported = actions.add_parser(
         "import", help="turn a mesh, a Gazebo world, a scan or a floor plan into a scene folder"
@@ -24,10 +24,10 @@ def add_scene(commands: Any) -> None:
         "--format",
         "--kind",
         default="auto",
-        help="what SRC is: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, floorplan, mesh",
+        help="format of SRC: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, floorplan, mesh",
     )
     imported.add_argument(
-        "--up", choices=("x", "y", "z", "auto"), default="auto", help="axis that points up in SRC (default: found)"
+        "--up", choices=("x", "y", "z", "auto"), default="auto", help="axis of SRC that points up (default: found)"
     )
     imported.add_argument("--scale", type=float, help="metres per unit of SRC (default: found from its size)")
     imported.add_argument("--name", help="name of the scene (default: the file's)")
@@ -43,12 +43,12 @@ def add_scene(commands: Any) -> None:
     )
     imported.add_argument("--no-furniture", action="store_true", help="leave the rooms of a floor plan empty")
     imported.set_defaults(command=_scene_import)
-    generated = actions.add_parser("generate", help="make a furnished building out of nothing")
+    generated = actions.add_parser("generate", help="generate a furnished building")
     generated.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
-    generated.add_argument("--rooms", type=int, default=5, help="number of rooms, corridors counted (default: 5)")
-    generated.add_argument("--seed", type=int, default=0, help="which of the buildings of this size (default: 0)")
+    generated.add_argument("--rooms", type=int, default=5, help="number of rooms, corridors included (default: 5)")
+    generated.add_argument("--seed", type=int, default=0, help="seed of the generator (default: 0)")
     generated.add_argument(
-        "--kind", choices=("apartment", "office"), default="apartment", help="what it is for (default: apartment)"
+        "--kind", choices=("apartment", "office"), default="apartment", help="type of building (default: apartment)"
     )
     generated.add_argument("--name", help="name of the scene (default: the folder's)")
     generated.set_defaults(command=_scene_generate)
@@ -76,13 +76,10 @@ def _scene_import(parsed: argparse.Namespace) -> int:
     size = scene.bounds_m[1] - scene.bounds_m[0]
     start = scene.starts[0]
     rooms = "" if scene.rooms is None else f"{scene.rooms} room{'s' * (scene.rooms > 1)}, "
-    Console().print(
+    return _say(
         f"{scene.name}: {rooms}{scene.num_triangles} triangles, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} m, "
-        f"start {start.x_m:.2f},{start.y_m:.2f}. Explore it: anm-mj explore {parsed.out}",
-        highlight=False,
-        soft_wrap=True,
+        f"start {start.x_m:.2f},{start.y_m:.2f}. Explore it: anm-mj explore {parsed.out}"
     )
-    return 0
 
 
 def _scene_generate(parsed: argparse.Namespace) -> int:
@@ -92,12 +89,15 @@ def _scene_generate(parsed: argparse.Namespace) -> int:
     scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name)
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
-    Console().print(
+    return _say(
         f"{scene.name}: {scene.rooms} rooms, {size[0]:.1f} x {size[1]:.1f} m, {scene.num_triangles} triangles. "
-        f"Explore it: anm-mj explore {parsed.out}",
-        highlight=False,
-        soft_wrap=True,
+        f"Explore it: anm-mj explore {parsed.out}"
     )
+
+
+def _say(sentence: str) -> int:
+    """Print what was made; the exit status of success."""
+    Console().print(sentence, highlight=False, soft_wrap=True)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""``anm-mj scene check``: whether a robot can use a scene, and what is in it."""
+"""``anm-mj scene check``: checks whether the robot can use a scene, and describes the scene."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 UNUSABLE = 1
 """Exit status when a robot cannot use the scene."""
 _MAX_ONE_SIDED = 0.001
-"""With more of the picture changed by leaving out what is seen from behind, nothing is left out."""
+"""Back-face culling is disabled where it changes more than this share of the pixels."""
 
 
 def add_check(actions: Any) -> None:
     """Add ``check`` to the actions of ``scene``."""
-    check = actions.add_parser("check", help="say whether the robot can use a scene, and draw a contact sheet")
+    check = actions.add_parser("check", help="check whether the robot can use a scene, and draw a contact sheet")
     check.add_argument("scene", metavar="SCENE", help="name from the catalogue or a scene folder")
     check.add_argument(
-        "--out", type=Path, metavar="PNG", help="contact sheet (default: SCENE_check.png where the command is given)"
+        "--out", type=Path, metavar="PNG", help="contact sheet (default: SCENE_check.png in the current folder)"
     )
     check.set_defaults(command=_scene_check)
 
@@ -74,7 +74,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
 
 
 def describe(check: SceneCheck) -> list[str]:
-    """What was found, a line each."""
+    """One line per finding."""
     scene = check.scene
     size = scene.bounds_m[1] - scene.bounds_m[0]
     megapixels = sum(width * height for width, height in check.texture_sizes_px) / 1e6
@@ -113,7 +113,7 @@ def describe(check: SceneCheck) -> list[str]:
 
 
 def _poses(check: SceneCheck) -> tuple[Pose2, ...]:
-    """Ten places to look from: the starts, and the starts again turned about; else the middle of the scene."""
+    """Ten camera poses: the starts, and the starts turned; without starts the middle of the scene."""
     from anm_mj.frames import move_pose
     from anm_mj.types import Pose2
 

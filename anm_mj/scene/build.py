@@ -1,4 +1,4 @@
-"""Puts a scene and a robot together into one MuJoCo model."""
+"""Builds the MuJoCo model of a scene and a robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def build_spec(scene: Scene) -> mujoco.MjSpec:
-    """The scene, not yet compiled; the meshes of large scenes are cut into pieces.
+    """The uncompiled scene; meshes of large scenes are cut into chunks.
 
     Raises:
         SceneError: if scene.xml, or a mesh to be cut, cannot be read.
@@ -32,7 +32,7 @@ def build_spec(scene: Scene) -> mujoco.MjSpec:
 
 
 def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
-    """The compiled model of a scene's spec, with whatever has been added to it.
+    """Compile the spec of a scene, including whatever was added to it.
 
     Raises:
         SceneError: if an asset is missing or damaged.
@@ -51,20 +51,20 @@ def build_model(
     robot_hash: str = "",
     prefix: str = "robot/",
 ) -> mujoco.MjModel:
-    """The compiled model of a scene and, if given, a robot attached at the world's origin.
+    """The compiled model of a scene, with a robot attached at the origin if one is given.
 
-    Models of large scenes are kept in the user's cache folder (:mod:`anm_mj.scene.model_cache`).
+    The user's cache folder keeps models of large scenes (:mod:`anm_mj.scene.model_cache`).
 
     Args:
         scene: the world.
-        robot: one root body; its joint (a free joint, or planar ones) is taken as it is. It is copied.
-        robot_name: what messages call it.
-        robot_hash: says which robot it is; two robots with one hash are taken for the same.
-        prefix: comes before the name of every element of the robot.
+        robot: one root body with a free joint or planar joints; it is copied.
+        robot_name: its name in messages.
+        robot_hash: identifies the robot in the cache.
+        prefix: prepended to the name of every element of the robot.
 
     Raises:
         SceneError: if the scene cannot be read or compiled.
-        RobotError: if the scene can be compiled alone, but not with the robot.
+        RobotError: if the scene compiles alone, but not with the robot.
     """
 
     def compiled() -> mujoco.MjModel:
@@ -72,7 +72,7 @@ def build_model(
         if robot is None:
             return compile_scene(spec, scene)
         try:
-            # MjSpec takes what is attached for its own, so the caller keeps the original.
+            # Attaching hands the robot over to the spec; the copy leaves the caller the original.
             spec.attach(robot.copy(), prefix=prefix, frame=spec.worldbody.add_frame())
             return spec.compile()
         except ValueError as err:
@@ -83,7 +83,7 @@ def build_model(
         import mujoco
 
         model = compiled()
-        # MuJoCo keeps every decoded texture for the next compilation of the same scene, of which there is none.
+        # MuJoCo caches every decoded texture for another compilation, which does not come.
         mujoco.mj_clearCache(mujoco.mj_getCache())
         malloc_trim()
         return model

@@ -1,4 +1,4 @@
-"""Which scenes there are."""
+"""Lists the available scenes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _logger = logging.getLogger(__name__)
 
 
 def list_scenes() -> list[Scene]:
-    """All scenes that can be named, by name: the project's own, the user's, imported ones, those in this folder.
+    """All scenes that have a name, sorted: builtin, the user's, imported ones, and those in the current folder.
 
-    A scene of the current folder hides others of the same folder name, as it does when it is named. A folder that
-    cannot be read is reported in the log and left out.
+    A scene of the current folder hides others of the same folder name, as in :func:`load_scene`. A folder that cannot
+    be read is logged and left out.
     """
     folders = known_scenes() | {folder.name: folder for folder in scene_folders(Path.cwd())}
     scenes = []

@@ -1,4 +1,4 @@
-"""Whether a robot can use a scene, and what there is in it."""
+"""Checks whether a robot can use a scene, and measures its rooms, doors and textures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MIN_HOLE_M2 = 0.02
 
 @dataclass(frozen=True, eq=False)
 class SceneCheck:
-    """What a check has found."""
+    """Findings of a check."""
 
     scene: Scene
     footprint: Footprint
@@ -36,15 +36,15 @@ class SceneCheck:
     """None if the robot can stand nowhere."""
     plan: RoomPlan | None = None
     holes: tuple[tuple[float, float, float], ...] = ()
-    """x [m], y [m] and area [m2] of places where the robot could drive but for the floor that is missing."""
+    """x [m], y [m] and area [m2] of holes in the floor that are wide enough for the robot."""
     clear_starts: tuple[Pose2, ...] = ()
     blocked_starts: tuple[Pose2, ...] = ()
     problems: tuple[str, ...] = ()
-    """Why a robot cannot use the scene, one sentence each; none if it can."""
+    """Reasons why the robot cannot use the scene, a sentence each."""
 
 
 def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
-    """Look at floor, rooms and starts of a scene.
+    """Check floor, textures, rooms and starts of a scene.
 
     Raises:
         SceneError: if the scene's geometry or a texture cannot be read.
@@ -86,11 +86,11 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
 def _holes(
     triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea, footprint: Footprint
 ) -> tuple[tuple[float, float, float], ...]:
-    """Gaps in the floor that are enclosed by floor and walls and wide enough for the robot to drive into."""
+    """Gaps in the floor, enclosed by floor and walls, that the robot could drive into."""
     grid = area.grid
     floor = floor_cells(triangles_m, grid, closing_cells=2)
     blocked = rasterise(clip_to_slab(triangles_m, footprint.z_min_m, footprint.z_max_m), grid)
-    # Behind the faces of a hollow wall there is no floor either, but no room for a robot.
+    # Hollow walls have no floor inside either, but no robot fits there.
     roomy = distance_cells(~blocked) * grid.resolution_m >= footprint.radius_m
     gaps, num = label_components(~floor & ~blocked)
     found = []
@@ -105,7 +105,7 @@ def _holes(
 
 
 def disable_backface_culling(scene: Scene) -> bool:
-    """Write into scene.toml that triangles seen from behind are to be drawn; False if it already says so.
+    """Set ``cull_face = false`` in scene.toml, so that both sides are drawn; False if it is set already.
 
     Raises:
         SceneError: if the file cannot be written.

@@ -1,4 +1,4 @@
-"""The contact sheet of a checked scene: from above, its rooms and doors, and six views from within."""
+"""The contact sheet of a checked scene: a view from above, rooms and doors, and six views from inside."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def write_sheet(
     """Write a PNG.
 
     Args:
-        check: what was found.
-        above: the scene from above, as the robot's world has it: x to the right, y up.
-        views: from within; the first six are shown.
+        check: the findings.
+        above: the scene from above, x to the right, y up.
+        views: from inside; the first six are shown.
         out: the file.
 
     Raises:
@@ -52,7 +52,7 @@ def write_sheet(
 
 
 def _draw_plan(axes, check: SceneCheck) -> None:
-    """Rooms in colours, where the robot may stand in full strength, doors with their width, starts."""
+    """Rooms in colour, saturated where the robot can stand; doors with their widths; starts."""
     axes.set_title("rooms and doors (pale: the robot cannot stand there)")
     axes.set_aspect("equal")
     if check.area is None or check.plan is None:

@@ -1,6 +1,6 @@
-"""Cuts the scene's meshes into pieces of about two metres, so that a camera need not draw what lies behind it.
+"""Cuts the meshes of a scene into chunks of about two metres, so that a camera can skip those outside its view.
 
-The pieces take the place of the meshes in the model only; the scene folder keeps its meshes whole.
+Only the model holds chunks; the scene folder keeps whole meshes.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     import mujoco
 
 MIN_TRIANGLES = 100_000
-"""Smaller scenes are drawn so fast that choosing what to draw would not pay."""
+"""Smaller scenes render too fast for culling to pay."""
 CHUNK_M = 2.0
-"""Side of the cells that meshes are cut along [m]: smaller ones cost more calls than they save triangles."""
+"""Side of a chunk [m]; smaller chunks cost more draw calls than they save triangles."""
 MIN_FACES = 256
-"""Meshes with fewer triangles are left whole: drawing them costs less than asking whether to."""
+"""Meshes with fewer triangles stay whole: drawing them costs less than testing them."""
 
 
 def cut_into_chunks(spec: mujoco.MjSpec) -> None:
-    """Replace the visual meshes of a scene by pieces, one for each cell that holds triangles of it.
+    """Replace every visual mesh by one chunk per cell that holds triangles of it.
 
-    A triangle belongs to the cell of its centre, so that each is drawn once and pieces stick out of their cells a
-    little.
+    A triangle belongs to the cell of its centre. Each triangle is drawn once, and chunks reach a little beyond their
+    cells.
 
     Raises:
         OSError: if a mesh file cannot be read.
@@ -68,7 +68,7 @@ def _add_chunk(
     uv: Float32[np.ndarray, "w 2"],
     faces: Int32[np.ndarray, "f 3"],
 ) -> None:
-    """Add a mesh of some of the faces, and a geom like those of the class "visual" that shows it."""
+    """Add a mesh of these faces, and a geom with the settings of the class "visual"."""
     import mujoco
 
     used, compact = np.unique(faces, return_inverse=True)

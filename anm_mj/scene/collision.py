@@ -1,8 +1,8 @@
-"""What the robot bumps into: merged boxes over the footprint of everything between ankle and head height.
+"""Collision geometry: merged boxes over the outline of everything at body height.
 
-The robot is an upright cylinder that sweeps its full height wherever it goes, so for it a table is as solid as its
-outline: one slice through all body heights says all there is to say, and layers of boxes would only cost time. The
-slice is taken from the exact triangles (no convex hulls, which close doorways; no simplification, which loses legs).
+The robot is an upright cylinder that sweeps its full height, so a table blocks it as far as its outline reaches. One
+slice through all body heights therefore suffices. The slice is taken from the exact triangles: convex hulls would
+close doorways, and simplification would lose table legs.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from anm_mj.scene.raster import (
 )
 
 SLICE_Z_MIN_M = 0.05
-"""What is lower (rugs, thresholds) passes below the robot's shell [m]."""
+"""Lower geometry (rugs, thresholds) passes below the shell of the robot [m]."""
 SLICE_Z_MAX_M = 1.4
-"""What is higher (lamps, lintels) is driven under; a little above the robot's top [m]."""
+"""Higher geometry (lamps, lintels) is no obstacle; a little above the top of the robot [m]."""
 RESOLUTION_M = 0.025
-"""Cell size of the slice: half of the thinnest wall or table leg that is common indoors [m]."""
+"""Cell size of the slice: half the thickness of common thin walls and table legs [m]."""
 POCKET_RADIUS_M = 0.1
-"""Free pockets in which no disc of this radius fits are filled, so that a hollow wall or cupboard is one box [m]."""
+"""Enclosed free pockets too small for a disc of this radius are filled: a hollow wall becomes one box [m]."""
 
 
 def collision_boxes(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "n 4"]:
     """Rectangles x_min, y_min, x_max, y_max [m] that cover all triangles between SLICE_Z_MIN_M and SLICE_Z_MAX_M.
 
-    Surfaces come out at most one cell too thick, never too thin.
+    Surfaces become at most one cell too thick, never too thin.
     """
     polygons = clip_to_slab(triangles_m, SLICE_Z_MIN_M, SLICE_Z_MAX_M)
     if not len(polygons):
@@ -45,11 +45,11 @@ def collision_boxes(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarr
 
 
 def fill_pockets(occupied: Bool[np.ndarray, "rows cols"], radius_cells: float) -> Bool[np.ndarray, "rows cols"]:
-    """The same cells and all closed free pockets that hold no disc of the given radius [cells]."""
+    """The occupied cells, and all enclosed free pockets too small for a disc of the radius [cells]."""
     free, num = label_components(~occupied)
     if not num:
         return occupied
-    # The border counts as free, so that the outside is never taken for a pocket.
+    # The border counts as free: the outside is no pocket.
     distance = distance_cells(np.pad(~occupied, 1, constant_values=True))[1:-1, 1:-1]
     widest = np.asarray(ndimage.maximum(distance, free, index=np.arange(num + 1)))
     pocket = widest < radius_cells

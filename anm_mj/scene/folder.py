@@ -1,4 +1,4 @@
-"""The scene folder: what every other stage knows about a scene.
+"""The scene folder, the only form in which other stages see a scene.
 
 scene.toml     name, licence, source, how axes and units were found, bounds, start poses, hash
 scene.xml      MJCF that MuJoCo loads by itself
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     import trimesh
 
 TOML, XML, ASSETS, GEOMETRY = "scene.toml", "scene.xml", "assets", "geometry.npz"
-"""Names of what a scene folder holds."""
+"""Entries of a scene folder."""
 INDEX = "imported.txt"
-"""File in the user's scenes folder that lists scenes elsewhere, one path a line."""
+"""File in the user's scenes folder that lists scenes elsewhere, one path per line."""
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene folder, read; the geometry is loaded when asked for."""
+    """A scene folder; the geometry is loaded on demand."""
 
     name: str
     folder: Path
@@ -47,16 +47,16 @@ class Scene:
     """Smallest and largest world x, y, z of the geometry [m]; the floor is at z = 0."""
     num_triangles: int
     starts: tuple[Pose2, ...]
-    """Poses that are clear and reach most of the floor, far from one another."""
+    """Clear poses, far apart, that reach most of the floor."""
     has_ceiling: bool
     cull_face: bool
-    """True if the renderer may leave out triangles seen from behind without opening a wall."""
+    """True if back-face culling opens no wall."""
     licence: str
     source: str
-    """Where the geometry came from: a file, or the generator that made it."""
+    """Origin of the geometry: a file, or the command that generated it."""
     rooms: int | None
     budget_steps: int | None
-    """Number of steps a run should get here, or None where the scene has no opinion."""
+    """Default number of steps of a run, or None."""
     hash: str
     """sha256 over geometry, texture coordinates, colours and textures."""
 
@@ -89,7 +89,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
         SceneError: if there is no such scene, or the folder is not a complete scene folder.
     """
     path = Path(name_or_path)
-    # A folder beside the user that merely has a scene's name, as /home has, is no reason to pass the catalogue by.
+    # A folder that merely shares its name with a scene, as /home does, does not hide the scene.
     if isinstance(name_or_path, str) and path.name == name_or_path and not os.path.isfile(path / TOML):
         known = known_scenes()
         if name_or_path not in known and os.path.isdir(path):
@@ -105,17 +105,17 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 
 def known_scenes() -> dict[str, Path]:
-    """The folders of all scenes that can be named, wherever the user stands.
+    """Folders of all scenes that have a name, independent of the current folder.
 
-    Of scenes with the same folder name, one in the user's scenes folder comes before one of the project, and that
-    before one that was imported to some other place.
+    Of scenes with the same folder name, the user's scenes folder comes first, then the builtin scenes, then scenes
+    imported elsewhere.
     """
     folders = [*remembered_folders(), *(folder for root in scene_roots() for folder in scene_folders(root))]
     return {folder.name: folder for folder in folders}
 
 
 def scene_roots() -> list[Path]:
-    """Folders whose subfolders are scenes: the project's own, then the user's."""
+    """Folders whose subfolders are scenes: the builtin ones, then the user's."""
     return [Path(__file__).resolve().parents[2] / "scenes", _user_root()]
 
 
@@ -126,7 +126,7 @@ def _user_root() -> Path:
 
 
 def remembered_folders() -> list[Path]:
-    """Scene folders that were made elsewhere and are still there, the latest last; none if that cannot be read."""
+    """Existing scene folders that were made elsewhere, the latest last; none if the list cannot be read."""
     try:
         lines = (_user_root() / INDEX).read_text(encoding="utf-8").splitlines()
         return [Path(line) for line in lines if line and (Path(line) / TOML).is_file()]
@@ -135,10 +135,10 @@ def remembered_folders() -> list[Path]:
 
 
 def remember_folder(folder: Path) -> None:
-    """Note where a scene was made, so that it can be named from anywhere.
+    """Record the place of a scene, so that its name works from everywhere.
 
-    What lies in the system's temporary folder is not noted. A note that cannot be written is no reason to fail: the
-    scene can still be given by its path.
+    Folders below the system's temporary folder are not recorded. Failure to write the record is logged only: the path
+    of the scene still works.
     """
     folder = folder.resolve()
     root, temporary = _user_root(), Path(tempfile.gettempdir()).resolve()
@@ -149,7 +149,7 @@ def remember_folder(folder: Path) -> None:
         root.mkdir(parents=True, exist_ok=True)
         (root / INDEX).write_text("".join(f"{place}\n" for place in [*kept, folder]), encoding="utf-8")
     except OSError as err:
-        _logger.info("%s is not noted among the scenes (%s)", folder, err.strerror)
+        _logger.info("%s is not recorded among the scenes (%s)", folder, err.strerror)
 
 
 def scene_folders(root: Path) -> list[Path]:
@@ -213,7 +213,7 @@ def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
 
 @functools.lru_cache(maxsize=4)
 def _read_geometry(path: Path, content_hash: str) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-    """Vertices and faces of a geometry.npz; the hash is there so that a scene imported anew is read anew."""
+    """Vertices and faces of a geometry.npz; the hash invalidates the cache when a scene is imported again."""
     del content_hash
     try:
         with path.open("rb") as file, np.load(file) as arrays:

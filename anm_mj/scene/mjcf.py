@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, Integer
 
 VISUAL_GROUP = 2
-"""Geom group of what the camera sees."""
+"""Geom group that the camera sees."""
 COLLISION_GROUP = 3
-"""Geom group of what the robot bumps into: boxes and the floor plane, hidden from the camera."""
+"""Geom group that the robot collides with: boxes and the floor plane, hidden from the camera."""
 BOX_TOP_M = 1.5
-"""Height of the collision boxes: a little above what the slice they stand for reaches to [m]."""
+"""Height of the collision boxes: a little above the slice that they cover [m]."""
 ZNEAR_M = 0.02
 MIN_VERTICES = 4
-"""MuJoCo refuses meshes with fewer."""
+"""Fewest vertices of a MuJoCo mesh."""
 _MIN_ZFAR_M = 100.0
 
 
@@ -37,8 +37,8 @@ def scene_mjcf(
 ) -> str:
     """MJCF text of a scene whose assets lie in ``assets/``.
 
-    The headlight's ambient light of 1 and no other light show the textures' own colours, which is right for scans with
-    baked light and leaves nothing to tune. With extent 1, znear and zfar are metres.
+    A headlight of ambient 1 as the only light shows textures in their stored colours, as scans with baked light need.
+    With extent 1, znear and zfar are in metres.
     """
     root = ET.Element("mujoco", model=name)
     ET.SubElement(root, "compiler", angle="radian", meshdir="assets", texturedir="assets", autolimits="true")
@@ -83,7 +83,7 @@ def scene_mjcf(
 
 
 def _numbers(values: Float[np.ndarray, " n"] | tuple[float, ...]) -> str:
-    """Numbers as MJCF writes them, to a tenth of a millimetre."""
+    """Numbers of MJCF, rounded to a hundredth of a millimetre."""
     return " ".join(f"{round(float(value), 5):g}" for value in values)
 
 
@@ -95,7 +95,7 @@ def write_msh(
 ) -> None:
     """Write a mesh in MuJoCo's binary format, which loads several times as fast as .obj.
 
-    A mesh of MuJoCo's has four vertices at least: what has fewer gets one of its own again.
+    MuJoCo needs at least four vertices: a smaller mesh repeats its last one.
 
     Layout: four int32 counts (vertices, normals, texture coordinates, faces), then float32 vertices, texture
     coordinates (v down) and int32 faces.
@@ -115,7 +115,7 @@ def write_msh(
 def read_msh(
     path: Path,
 ) -> tuple[Float32[np.ndarray, "v 3"], Float32[np.ndarray, "w 2"], Int32[np.ndarray, "f 3"]]:
-    """Vertices, texture coordinates (v down; none, or one for each vertex) and faces of a file of ``write_msh``.
+    """Read a file of ``write_msh``: vertices, texture coordinates (v down; none, or one per vertex) and faces.
 
     Raises:
         OSError: if the file cannot be read.
@@ -133,5 +133,5 @@ def read_msh(
 
 
 def _v_down(uv: Float[np.ndarray, "v 2"]) -> Float32[np.ndarray, "v 2"]:
-    """Texture coordinates with v = 0 at the top row of the image, as MuJoCo has it."""
+    """Texture coordinates with v = 0 at the top row of the image, as in MuJoCo."""
     return np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1).astype("<f4")

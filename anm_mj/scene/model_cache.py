@@ -1,8 +1,8 @@
-"""Keeps compiled models of large scenes, which take seconds to compile and a few tenths of a second to load.
+"""Caches compiled models of large scenes, which take seconds to compile and tenths of a second to load.
 
-The files lie in the user's cache folder and may be deleted at any time. A model is found by everything it was made
-from, MuJoCo's version included, because its binary format changes with every release. A file that does not match the
-checksum in its name is ignored and made anew.
+The files lie in the user's cache folder and may be deleted at any time. The key covers every input of the model and
+MuJoCo's version, whose binary format changes with every release. A file that does not match the checksum in its name
+is ignored and written anew.
 """
 
 from __future__ import annotations
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
 _logger = logging.getLogger(__name__)
 
 CONVERTER_VERSION = 2
-"""Counts the ways in which scene folders were made into models: to be raised with every change of ``scene.build`` and
-``scene.chunks`` that changes what they make."""
+"""Version of the conversion: raise it when ``scene.build`` or ``scene.chunks`` begin to build other models."""
 MIN_TRIANGLES = 100_000
-"""Smaller scenes compile in about a second or less and are not kept (the file would be some hundred megabytes)."""
+"""Smaller scenes compile within about a second and are not cached (a file has some hundred megabytes)."""
 MAX_MODELS = 4
-"""Only so many models are kept, those used last."""
+"""Number of models that are kept, the most recently used."""
 
 
 def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[], mujoco.MjModel]) -> mujoco.MjModel:

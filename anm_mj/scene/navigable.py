@@ -1,4 +1,4 @@
-"""Where the robot may stand: floor below, nothing in the way, and a way to get there."""
+"""Where the robot can stand: on the floor, clear of obstacles, and connected to the rest of the floor."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 RESOLUTION_M = 0.025
 """Cell size of the grid of standing places [m]."""
 FLOOR_TOLERANCE_M = 0.06
-"""How far the floor may lie above or below z = 0 [m]."""
+"""Largest distance of the floor from z = 0 [m]."""
 DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
-"""The robot that start poses are chosen for."""
+"""Start poses are chosen for a robot of this size."""
 _START_MARGIN_M = 0.12
-"""Start poses keep this much more distance than they need, where the scene has such places [m]."""
+"""Extra clearance of start poses, where the scene has room for it [m]."""
 _NUM_STARTS = 8
 _MIN_AREA_M2 = 0.5
-"""A scene with less room to move was misread, or is no place for a robot [m2]."""
+"""A scene with less room was misread, or is too small for a robot [m2]."""
 
 
 @dataclass(frozen=True, eq=False)
 class NavigableArea:
-    """Standing places of a cylinder on the floor, on a grid."""
+    """Places on the floor where a cylinder can stand, on a grid."""
 
     grid: Grid
     clearance_m: Float32[np.ndarray, "rows cols"]
@@ -58,12 +58,12 @@ class NavigableArea:
 
 
 def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint) -> NavigableArea:
-    """Where an upright cylinder may stand on a floor at z = 0 among triangles in the world.
+    """Where an upright cylinder can stand on a floor at z = 0 among triangles in the world.
 
-    Distances are taken between cell centres, so they are good to one cell; see :func:`is_clear` for exact ones.
+    Distances between cell centres are exact to one cell; :func:`is_clear` is exact.
 
     Raises:
-        SceneError: if there is next to no such place.
+        SceneError: if there is hardly such a place.
     """
     grid = grid_over(triangles_m, RESOLUTION_M, 2 * RESOLUTION_M)
     blocked = rasterise(clip_to_slab(triangles_m, footprint.z_min_m, footprint.z_max_m), grid)
@@ -81,7 +81,7 @@ def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint
         )
     rank = np.zeros(num + 1, dtype=np.int64)
     rank[np.argsort(-sizes, kind="stable")[:num]] = np.arange(1, num + 1)
-    # A robot beside the edge of the floor has nothing to fall from in a building, but starts should keep away from it.
+    # A robot can drive along the edge of the floor, but starts should keep away from it.
     to_edge = (distance_cells(floor) * grid.resolution_m).astype(np.float32)
     return NavigableArea(grid, np.minimum(clearance, to_edge), rank[labels])
 
@@ -95,10 +95,9 @@ def floor_cells(
 
 
 def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STARTS) -> tuple[Pose2, ...]:
-    """Start poses in the largest component, each as far from the others as can be, looking along the longest view.
+    """Start poses in the largest component, by farthest-point sampling, facing the longest free line of sight.
 
-    The first stands nearest to the middle of the floor, so that it suits as the default; the others follow by
-    farthest-point sampling.
+    The first, the default, is nearest to the middle of the floor.
     """
     reachable = area.component == 1
     roomy = reachable & (area.clearance_m >= footprint.radius_m + _START_MARGIN_M)
@@ -114,7 +113,7 @@ def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STA
 
 
 def _start_at(area: NavigableArea, free: Bool[np.ndarray, "rows cols"], row: int, col: int) -> Pose2:
-    """The pose at a cell that looks along the longest run of free cells, out of 24 directions."""
+    """The pose at a cell that faces the longest run of free cells, of 24 directions."""
     reach = np.arange(1, max(free.shape) + 1)
     best_yaw_deg, best_run = 0, -1
     for yaw_deg in range(0, 360, 15):
@@ -136,7 +135,7 @@ def scene_area(scene: Scene, footprint: Footprint) -> NavigableArea:
     """Where a robot may stand in a scene; computed once per scene and footprint.
 
     Raises:
-        SceneError: if there is next to no such place.
+        SceneError: if there is hardly such a place.
     """
     vertices, faces = scene.triangles()
     return navigable_area(vertices[faces], footprint)
@@ -161,7 +160,7 @@ def is_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> bool:
 
 
 def require_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> None:
-    """Accept a start pose, or say where the nearest one is.
+    """Accept a start pose, or raise an error that names the nearest one.
 
     Raises:
         SceneError: if the robot does not fit at the pose, or there is no floor below it.

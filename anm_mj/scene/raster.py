@@ -1,8 +1,7 @@
-"""Triangles of a height range, seen from above: exact clipped polygons, and the grid cells they touch.
+"""Triangles of a height range seen from above: exact clipped polygons, and the grid cells that they touch.
 
-All triangles are clipped at once to the slab z_min..z_max, which leaves convex polygons of at most five corners. A
-polygon covers, in each grid row it crosses, one run of cells, whose ends follow from its edges. So a scene of half a
-million triangles needs no loop over triangles and no test per cell.
+Clipping to the slab z_min..z_max leaves convex polygons of at most five corners. In each grid row a polygon covers one
+run of cells, whose ends follow from its edges. No loop over triangles and no test per cell is needed.
 """
 
 from __future__ import annotations
@@ -11,13 +10,14 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int, Real
+from jaxtyping import Bool, Float, Float64, Int
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Where a two-dimensional grid lies; cells are indexed ``[row, col]``, row along world y and col along world x."""
+    """Place of a grid in the world; cells are indexed ``[row, col]``, row along world y and col along world x."""
 
     origin_xy_m: Float64[np.ndarray, "2"]
     """World x, y of the outer corner of cell [0, 0]."""
@@ -25,11 +25,9 @@ class Grid:
     rows: int
     cols: int
 
-    def centres_m(
-        self, rows: Real[np.ndarray, "*n"] | float, cols: Real[np.ndarray, "*n"] | float
-    ) -> Float64[np.ndarray, "*n 2"]:
+    def centres_m(self, rows: ArrayLike, cols: ArrayLike) -> Float64[np.ndarray, "*n 2"]:
         """World x, y of the centres of cells [m]; fractions of a cell are allowed."""
-        return self.origin_xy_m + (np.stack([cols, rows], axis=-1) + 0.5) * self.resolution_m
+        return self.origin_xy_m + (np.stack([np.asarray(cols), np.asarray(rows)], axis=-1) + 0.5) * self.resolution_m
 
 
 def grid_over(points_m: Float[np.ndarray, "*n d"], resolution_m: float, margin_m: float = 0.0) -> Grid:
@@ -50,8 +48,8 @@ def clip_to_slab(
 ) -> Float64[np.ndarray, "p 5 2"]:
     """The parts of triangles with z_min <= z <= z_max, as convex polygons in the plane [m].
 
-    Triangles outside the slab are dropped. Polygons with fewer than five corners repeat their last one; one of a
-    vertical triangle has no area.
+    Triangles outside the slab are dropped. Polygons with fewer than five corners repeat the last one; vertical
+    triangles give polygons without area.
     """
     z = triangles_m[:, :, 2]
     inside = triangles_m[(z.max(axis=1) >= z_min_m) & (z.min(axis=1) <= z_max_m)].astype(np.float64)
@@ -63,7 +61,7 @@ def clip_to_slab(
 
 
 def _clip(polygons: Float64[np.ndarray, "n k 3"], bound_m: float, sign: float) -> Float64[np.ndarray, "n l 3"]:
-    """Convex polygons cut by the plane z = bound; what has ``sign * (z - bound) >= 0`` is kept (Sutherland-Hodgman)."""
+    """Convex polygons clipped to ``sign * (z - bound) >= 0`` (Sutherland-Hodgman)."""
     num, corners = polygons.shape[:2]
     height = sign * (polygons[:, :, 2] - bound_m)
     following = np.roll(polygons, -1, axis=1)
@@ -83,7 +81,7 @@ def _clip(polygons: Float64[np.ndarray, "n k 3"], bound_m: float, sign: float) -
 
 
 def rasterise(polygons_m: Float64[np.ndarray, "p k 2"], grid: Grid) -> Bool[np.ndarray, "rows cols"]:
-    """True for every cell that a convex polygon touches; what lies outside the grid is left out."""
+    """True for every cell of the grid that a convex polygon touches."""
     in_cells = (polygons_m - grid.origin_xy_m) / grid.resolution_m
     x, y = in_cells[:, :, 0], in_cells[:, :, 1]
     first_row, last_row = _cells(y.min(axis=1)), _cells(y.max(axis=1))
@@ -147,7 +145,7 @@ def _fill_runs(
 
 
 def level_mask(triangles_m: Float[np.ndarray, "f 3 3"], min_cosine: float = 0.95) -> Bool[np.ndarray, " f"]:
-    """True for triangles that lie flat, whichever way they face: |cos| of the angle of their normal to z is enough."""
+    """True for level triangles, facing up or down: |cos| of the angle between normal and z is large enough."""
     normal = _normals(triangles_m)
     return np.abs(normal[:, 2]) >= min_cosine * np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
 
@@ -158,7 +156,7 @@ def areas(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, " f"]:
 
 
 def _normals(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "f 3"]:
-    """Normals of twice the area's length."""
+    """Normals; their length is twice the area."""
     corners = triangles_m.astype(np.float64)
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 

@@ -1,10 +1,10 @@
-"""Rooms and the doors between them, found on the plan of the walls.
+"""Room segmentation: rooms and the doors between them, from the plan of the walls.
 
-Above furniture and below lintels a slice shows little but walls. What the walls leave free is parted where it is
-narrow: around every local maximum of the distance to the walls a basin is grown (watershed), and basins are joined
-again unless the bottleneck between them is a door, that is, at most ``DOOR_MAX_M`` wide and clearly narrower than both.
+A slice above furniture and below lintels shows little but walls. A watershed of the distance to the walls splits the
+free floor into basins. Basins are joined unless the bottleneck between them is a door: at most ``DOOR_MAX_M`` wide and
+clearly narrower than both. :mod:`anm_mj.planning.rooms` does this on the Voronoi graph.
 
-Source of the idea: Bormann et al., "Room segmentation: survey, implementation, and analysis", ICRA 2016.
+After Bormann et al., "Room segmentation: survey, implementation, and analysis", ICRA 2016.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from anm_mj.scene.navigable import NavigableArea, floor_cells
 from anm_mj.scene.raster import clip_to_slab, distance_in_walls, label_components, rasterise
 
 WALL_SLICE_M = (1.5, 1.9)
-"""Heights between which the walls are looked for [m]."""
+"""Heights of the slice of walls [m]."""
 DOOR_MAX_M = 1.6
-"""What is wider is an opening within one room [m]."""
+"""Wider openings lie within one room [m]."""
 _DOOR_MIN_M = 0.3
-"""What is narrower is a slit [m]."""
+"""Narrower openings are slits [m]."""
 _NARROWING = 0.8
-"""A door is narrower than this share of the widest place of the smaller room."""
+"""A door is narrower than this share of the widest place of either room."""
 _MIN_ROOM_M2 = 1.5
-"""What is smaller is a niche of its neighbour [m2]."""
+"""Smaller areas are niches of their neighbour [m2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +36,10 @@ class Door:
 
     xy_m: Float64[np.ndarray, "2"]
     width_m: float
-    """Between the walls, to a cell of the grid [m]."""
+    """Width between the walls, exact to a cell [m]."""
     rooms: tuple[int, int]
     fits: bool
-    """Whether the robot can stand in it."""
+    """Whether the robot fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class RoomPlan:
 
 
 def find_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> RoomPlan:
-    """The rooms that a robot can reach from most of the floor, and the doors between them."""
+    """The rooms connected to most of the floor, and the doors between them."""
     from skimage.morphology import h_maxima
     from skimage.segmentation import watershed
 
@@ -131,7 +131,7 @@ def _without_niches(
 def _doors(
     room: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"], area: NavigableArea
 ) -> tuple[Door, ...]:
-    """Every piece of border between two rooms, if it is wide enough to be a door."""
+    """Every stretch of border between two rooms that is wide enough for a door."""
     doors = []
     for a, b in sorted(_bottlenecks(room, distance_m)):
         pieces, num = label_components(_beside(room == a, room == b))

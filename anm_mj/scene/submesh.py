@@ -1,4 +1,4 @@
-"""One drawable piece of a scene: triangles with one texture or one colour."""
+"""Submeshes: triangles of a scene that share one texture or colour."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from anm_mj.errors import SceneError
 class Submesh:
     """Triangles that share one material, in the world (z up, floor at z = 0) [m].
 
-    A submesh is drawn unlit: what the camera sees is the texture times ``rgb``, or ``rgb`` where there is no texture.
+    Submeshes are unlit: the camera sees the texture times ``rgb``, or ``rgb`` alone.
 
     Raises:
-        SceneError: if vertices are not finite, a face names a vertex that is not there, or a texture has no ``uv``.
+        SceneError: if vertices are not finite, a face index is out of range, or a texture has no ``uv``.
     """
 
     name: str
-    """For people: shows up in file and geom names, need not be unique."""
+    """Appears in file and geom names; need not be unique."""
     vertices_m: Float[np.ndarray, "v 3"]
     faces: Integer[np.ndarray, "f 3"]
     rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -54,7 +54,7 @@ def without_degenerate_faces(submesh: Submesh) -> Submesh | None:
     """The same submesh without faces of no area and vertices of no face; None when no face is left."""
     corners = submesh.vertices_m[submesh.faces].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # Below a square micrometre a face can neither be seen nor bumped into.
+    # Faces below a square micrometre neither show nor collide.
     faces = submesh.faces[np.linalg.norm(normals, axis=1) > 1e-12]
     if not len(faces):
         return None
@@ -92,8 +92,8 @@ def transformed(
 def merge_alike(submeshes: list[Submesh]) -> list[Submesh]:
     """Submeshes of equal colour and texture as one, in order of first appearance.
 
-    A world of hundreds of small objects is drawn and compiled several times as fast this way, and a renderer takes a
-    thousand textured materials at most.
+    Worlds of hundreds of small objects render and compile several times as fast, and the renderer takes at most a
+    thousand textured materials.
     """
     groups: dict[tuple[object, ...], list[Submesh]] = {}
     for submesh in submeshes:

@@ -1,4 +1,4 @@
-"""Writes scene folders: the one place that knows how submeshes become one, for imported and for generated scenes."""
+"""Writes scene folders, for imported and generated scenes."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from anm_mj.scene.submesh import Submesh, merge_geometry, without_degenerate_fac
 from anm_mj.types import Pose2
 
 _PNG_COMPRESSION = 3
-"""Four times as quick as Pillow's own choice, for files a few per cent larger."""
+"""Four times as fast as Pillow's default, with files a few per cent larger."""
 
 
 @dataclass(frozen=True)
 class SceneInfo:
-    """What the geometry itself does not say about a scene."""
+    """Facts about a scene beside its geometry."""
 
     name: str
     source: str
@@ -51,17 +51,17 @@ class SceneInfo:
     floor_removed_m: float = 0.0
     """Height of the source's floor, subtracted so that the floor is at z = 0 [m]."""
     rooms: int | None = None
-    """Number of rooms; None to count them, as far as walls and doors tell."""
+    """Number of rooms; None to count them by segmentation."""
     budget_steps: int | None = None
     cull_face: bool = False
-    """Whether the renderer may leave out triangles seen from behind. Off unless every surface is known to be closed or
-    two-sided: a one-sided wall seen from behind must not open the view into the next room."""
+    """Whether the renderer may cull back faces: only where every surface is closed or two-sided. Culling a one-sided
+    wall would open the view into the next room."""
 
 
 def write_scene(submeshes: list[Submesh], info: SceneInfo, out: Path, starts: tuple[Pose2, ...] | None = None) -> Scene:
     """Write a scene folder and read it back.
 
-    Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) are worked out
+    Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) follow
     from the submeshes. The folder appears at ``out`` complete or not at all; a scene folder already there is replaced.
 
     Args:

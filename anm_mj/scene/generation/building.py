@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64
 from shapely.geometry.polygon import orient
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.generation.furniture.wall import Wall
+from anm_mj.scene.generation.furniture.wall import Hole, Wall
 
 _TOUCH_M = 2e-3
 """Walls that run along one another within this distance are the two sides of an opening."""
@@ -50,16 +50,6 @@ class Passage:
 
 
 @dataclass(frozen=True)
-class WindowPlan:
-    """A window in the wall of a room, along the wall as seen from inside."""
-
-    start_m: float
-    end_m: float
-    z_low_m: float
-    z_high_m: float
-
-
-@dataclass(frozen=True)
 class GivenWindow:
     """A window of a floor plan, by the ends of its opening in the world."""
 
@@ -78,7 +68,7 @@ class RoomWall:
     """Stretches (start, end, door) of the wall that are open: a door up to its lintel, otherwise up to the ceiling."""
     outer: bool
     """True if no other room lies behind it."""
-    windows: tuple[WindowPlan, ...] = ()
+    windows: tuple[Hole, ...] = ()
 
     def solid(self, margin_m: float = 0.0) -> list[tuple[float, float]]:
         """Stretches of the wall between its gaps, each gap widened on both sides."""

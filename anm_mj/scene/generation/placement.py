@@ -7,8 +7,8 @@ import shapely
 from jaxtyping import Float64
 from shapely.geometry.base import BaseGeometry
 
-from anm_mj.scene.generation.building import RoomWall, WindowPlan
-from anm_mj.scene.generation.furniture.wall import Wall
+from anm_mj.scene.generation.building import RoomWall
+from anm_mj.scene.generation.furniture.wall import Hole, Wall
 from anm_mj.scene.generation.piece import Box, Piece, Placed, box_corners
 
 _DOOR_CLEAR_M = 0.75
@@ -74,7 +74,7 @@ class RoomSpace:
             self._hung.append((wall, along + x0, along + x1))
         return placed
 
-    def curtain(self, piece: Piece, wall: RoomWall, window: WindowPlan) -> Placed | None:
+    def curtain(self, piece: Piece, wall: RoomWall, window: Hole) -> Placed | None:
         """Hang curtains about a window unless something stands there."""
         middle = (window.start_m + window.end_m) / 2
         x0, _, x1, _ = piece.outline_m

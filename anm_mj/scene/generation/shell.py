@@ -120,8 +120,7 @@ def _add_wall(
     wall, ceiling_m = room_wall.wall, building.ceiling_m
     doors = [Hole(a, b, 0.0, building.door_height_m) for a, b, door in room_wall.gaps if door]
     wide = [Hole(a, b, 0.0, ceiling_m) for a, b, door in room_wall.gaps if not door]
-    windows = [Hole(w.start_m, w.end_m, w.z_low_m, w.z_high_m) for w in room_wall.windows]
-    for start, end, low, high in around_holes(wall.length_m, [*doors, *wide, *windows], ceiling_m):
+    for start, end, low, high in around_holes(wall.length_m, [*doors, *wide, *room_wall.windows], ceiling_m):
         if end - start > 1e-6 and high - low > 1e-6:
             surface.add(wall.upright(start, end, low, high, material))
     framed = [door for door in doors if door.start_m >= CASING_WIDTH_M and door.end_m <= wall.length_m - CASING_WIDTH_M]
@@ -136,7 +135,7 @@ def _add_wall(
     for start, end in zip(ends[::2], ends[1::2], strict=True):
         if end - start > 1e-6:
             surface.add(wall.block(start, end, 0.0, SKIRTING_HEIGHT_M, SKIRTING_DEPTH_M, trim, "-z +y"))
-    for k, hole in enumerate(windows):
+    for k, hole in enumerate(room_wall.windows):
         pane = view_outside(seed + k, hole.end_m - hole.start_m, hole.z_high_m - hole.z_low_m)
         for piece in niche(wall, hole, pane, trim):
             surface.add(piece)
