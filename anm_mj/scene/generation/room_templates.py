@@ -154,18 +154,12 @@ def _reception(area: float, s: Style, rng: np.random.Generator) -> Choices:
 
 def _laboratory(area: float, s: Style, rng: np.random.Generator) -> Choices:
     pieces = [office.laboratory_island(s, rng), office.laboratory_bench(s, rng), office.laboratory_bench(s, rng)]
-    pieces += [office.lockers(s), office.racks(s, rng), office.whiteboard(rng), home.cartons(rng), home.basket(s, rng)]
-    return pieces
+    rest = [office.lockers(s), office.racks(s, rng), office.whiteboard(rng), home.cartons(rng), home.basket(s, rng)]
+    return [*pieces, *rest]
 
 
 def _archive(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [
-        office.racks(s, rng),
-        office.racks(s, rng),
-        office.racks(s, rng),
-        office.filing(s, rng),
-        office.lockers(s),
-    ]
+    pieces = [*(office.racks(s, rng) for _ in range(3)), office.filing(s, rng), office.lockers(s)]
     return [*pieces, home.cartons(rng), home.cartons(rng), home.stool(s)]
 
 
