@@ -29,7 +29,7 @@ DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
 OPTIONS = ("policy", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
-"""Fields of ``RunConfig`` with an option of their own; the scene is the first argument."""
+"""Fields of ``RunConfig`` that have an option of their own; the scene is the first argument."""
 SMALL_SCENE_ROOMS = 5
 """Scenes up to this many rooms get 1000 steps, larger ones 2000, from 20 rooms on 10,000 (the paper's budgets)."""
 
@@ -55,17 +55,17 @@ class RunConfig:
     robot: str = DEFAULT_ROBOT
     """Name of a builtin robot, or an MJCF file."""
     drive: str = "kinematic"
-    """How actions are executed: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
+    """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
     pose: str = "true"
-    """Where observations are said to be made: at the ``true`` pose, or where wheel ``odometry`` has the robot."""
+    """The pose in the observations: the ``true`` one, or the one from wheel ``odometry``."""
     device: str = "auto"
-    """Where the neural map is trained: ``cpu``, ``cuda``, or ``auto`` = the GPU if there is one."""
+    """Where the neural map trains: ``cpu``, ``cuda``, or ``auto``."""
     preset: str = DEFAULT_PRESET
     """Name of the mapping preset that ``mapping`` was made from."""
     image_px: int = 256
     """Width and height of the camera image [px]."""
     model: RobotConfig = field(default_factory=RobotConfig)
-    """What the robot's parts are called, and how good its encoders are."""
+    """Names of the robot's parts, and the noise of its encoders."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Settings of the planning stages that the policies share."""
@@ -73,7 +73,7 @@ class RunConfig:
     """Settings of the policy: an instance of its class's ``Config``; None = its defaults."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be run, and fill in the policy's default settings.
+        """Fill in the policy's default settings and check the options.
 
         Raises:
             ConfigError: a choice is unknown or a number out of range.
@@ -124,13 +124,13 @@ def make_config(preset: str, settings: list[str], **options: Any) -> RunConfig:
 def read_config(values: Mapping[str, Any]) -> RunConfig:
     """The configuration that a run's ``config.json`` holds, also one that an older version wrote.
 
-    Settings that this version does not know any more are left out, and that is logged.
+    The function leaves out settings that this version does not know any more, and logs them.
 
     Args:
         values: the file's content.
 
     Raises:
-        ConfigError: a value cannot be what it is.
+        ConfigError: a value is not allowed.
         PlanError: there is no such policy.
     """
     options = {name: values[name] for name in ("scene", *OPTIONS, "image_px") if name in values}
@@ -231,7 +231,7 @@ def _hint(config: RunConfig, name: str) -> str:
 
 
 def _with(node: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
-    """A copy of a nested dataclass with other leaves, all put in at once, because limits may depend on one another."""
+    """A copy of a nested dataclass with other leaves, replaced all at once because limits may depend on one another."""
     parts = {}
     for key in dict.fromkeys(keys[0] for keys in values):
         inner = {keys[1:]: value for keys, value in values.items() if keys[0] == key}

@@ -29,7 +29,7 @@ def add_explore(commands: Any) -> None:
         help=f"{', '.join(_policies())}, or module:Class (default: {DEFAULT_POLICY})",
     )
     explore.add_argument(
-        "--steps", type=int, metavar="N", help="budget of actions; turns count (default: the scene's own)"
+        "--steps", type=int, metavar="N", help="budget of discrete actions, including turns (default: the scene's own)"
     )
     explore.add_argument("--seed", type=int, default=0, metavar="S", help="one seed, same steps (default: 0)")
     explore.add_argument("--start", metavar="X,Y,YAW_DEG", help="start pose in m, m, deg (default: the scene's first)")
@@ -53,7 +53,7 @@ def add_explore(commands: Any) -> None:
     explore.add_argument(
         "--pose",
         default="true",
-        help="where the robot believes to be: true, or odometry (its wheels alone) (default: true)",
+        help="pose in the observations: true, or odometry (from the wheels alone) (default: true)",
     )
     ablation = explore.add_argument_group("ablations of the paper: settings of policies that have them")
     ablation.add_argument(
@@ -62,14 +62,14 @@ def add_explore(commands: Any) -> None:
         action="append",
         type="policy.target={}".format,
         metavar="NAME",
-        help="how a vertex is chosen: hierarchical, best-anchored or random (policy.target=NAME)",
+        help="how the policy chooses a vertex: hierarchical, best-anchored or random (policy.target=NAME)",
     )
     for option, setting, text in (
         ("--no-visibility-guidance", "policy.visibility_guidance=false", "neither prefer nor turn to regions"),
         ("--no-bootstrap", "policy.bootstrap_turns=0", "no rotation before the first decision"),
     ):
         ablation.add_argument(option, dest="settings", action="append_const", const=setting, help=f"{text} ({setting})")
-    explore.add_argument("--device", default="auto", help="where the map is trained: auto, cpu or cuda (default: auto)")
+    explore.add_argument("--device", default="auto", help="where the map trains: auto, cpu or cuda (default: auto)")
     explore.add_argument("--view", action="store_true", help="show the run in the browser, on this machine only")
     explore.add_argument("--port", type=int, help="port of --view (default: the next free one from 7000)")
     explore.add_argument(
@@ -88,7 +88,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     from anm_mj.config import make_config
     from anm_mj.run import run
 
-    # As with python -m, a policy of the user's own is found beside where the command is given.
+    # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
     sys.path.insert(0, os.getcwd())
     config = make_config(
         parsed.preset,
@@ -105,7 +105,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     )
     console = Console()
     if console.is_terminal:
-        log_to(console)  # The live line knows how to make room for what its own console prints.
+        log_to(console)  # The live line makes room for what its own console prints.
     viewer = _viewer(parsed)
     try:
         with Interrupt(console) as interrupt, ProgressLine(console) as line:

@@ -17,14 +17,14 @@ class ScanPolicy:
             context: what the policy is made from.
             range_m: depth beyond this is left out of the grid [m].
         """
-        self._grid = ScanGrid(context.footprint, range_m)
+        self.grid = ScanGrid(context.footprint, range_m)
         self._safe_m = context.footprint.radius_m + context.planning.margin_m
 
     def observe(self, observation: Observation) -> None:
         """Take a scan into the grid."""
-        self._grid.integrate(observation)
+        self.grid.integrate(observation)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Put the obstacle, which the scans did not show, into the grid."""
         if action is Action.MOVE_FORWARD:
-            self._grid.block_ahead(pose)
+            self.grid.block_ahead(pose)

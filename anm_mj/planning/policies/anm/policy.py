@@ -60,7 +60,7 @@ class Anm(ScanPolicy):
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
-            topdown = self._grid.topdown()
+            topdown = self.grid.topdown()
         with watch.stage("paths"):
             routes = GridRoutes(topdown, pose, self._safe_m)
         with watch.stage("regions"):

@@ -79,7 +79,7 @@ class Frontier(ScanPolicy):
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
-            topdown = self._grid.topdown()
+            topdown = self.grid.topdown()
             hops = _border_hops(topdown, pose)
             found = _connected(topdown, hops)
         with watch.stage("paths"):

@@ -12,7 +12,7 @@ from anm_mj.frames import wrap_angle
 from anm_mj.planning.paths import remaining_path
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.views import VIEW_SIDE, Viewpoint, signed_turns
-from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Plan, Pose2, TopDownMap
+from anm_mj.types import ARRIVED_M, NEAR_TARGET_M, TURN_STEP_RAD, Plan, Pose2, TopDownMap
 
 
 class ActiveTarget:
@@ -67,7 +67,7 @@ class ActiveTarget:
 
     def is_reached(self, pose: Pose2) -> bool:
         """Whether the robot stands at the target and looks along its heading."""
-        there = float(np.linalg.norm(self.viewpoint.xy_m - pose.xy_m)) < 2 * ARRIVED_M
+        there = float(np.linalg.norm(self.viewpoint.xy_m - pose.xy_m)) < NEAR_TARGET_M
         return there and abs(wrap_angle(self.viewpoint.heading * TURN_STEP_RAD - pose.yaw_rad)) < TURN_STEP_RAD
 
     def needs_decision(self, pose: Pose2, seen_m2: float) -> bool:

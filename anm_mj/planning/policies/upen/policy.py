@@ -79,7 +79,7 @@ class Upen(ScanPolicy):
         watch = Stopwatch()
         pose = observation.pose
         with watch.stage("topdown"):
-            topdown = self._grid.topdown()
+            topdown = self.grid.topdown()
         with watch.stage("predict"):
             crop = egocentric_crop(topdown, pose)
             occupied = np.stack([predict(weights, crop)[OCCUPIED_CLASS] for weights in self._ensemble])

@@ -94,7 +94,7 @@ def test_a_choice_is_a_way_over_free_ground_a_look_and_a_limit_of_ten_steps():
 def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_once_looked_at(monkeypatch):
     policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
     topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9), (0.1, 0.1, 0.5, 1.1)])
-    monkeypatch.setattr(policy._grid, "topdown", lambda: topdown)
+    monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
     world = BoxWorld((1.0, 1.0), [])
 
     assert policy.plan(world, look(Pose2(2.0, 0.8, 0.0))).path_xy_m[-1][0] < 1.0
@@ -109,7 +109,7 @@ def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_o
 def test_of_the_only_frontier_no_more_is_given_up_than_was_tried(monkeypatch):
     policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
     topdown = hall(unknown=[(0.1, 0.1, 5.9, 0.8), (4.5, 0.1, 5.9, 2.9)])
-    monkeypatch.setattr(policy._grid, "topdown", lambda: topdown)
+    monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
     world = BoxWorld((1.0, 1.0), [])
     near = policy.plan(world, look(Pose2(1.0, 1.8, 0.0)))
     assert policy._goal is not None
