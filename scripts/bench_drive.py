@@ -1,11 +1,11 @@
-"""Measures both drives against what they must keep, and prints one line per figure with its bound.
+"""Measures both drives against their bounds and prints one line per figure.
 
     python scripts/bench_drive.py                          # exactness, cost, pushes
     python scripts/bench_drive.py --replay runs/latest     # the same actions in both drives: completion of each
 
-Physics: mixed actions on a random drive through a scene; after each, the true pose against the pose that the actions
-ask for. Kinematic: the same with the scene's triangles divided until there are a million. Pushes: a force on the robot,
-from many directions, beside the scene's obstacles. Times are CPU times of the process.
+Physics: a random drive through a scene; after each action, the true pose against the commanded one. Kinematic: the
+same, with the scene's triangles subdivided to a million. Pushes: a force on the robot from many directions, next to
+obstacles. Times are CPU times of the process.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 import trimesh
 import tyro
 
+from anm_mj.control.motion import action_motion
 from anm_mj.evaluation.curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
@@ -30,32 +31,27 @@ from anm_mj.io.to_json import write_json
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.sim.make_robot import DRIVES, make_robot
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Footprint, Pose2
+from anm_mj.types import Action, Footprint, Pose2
 
 if TYPE_CHECKING:
-    # Imports mujoco, which may be imported only once the robot's maker has chosen a GL back-end.
+    # Imports mujoco, which must wait for the selection of the GL back-end.
     from anm_mj.geometry.clearance import Clearance
     from anm_mj.sim.robot import SimRobot
 
 FREE_M = 0.12
-"""The random drive turns away from what is nearer ahead than this [m]."""
+"""The random drive turns away from obstacles closer ahead than this [m]."""
 ROOM_M = 0.04
-"""The random drive of the physics drive keeps so much farther from everything than it must [m]."""
+"""Extra distance to obstacles in the random drive with physics [m]."""
 PUSH_S = 1.0
 NEAR_M = 0.3
-"""Pushes begin at most so far from an obstacle [m]."""
+"""Largest distance to an obstacle at the start of a push [m]."""
 CORE_M = 0.1
-"""A triangle this near to the robot's axis has gone through its shell [m]."""
-TRUE_ACTION = {
-    Action.MOVE_FORWARD: (FORWARD_STEP_M, 0.0),
-    Action.TURN_LEFT: (0.0, TURN_STEP_RAD),
-    Action.TURN_RIGHT: (0.0, -TURN_STEP_RAD),
-}
+"""A triangle closer to the robot's axis has passed through its shell [m]."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured number and what it may be at most."""
+    """A measured value and its upper bound."""
 
     name: str
     value: float
@@ -76,11 +72,11 @@ def main(
 
     Args:
         scene: name or folder.
-        actions: number of mixed actions.
-        triangles: at least so many for the kinematic drive.
-        pushes: directions to push from.
+        actions: number of random actions.
+        triangles: least number of triangles for the kinematic drive.
+        pushes: number of push directions.
         push_n: force of a push, held for a second [N]; the robot weighs 94 N.
-        replay: run folder whose actions are repeated in both drives, in place of everything else.
+        replay: run folder; instead of all other measurements, both drives repeat its actions.
         out: JSON file for the figures.
     """
     if replay is not None:
@@ -98,24 +94,24 @@ def main(
 
 
 def physics_figures(world: Scene, actions: int) -> list[Figure]:
-    """How exactly the physics drive does what the actions ask for, and what an action costs."""
+    """Accuracy and CPU time per action of the physics drive."""
     worst_m = worst_rad = worst_forward_m = worst_turn_rad = worst_height_m = 0.0
     upright, cpu_ms, bumps = 1.0, [], 0
     with make_robot(world, drive="physics", image_px=16) as robot:
         from anm_mj.geometry.clearance import Clearance
 
         root, asked = robot.model.body("robot/base").id, robot.pose
-        # Obstacle boxes are up to a cell thicker than what they stand for.
+        # Obstacle boxes are up to a cell thicker than the obstacles.
         wide = replace(robot.footprint, radius_m=robot.footprint.radius_m + ROOM_M)
         for action in mixed_actions(robot, Clearance(*world.triangles(), wide), actions):
             before, start_s = robot.pose, time.process_time()
             result = robot.act(action)
             cpu_ms.append(1e3 * (time.process_time() - start_s))
             if result.collided:
-                # A refused move is none: what is asked for goes on from where the robot was stopped.
+                # After a collision the commanded pose is the true one.
                 bumps, asked = bumps + 1, robot.pose
                 continue
-            forward_m, turn_rad = TRUE_ACTION[action]
+            forward_m, turn_rad = action_motion(action)
             asked, pose = move_pose(asked, forward_m, turn_rad), robot.pose
             moved_m, turned_rad = distance_m(before, pose), wrap_angle(pose.yaw_rad - before.yaw_rad)
             worst_m = max(worst_m, distance_m(asked, pose))
@@ -145,7 +141,7 @@ def physics_figures(world: Scene, actions: int) -> list[Figure]:
 
 
 def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure]:
-    """What an action of the kinematic drive costs among very many triangles."""
+    """CPU time per action of the kinematic drive in a scene with many triangles."""
     cpu_ms, moves = [], 0
     with make_robot(world, image_px=16) as robot:
         from anm_mj.control.kinematic_drive import KinematicDrive
@@ -173,7 +169,7 @@ def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure
 
 
 def push_figures(world: Scene, pushes: int, push_n: float) -> list[Figure]:
-    """How far pushes get the robot into obstacles, and how far they tilt it."""
+    """Penetration into obstacles and tilt of the robot under pushes."""
     rng = np.random.default_rng(1)
     upright, inside_m, entered, pushed = 1.0, 0.0, 0, 0
     with make_robot(world, drive="physics", image_px=16) as robot:
@@ -213,7 +209,7 @@ def push_figures(world: Scene, pushes: int, push_n: float) -> list[Figure]:
 
 
 def replay_figures(run: Path) -> list[Figure]:
-    """Completion after the actions of a finished run, in both drives."""
+    """Completion after the actions of a finished run, for both drives."""
     record = read_run(run)
     world = load_scene(record.manifest["scene"])
     truth = GroundTruth.sample(*world.triangles())
@@ -239,7 +235,7 @@ def replay_figures(run: Path) -> list[Figure]:
 
 
 def mixed_actions(robot: SimRobot, clearance: Clearance, actions: int) -> Iterator[Action]:
-    """Forward moves and turns at random, away from what is near ahead."""
+    """Random forward moves and turns, with turns away from obstacles ahead."""
     rng = np.random.default_rng(0)
     turn = Action.TURN_LEFT
     for _ in range(actions):
@@ -251,7 +247,7 @@ def mixed_actions(robot: SimRobot, clearance: Clearance, actions: int) -> Iterat
 
 
 def distance_m(a: Pose2, b: Pose2) -> float:
-    """Distance of two places [m]."""
+    """Distance between two positions [m]."""
     return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
 
 

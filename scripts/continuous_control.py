@@ -1,10 +1,10 @@
-"""Explores by velocities in place of discrete actions: a policy's paths under pure pursuit, its headings by look-at.
+"""Explores by velocities instead of discrete actions: pure pursuit of a policy's paths, look-at for its headings.
 
     python scripts/continuous_control.py home --steps 200 --drive physics
 
-The budget is the same: the way driven and the angles turned are counted in units of a forward step and of a turn, and
-the map gets one observation per unit. The controller (anm_mj/control/pursuit.py) sees the robot's ``drive`` and
-``look_at`` only, so that a controller of your own, or a real robot, can sit in its place.
+The budget counts the driven distance and the turned angle in units of a forward step and of a turn; the map gets one
+observation per unit. The controller (anm_mj/control/pursuit.py) uses the robot's ``drive`` and ``look_at`` only, so
+your own controller, or a real robot, can replace it.
 """
 
 import math
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 PERIOD_S = 0.1
 """Time between two velocities [s]."""
 LOOK_M = 2.0
-"""A heading to look along is a point so far ahead [m]."""
+"""Distance of the look-at point for a heading [m]."""
 
 
 class Budget:
-    """Counts motion in units of discrete actions, and observes once per unit."""
+    """Counts motion in units of discrete actions and observes once per unit."""
 
     def __init__(self, robot: "SimRobot", mapper: NeuralMap, policy: Policy, truth: GroundTruth, steps: int):
         self.robot, self.mapper, self.policy = robot, mapper, policy
@@ -45,7 +45,7 @@ class Budget:
         self.observation = self.perceive()
 
     def perceive(self) -> Observation:
-        """Look, learn and keep count of what has been seen."""
+        """Observe, integrate into the map, and update the completion."""
         seen = self.robot.observe()
         self.mapper.integrate(seen)
         self.policy.observe(seen)
@@ -55,9 +55,9 @@ class Budget:
         return seen
 
     def pay(self, result: MotionResult) -> None:
-        """Take a motion from the budget."""
+        """Charge a motion to the budget."""
         before = math.floor(self.spent)
-        # A refused motion has its price too, as a refused action has.
+        # Like a refused action, a refused motion costs a unit.
         self.spent += max(result.equivalent_steps, float(result.collided))
         self.collisions += result.collided
         if math.floor(self.spent) > before:
@@ -65,7 +65,7 @@ class Budget:
 
     @property
     def left(self) -> bool:
-        """Whether anything is left of it."""
+        """Whether budget is left."""
         return self.spent < self.steps
 
 
@@ -77,14 +77,14 @@ def main(
     image_px: int = 256,
     seed: int = 0,
 ) -> None:
-    """Explore continuously and print how much was seen.
+    """Explore continuously and print the completion.
 
     Args:
         scene: name or folder of a scene.
         steps: budget, in units of discrete actions.
         drive: kinematic or physics.
-        policy: decides where to go.
-        image_px: width and height of the pictures [px].
+        policy: chooses the targets.
+        image_px: width and height of the images [px].
         seed: of map and policy.
     """
     config = make_config("quick", [], scene=scene, policy=policy, drive=drive, seed=seed)
@@ -104,13 +104,13 @@ def main(
         budget.curve.last()
         seen = budget.curve.rows[-1].completion_ratio
         print(
-            f"{seen:.1f} % seen in {budget.spent:.0f} of {steps} units, {budget.curve.path_m:.1f} m, "
+            f"{seen:.1f} % completion ratio in {budget.spent:.0f} of {steps} units, {budget.curve.path_m:.1f} m, "
             f"{robot.data.time:.0f} s, {budget.collisions} collisions."
         )
 
 
 def carry_out(plan: Plan, budget: Budget) -> None:
-    """Do what a plan asks for, until it is done, something is in the way, or the budget is spent."""
+    """Execute a plan until it is done, an obstacle stops the robot, or the budget is spent."""
     robot, start = budget.robot, budget.spent
     for action in plan.actions:
         if not budget.left:
@@ -136,7 +136,7 @@ def carry_out(plan: Plan, budget: Budget) -> None:
 
 
 def ahead_of(robot: "SimRobot", heading_rad: float) -> np.ndarray:
-    """A point that a heading leads to."""
+    """A point ahead in the direction of a heading [m]."""
     pose = robot.pose
     return np.array(
         [pose.x_m + LOOK_M * math.cos(heading_rad), pose.y_m + LOOK_M * math.sin(heading_rad), 1.0], dtype=float

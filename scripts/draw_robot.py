@@ -1,4 +1,4 @@
-"""Draws a robot in a scene from beside it: the picture in models/diff_drive/README.md.
+"""Renders a robot in a scene from the side: the figure in models/diff_drive/README.md.
 
 python scripts/draw_robot.py --scene home --out models/diff_drive/robot.png
 """
@@ -34,18 +34,18 @@ def main(
     width: int = 640,
     height: int = 720,
 ) -> None:
-    """Draw.
+    """Render and save an image.
 
     Args:
         out: PNG file.
         scene: name or folder.
         robot: name or MJCF file.
         start: x [m], y [m], yaw [deg]; the scene's first start by default.
-        azimuth_deg: direction that the picture is taken in, from the robot's heading.
-        elevation_deg: the same, upwards.
-        distance_m: from the middle of the robot.
-        width: of the picture [px].
-        height: of the picture [px].
+        azimuth_deg: azimuth of the view, relative to the robot's heading.
+        elevation_deg: elevation of the view.
+        distance_m: distance to the centre of the robot.
+        width: of the image [px].
+        height: of the image [px].
     """
     pose = None if start is None else Pose2(start[0], start[1], math.radians(start[2]))
     with make_robot(load_scene(scene), start=pose, drive="physics", robot=robot, image_px=16) as placed:
@@ -56,12 +56,12 @@ def main(
 def view_from_beside(
     robot: "SimRobot", azimuth_deg: float, elevation_deg: float, distance_m: float, width: int, height: int
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The robot where it stands."""
+    """Render the robot at its present pose."""
     import mujoco
 
     mujoco.mj_forward(robot.model, robot.data)
     robot.model.vis.global_.offwidth, robot.model.vis.global_.offheight = width, height
-    # Scenes are lit by their textures alone; a body of one colour needs a light to have a shape.
+    # Textures light the scene; a single-coloured body needs a light for its shape to show.
     light = robot.model.vis.headlight
     light.ambient[:], light.diffuse[:] = 0.65, 0.45
     camera, option = mujoco.MjvCamera(), mujoco.MjvOption()

@@ -1,8 +1,8 @@
-"""Several robots at once take random steps: how to use the Gymnasium environment, and how quick it is.
+"""Random actions in several Gymnasium environments at once: an example, and a measurement of their speed.
 
     python scripts/gym_random.py home --num-envs 2 --num-steps 200
 
-Each environment has a process of its own. Prints what a random walk covers: the least that a policy has to beat.
+Each environment has a process of its own. Prints the coverage of a random walk, the baseline of any policy.
 """
 
 import time
@@ -15,15 +15,15 @@ import anm_mj.environments  # noqa: F401  Registers AnmMj/Explore-v0.
 
 
 def main(scene: tyro.conf.Positional[str], num_envs: int = 2, num_steps: int = 200, seed: int = 0) -> None:
-    """Walk at random.
+    """Run one episode of random actions.
 
     Args:
         scene: name from the catalogue, or path of a scene folder.
-        num_envs: environments that run at once.
-        num_steps: length of an episode; one is run.
+        num_envs: number of parallel environments.
+        num_steps: length of the episode.
         seed: of starts and actions.
     """
-    # "spawn": a process that has made pictures must not be forked.
+    # "spawn": GL does not survive a fork.
     envs = gymnasium.make_vec(
         "AnmMj/Explore-v0",
         num_envs=num_envs,

@@ -1,4 +1,4 @@
-"""Lets a simulated robot explore and keeps what its camera saw as a recorded sequence (format: anm_mj/io/sequence.py).
+"""Explores with a simulated robot and records its images as a sequence (format: anm_mj/io/sequence.py).
 
 python scripts/record_sequence.py home /tmp/walk --steps 200
 python scripts/recorded_sequence.py /tmp/walk --out /tmp/map
@@ -22,20 +22,20 @@ from anm_mj.viz.viewer import NullViewer
 
 
 class SequenceRecorder:
-    """A recorder of runs that keeps the pictures, and nothing else."""
+    """A recorder that keeps the images only."""
 
     def __init__(self, path: Path):
         self._writer = SequenceWriter(path)
 
     def observation(self, observation: Observation) -> None:
-        """Keep it."""
+        """Write the images."""
         self._writer.write(observation)
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """What was done is no part of a sequence."""
+        """Ignore actions."""
 
     def plan(self, step: int, plan: Plan) -> None:
-        """Nor is what was decided."""
+        """Ignore plans."""
 
 
 def main(
@@ -69,7 +69,7 @@ def main(
             recorder=recorder,
             viewer=NullViewer(),
         )
-    print(f"{outcome.num_steps + 1} frames in {out}; ended because {outcome.stop_reason}.")
+    print(f"{outcome.num_steps + 1} frames in {out}; stop reason: {outcome.stop_reason}.")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Maps a recorded sequence and plans on it, frame by frame: the mapper and the planner without any simulator.
+"""Maps a recorded sequence and plans on it, frame by frame, without a simulator.
 
     python scripts/recorded_sequence.py /tmp/walk --out /tmp/map
 
-The sequence may come from scripts/record_sequence.py or from a real camera whose poses are known; its format stands in
-anm_mj/io/sequence.py. Nothing here imports MuJoCo. Where a real robot is to drive, make a class with the four methods
-of anm_mj.protocols.Robot and give it to anm_mj.explore.explore in place of the simulated one.
+The sequence may come from scripts/record_sequence.py or from a real camera with known poses (format:
+anm_mj/io/sequence.py). This script does not import MuJoCo. To drive a real robot, write a class with the methods of
+anm_mj.protocols.Robot and pass it to anm_mj.explore.explore.
 """
 
 from pathlib import Path
@@ -34,16 +34,16 @@ def main(
     height_m: float = 1.35,
     seed: int = 0,
 ) -> None:
-    """Feed the sequence to the map, decide now and then, and write the mesh and the last decision's map.
+    """Map the sequence, plan at intervals, and write the mesh and the top-down map of the last plan.
 
     Args:
         sequence: folder of the recording.
         out: folder for mesh.ply and topdown.png.
-        every: frames between two decisions.
-        policy: decides where it would go.
+        every: frames between two plans.
+        policy: chooses the targets.
         preset: mapping effort: quick, default or paper.
-        radius_m: radius of the robot that it is planned for [m].
-        height_m: its height [m].
+        radius_m: radius of the robot [m].
+        height_m: height of the robot [m].
         seed: of map and policy.
     """
     recorded = read_sequence(sequence)
@@ -51,7 +51,7 @@ def main(
     mapper = NeuralMap(config.mapping, seed=seed, device="cpu")
     footprint = Footprint(radius_m, 0.05, height_m)
     planner = make_policy(policy, PolicyContext(footprint, config.policy_settings, config.planning, seed))
-    plan, poses = Plan("nothing seen yet", np.zeros((0, 2))), []
+    plan, poses = Plan("no frame yet", np.zeros((0, 2))), []
     for observation in recorded.observations():
         mapper.integrate(observation)
         planner.observe(observation)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from anm_mj.control.motion import action_motion
 from anm_mj.frames import move_pose, pose_matrix
 from anm_mj.types import (
-    FORWARD_STEP_M,
-    TURN_STEP_RAD,
     Action,
     ActionResult,
     Footprint,
@@ -18,13 +17,6 @@ from anm_mj.types import (
     Twist,
     WheelSpeeds,
 )
-
-TWIST = {
-    Action.STOP: (0.0, 0.0),
-    Action.MOVE_FORWARD: (FORWARD_STEP_M, 0.0),
-    Action.TURN_LEFT: (0.0, TURN_STEP_RAD),
-    Action.TURN_RIGHT: (0.0, -TURN_STEP_RAD),
-}
 
 
 class FakeRobot:
@@ -52,7 +44,7 @@ class FakeRobot:
 
     def act(self, action: Action) -> ActionResult:
         self.steps += 1
-        moved = move_pose(self.pose, *TWIST[action])
+        moved = move_pose(self.pose, *action_motion(action))
         outside = np.maximum(self.world.boxes[:, :2] - moved.xy_m, moved.xy_m - self.world.boxes[:, 2:])
         collided = action is Action.MOVE_FORWARD and bool(
             (np.linalg.norm(np.maximum(outside, 0), axis=1) < self.footprint.radius_m).any()

@@ -41,7 +41,7 @@ def drive_ahead(servo, kinematics, pose, periods=100):
     return pose
 
 
-def test_every_obstacle_of_a_scene_is_paired_with_the_robot(compile_scene, description):
+def test_obstacle_pairs(compile_scene, description):
     boxes = "".join(f'<geom type="box" pos="{2 + i} 0 1" size="0.1 1 1"/>' for i in range(40))
     model, _ = compile_scene(boxes + '<geom type="box" pos="0 5 1" size="1 1 1" contype="0" conaffinity="0"/>')
     obstacles = static_obstacles(model)
@@ -74,13 +74,13 @@ def test_missing_pairs_are_counted():
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 10.0, 45.0, -70.0])
-def test_the_servo_comes_to_a_stop_at_the_set_distance(description, kinematics, yaw_deg):
+def test_stop_at_min_distance(description, kinematics, yaw_deg):
     servo = servo_among(description, kinematics, [box(1.05, 0.0, 0.05, 4.0), box(-9.0, 0.0, 0.1, 0.1)])
     end = drive_ahead(servo, kinematics, Pose2(0.6, 0.0, math.radians(yaw_deg)), 300)
     assert end.x_m == pytest.approx(1.0 - 0.17 - 0.005, abs=1e-4)
 
 
-def test_an_obstacle_that_stands_askew_is_kept_clear_of(description, kinematics):
+def test_oblique_obstacle(description, kinematics):
     askew = box(1.0, 1.0, 0.05, 4.0, math.radians(45.0))
     servo = servo_among(description, kinematics, [askew])
     end = drive_ahead(servo, kinematics, Pose2(0.4, 0.4, math.radians(45.0)), 300)
@@ -88,7 +88,7 @@ def test_an_obstacle_that_stands_askew_is_kept_clear_of(description, kinematics)
     assert to_face == pytest.approx(0.17 + 0.005, abs=1e-4)
 
 
-def test_a_wall_at_the_side_and_one_behind_stop_nothing(description, kinematics):
+def test_walls_beside_and_behind(description, kinematics):
     servo = servo_among(description, kinematics, [box(0.0, 0.221, 5.0, 0.05), box(-0.2, 0.0, 0.02, 1.0)])
     free = servo_among(description, kinematics, None)
     start = Pose2(0.0, 0.0, math.radians(0.05))
@@ -96,7 +96,7 @@ def test_a_wall_at_the_side_and_one_behind_stop_nothing(description, kinematics)
     assert ends[0].x_m == pytest.approx(ends[1].x_m, abs=1e-6)
 
 
-def test_what_is_higher_or_lower_than_the_robot_is_no_obstacle(description, kinematics):
+def test_obstacle_above_the_robot(description, kinematics):
     lamp = Obstacle(
         mujoco.mjtGeom.mjGEOM_BOX, np.array([0.1, 2.0, 0.05]), np.array([0.6, 0.0, 1.5]), np.array([1.0, 0.0, 0.0, 0.0])
     )

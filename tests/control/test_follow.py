@@ -5,14 +5,9 @@ import numpy as np
 import pytest
 
 from anm_mj.control.follow import Follower
+from anm_mj.control.motion import action_motion
 from anm_mj.frames import move_pose, wrap_angle
-from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Action, Plan, Pose2
-
-EFFECT = {
-    Action.MOVE_FORWARD: (FORWARD_STEP_M, 0.0),
-    Action.TURN_LEFT: (0.0, TURN_STEP_RAD),
-    Action.TURN_RIGHT: (0.0, -TURN_STEP_RAD),
-}
+from anm_mj.types import Action, Plan, Pose2
 
 
 def follow(plan, pose, limit=500):
@@ -20,14 +15,14 @@ def follow(plan, pose, limit=500):
     follower.start(plan)
     actions, poses = [], [pose]
     while (action := follower.next_action(pose)) is not None and len(actions) < limit:
-        pose = move_pose(pose, *EFFECT[action])
+        pose = move_pose(pose, *action_motion(action))
         actions.append(action)
         poses.append(pose)
     return actions, poses
 
 
 @pytest.mark.parametrize("yaw_deg", range(-180, 180, 37))
-def test_a_path_with_corners_is_followed_to_its_end_without_leaving_it(yaw_deg):
+def test_following_a_path_with_corners(yaw_deg):
     path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.5], [0.5, 2.5]])
     actions, poses = follow(Plan("", path), Pose2(0.0, 0.0, math.radians(yaw_deg)))
     assert math.dist((poses[-1].x_m, poses[-1].y_m), path[-1]) < 0.1
@@ -44,14 +39,14 @@ def test_a_path_with_corners_is_followed_to_its_end_without_leaving_it(yaw_deg):
     assert turns < 18 + 9 + 7 + 25  # The start, the two corners, and what 10-degree steps cost on the way.
 
 
-def test_a_turn_is_never_followed_by_its_opposite():
+def test_no_alternating_turns():
     path = np.array([[0.0, 0.0], [3.0, 1.1]])
     actions, _ = follow(Plan("", path), Pose2(0.0, 0.0, 1.0))
     for a, b in itertools.pairwise(actions):
         assert {a, b} != {Action.TURN_LEFT, Action.TURN_RIGHT}
 
 
-def test_headings_are_turned_to_in_order_after_arrival():
+def test_headings_after_arrival():
     plan = Plan("", np.array([[0.0, 0.0], [0.5, 0.0]]), headings_rad=(math.pi / 2, -math.pi / 4))
     actions, poses = follow(plan, Pose2(0.0, 0.0, 0.0))
     first_turn = next(i for i, a in enumerate(actions) if a is not Action.MOVE_FORWARD)
@@ -60,12 +55,12 @@ def test_headings_are_turned_to_in_order_after_arrival():
     assert wrap_angle(poses[-1].yaw_rad + math.pi / 4) == pytest.approx(0.0, abs=0.1)
 
 
-def test_fixed_actions_are_executed_as_they_are():
+def test_fixed_actions():
     plan = Plan("", np.zeros((0, 2)), actions=(Action.TURN_LEFT, Action.MOVE_FORWARD))
     assert follow(plan, Pose2(0.0, 0.0, 0.0))[0] == [Action.TURN_LEFT, Action.MOVE_FORWARD]
 
 
-def test_a_plan_ends_after_its_valid_steps_or_when_dropped():
+def test_end_of_a_plan():
     plan = Plan("", np.array([[0.0, 0.0], [5.0, 0.0]]), valid_steps=3)
     assert len(follow(plan, Pose2(0.0, 0.0, 0.0))[0]) == 3
     follower = Follower()

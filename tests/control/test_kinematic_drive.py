@@ -21,7 +21,7 @@ def drive(compile_scene, description) -> KinematicDrive:
     return KinematicDrive(*compile_scene(), description, clearance_of(wall))
 
 
-def test_a_forward_step_is_exact_and_rolls_the_wheels(drive):
+def test_forward_step(drive):
     drive.place(Pose2(0.2, -0.1, 2.0))
     result = drive.act(Action.MOVE_FORWARD)
     expected = move_pose(Pose2(0.2, -0.1, 2.0), FORWARD_STEP_M, 0.0)
@@ -32,7 +32,7 @@ def test_a_forward_step_is_exact_and_rolls_the_wheels(drive):
     assert result.wheel_speeds.left_radps == result.wheel_speeds.right_radps > 0.0
 
 
-def test_the_wheels_have_turned_as_far_as_they_have_rolled(compile_scene, description):
+def test_wheel_angles(compile_scene, description):
     model, data = compile_scene()
     free = clearance_of()
     drive = KinematicDrive(model, data, description, free)
@@ -44,7 +44,7 @@ def test_the_wheels_have_turned_as_far_as_they_have_rolled(compile_scene, descri
 
 
 @pytest.mark.parametrize("action", [Action.TURN_LEFT, Action.TURN_RIGHT])
-def test_thirty_six_turns_come_back_to_the_same_pose(drive, action):
+def test_full_rotation(drive, action):
     start = Pose2(0.3, 0.4, 0.123)
     drive.place(start)
     for _ in range(36):
@@ -55,7 +55,7 @@ def test_thirty_six_turns_come_back_to_the_same_pose(drive, action):
 
 @given(actions=st.lists(st.sampled_from([Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT]), max_size=40))
 @settings(max_examples=25, deadline=None)
-def test_any_free_drive_is_the_sum_of_its_actions(compile_scene, description, actions):
+def test_actions_add_up(compile_scene, description, actions):
     free = clearance_of()
     drive = KinematicDrive(*compile_scene(), description, free)
     x = y = 0.0
@@ -69,7 +69,7 @@ def test_any_free_drive_is_the_sum_of_its_actions(compile_scene, description, ac
     assert (drive.pose.x_m, drive.pose.y_m) == pytest.approx((x, y), abs=_EXACT)
 
 
-def test_a_blocked_move_leaves_the_robot_where_it_is_and_a_turn_frees_it(drive):
+def test_blocked_move_is_refused(drive):
     drive.place(Pose2(1.0 - 0.18 - 0.05, 0.0, 0.3))
     before = drive.pose
     for _ in range(3):
@@ -82,7 +82,7 @@ def test_a_blocked_move_leaves_the_robot_where_it_is_and_a_turn_frees_it(drive):
     assert not drive.act(Action.MOVE_FORWARD).collided
 
 
-def test_stopping_does_nothing_and_actions_take_time(compile_scene, description):
+def test_simulated_time(compile_scene, description):
     model, data = compile_scene()
     free = clearance_of()
     drive = KinematicDrive(model, data, description, free)

@@ -33,7 +33,7 @@ def look(description, kinematics):
     bearing=st.floats(-math.pi, math.pi), away_m=st.floats(0.1, 6.0), up_m=st.floats(-1.2, 1.0), yaw=st.floats(-3, 3)
 )
 @settings(max_examples=12, deadline=None, phases=(Phase.explicit, Phase.generate))
-def test_any_point_is_turned_to_on_the_spot_under_the_limits(look, bearing, away_m, up_m, yaw):
+def test_look_at_respects_limits(look, bearing, away_m, up_m, yaw):
     start = pose = Pose2(0.5, -0.3, yaw)
     point = np.array([0.5 + away_m * math.cos(yaw + bearing), -0.3 + away_m * math.sin(yaw + bearing), 1.25 + up_m])
     look.reset()
@@ -50,12 +50,12 @@ def test_any_point_is_turned_to_on_the_spot_under_the_limits(look, bearing, away
     assert np.diff(np.abs(rates)).max() <= MotionLimits().turn_radps2 * _PERIOD_S + 1e-6
 
 
-def test_a_point_right_above_is_looked_at_already(look):
+def test_look_at_point_above(look):
     look.reset()
     assert look.next_pose(Pose2(1.0, 2.0, 0.7), np.array([1.0, 2.0, 2.5])) is None
 
 
-def test_both_drives_look_at_a_point_and_say_what_it_would_have_cost(drive):
+def test_look_at_of_both_drives(drive):
     drive.place(Pose2(1.0, 1.0, 0.0))
     result = drive.look_at(np.array([1.0, 3.0, 0.4]))
     assert not result.collided

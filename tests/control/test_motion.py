@@ -18,7 +18,7 @@ def test_actions_are_those_of_the_paper():
 
 
 @given(length=st.floats(0.01, 5.0), speed=st.floats(0.1, 2.0), acceleration=st.floats(0.2, 10.0))
-def test_a_profile_keeps_its_limits_and_arrives(length, speed, acceleration):
+def test_trapezoid_limits(length, speed, acceleration):
     profile = Trapezoid(length, speed, acceleration)
     times = np.linspace(0.0, profile.duration_s, 400)
     progress = np.array([profile.fraction(float(t)) for t in times]) * length
@@ -30,12 +30,12 @@ def test_a_profile_keeps_its_limits_and_arrives(length, speed, acceleration):
     assert np.abs(np.diff(velocity)).max() <= acceleration * (times[1] - times[0]) * (1.0 + 1e-3)
 
 
-def test_a_long_profile_cruises_and_a_short_one_does_not():
+def test_trapezoid_duration():
     assert Trapezoid(10.0, 0.5, 1.0).duration_s == pytest.approx(10.0 / 0.5 + 0.5)
     assert Trapezoid(0.04, 0.5, 1.0).duration_s == pytest.approx(2.0 * math.sqrt(0.04))
 
 
-def test_actions_take_the_time_that_the_limits_allow():
+def test_action_duration():
     limits = MotionLimits()
     assert action_profile(Action.MOVE_FORWARD, limits).duration_s == pytest.approx(2.0 * math.sqrt(0.065 / 1.5))
     assert action_profile(Action.TURN_RIGHT, limits).duration_s == pytest.approx(
@@ -43,6 +43,6 @@ def test_actions_take_the_time_that_the_limits_allow():
     )
 
 
-def test_limits_that_allow_no_motion_are_refused():
+def test_invalid_limits():
     with pytest.raises(RobotError, match=r"turn_radps is 0\.0; it must be positive"):
         MotionLimits(turn_radps=0.0)

@@ -13,7 +13,7 @@ from tests.robots import clearance_of
 ACTIONS = [Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD, Action.TURN_RIGHT] * 5
 
 
-def test_wheels_that_never_slip_tell_the_true_pose(compile_scene, description):
+def test_odometry_without_slip_is_exact(compile_scene, description):
     drive = KinematicDrive(*compile_scene(), description, clearance_of())
     drive.place(Pose2(1.0, 2.0, 0.5))
     for action in ACTIONS:
@@ -34,7 +34,7 @@ def test_wheels_on_a_floor_slip_a_little(compile_scene, description):
     assert drive.odometry == Pose2(0.0, 1.0, 2.0)
 
 
-def test_noise_has_the_spread_that_was_asked_for_however_often_it_is_read(kinematics):
+def test_noise_is_independent_of_the_reading_rate(kinematics):
     for readings in (1, 8):
         ends = []
         for seed in range(150):

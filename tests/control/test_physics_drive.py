@@ -26,7 +26,7 @@ def make_drive(compile_scene, description):
     return make
 
 
-def test_thirty_mixed_actions_stay_at_the_commanded_pose(make_drive):
+def test_mixed_actions_do_not_drift(make_drive):
     drive, _ = make_drive(start=Pose2(0.5, -1.0, 0.7))
     commanded = drive.pose
     rng = np.random.default_rng(0)
@@ -69,7 +69,7 @@ def test_wheel_odometry_tells_what_physics_did(make_drive, kinematics):
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 30.0, -55.0])
-def test_a_wall_stops_the_robot_which_neither_passes_nor_tips_and_can_turn_away(make_drive, yaw_deg):
+def test_wall_stops_the_robot(make_drive, yaw_deg):
     drive, data = make_drive(_WALL_AT_1M, Pose2(0.7, 0.0, math.radians(yaw_deg)))
     collided = [drive.act(Action.MOVE_FORWARD).collided for _ in range(12)]
     assert collided[-3:] == [True, True, True]
@@ -93,7 +93,7 @@ def test_a_wall_at_the_side_is_driven_along(make_drive):
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 8.0, 40.0])
-def test_the_servo_stops_before_an_obstacle_and_touches_nothing(make_drive, yaw_deg):
+def test_servo_stops_before_contact(make_drive, yaw_deg):
     drive, data = make_drive(_WALL_AT_1M, Pose2(0.6, 0.0, math.radians(yaw_deg)))
     touched = []
     wall = int(np.flatnonzero(data.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)[0])
@@ -108,7 +108,7 @@ def test_the_servo_stops_before_an_obstacle_and_touches_nothing(make_drive, yaw_
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (-0.6, 0.8)])
-def test_a_push_neither_topples_the_robot_nor_drives_it_through_a_wall(make_drive, direction):
+def test_push_against_a_wall(make_drive, direction):
     x, y = direction
     yaw = math.atan2(y, x)
     # A wall 0.3 m away from the robot's middle, square to the push.
@@ -134,7 +134,7 @@ def test_a_push_neither_topples_the_robot_nor_drives_it_through_a_wall(make_driv
     assert math.hypot(drive.pose.x_m - pushed_to.x_m, drive.pose.y_m - pushed_to.y_m) < 0.006
 
 
-def test_a_thing_that_only_the_head_meets_stops_the_robot(make_drive):
+def test_obstacle_at_head_height(make_drive):
     drive, data = make_drive('<geom type="box" pos="0.5 0 1.3" size="0.2 1 0.04"/>')
     collided = [drive.act(Action.MOVE_FORWARD).collided for _ in range(8)]
     assert collided[-1]
@@ -142,7 +142,7 @@ def test_a_thing_that_only_the_head_meets_stops_the_robot(make_drive):
     assert data.body("base").xmat[8] > 0.9999
 
 
-def test_an_obstacle_too_low_for_the_shell_is_noticed_by_not_getting_on(make_drive):
+def test_obstacle_below_the_shell(make_drive):
     drive, data = make_drive('<geom type="box" pos="0.5 0 0.02" size="0.2 1 0.02"/>')
     collided = [drive.act(Action.MOVE_FORWARD).collided for _ in range(6)]
     assert collided[-1]
@@ -159,7 +159,7 @@ def test_the_same_actions_give_the_same_bits(make_drive):
     assert drive_once() == drive_once()
 
 
-def test_a_servo_period_that_is_no_multiple_of_the_substep_is_refused():
+def test_invalid_servo_settings():
     with pytest.raises(RobotError, match=r"not a multiple of substep_s, 0\.003; for example 0\.021 is"):
         PhysicsDriveConfig(substep_s=0.003)
     with pytest.raises(RobotError, match=r"settle_s is -1\.0; it must be positive"):

@@ -20,7 +20,7 @@ def to_path(xy_m):
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 90, 180, -60])
-def test_a_path_with_corners_is_driven_to_its_end_without_leaving_it(yaw_deg):
+def test_pursuit_of_a_path_with_corners(yaw_deg):
     pose, pursuit = Pose2(0.0, 0.0, math.radians(yaw_deg)), Pursuit(PATH)
     for count in itertools.count():
         twist = pursuit.twist(pose)
@@ -34,7 +34,7 @@ def test_a_path_with_corners_is_driven_to_its_end_without_leaving_it(yaw_deg):
     assert math.dist(pose.xy_m, PATH[-1]) < 0.1
 
 
-def test_a_robot_beside_its_path_comes_back_to_it():
+def test_pursuit_returns_to_the_path():
     pose, pursuit = Pose2(0.2, 0.6, 0.0), Pursuit(PATH)
     for _ in range(60):
         twist = pursuit.twist(pose)

@@ -42,7 +42,7 @@ def test_a_velocity_is_its_exponential(exact, twist):
     assert result.equivalent_steps == pytest.approx(steps)
 
 
-def test_physics_follows_a_course_as_the_exact_drive_does_and_stops_when_told(exact, physics):
+def test_physics_follows_the_kinematic_course(exact, physics):
     course = [Twist(0.3, 0.0), Twist(0.3, 0.8), Twist(0.2, -1.0), Twist(-0.1, 0.0), Twist(0.0, 1.2)]
     for twist in course:
         physics.drive(twist, 0.6)
@@ -58,7 +58,7 @@ def test_physics_follows_a_course_as_the_exact_drive_does_and_stops_when_told(ex
     assert math.dist(physics.pose.xy_m, exact.pose.xy_m) < 0.05
 
 
-def test_an_action_after_a_velocity_brings_the_robot_to_rest_first(physics):
+def test_action_brakes_first(physics):
     physics.drive(Twist(0.4, 0.0), 0.5)
     before = physics.pose
     result = physics.act(Action.MOVE_FORWARD)
@@ -67,7 +67,7 @@ def test_an_action_after_a_velocity_brings_the_robot_to_rest_first(physics):
     assert 0.065 < physics.pose.x_m - before.x_m < 0.065 + 0.07
 
 
-def test_wheels_that_are_asked_for_too_much_keep_the_curve(physics):
+def test_saturated_velocity_keeps_the_arc(physics):
     physics.drive(Twist(5.0, 10.0), 1.0)
     start = physics.pose
     result = physics.drive(Twist(5.0, 10.0), 0.5)
@@ -76,7 +76,7 @@ def test_wheels_that_are_asked_for_too_much_keep_the_curve(physics):
     assert physics.pose != start
 
 
-def test_a_wall_refuses_the_exact_drive_and_stops_the_other(compile_scene, description):
+def test_driving_into_a_wall(compile_scene, description):
     exact = KinematicDrive(*compile_scene(_WALL), description, walled())
     exact.place(Pose2(0.6, 0.0, 0.0))
     refused = exact.drive(Twist(0.5, 0.0), 1.0)
@@ -93,7 +93,7 @@ def test_a_wall_refuses_the_exact_drive_and_stops_the_other(compile_scene, descr
     assert physics.pose.x_m < 0.8
 
 
-def test_an_arc_is_clear_of_what_its_outer_side_passes():
+def test_sweep_of_an_arc():
     # A post that the chord of the arc clears by 1 cm, and the arc does not.
     start, forward_m, turn_rad = Pose2(0.0, 0.0, 0.0), 1.0, 1.2
     middle = move_pose(start, forward_m / 2, turn_rad / 2)
@@ -114,14 +114,14 @@ def test_turning_on_the_spot_sweeps_nothing():
 
 
 @pytest.mark.parametrize("duration_s", [0.0, -1.0, math.nan, math.inf])
-def test_a_motion_without_a_duration_is_refused(exact, physics, duration_s):
+def test_invalid_duration(exact, physics, duration_s):
     for drive in (exact, physics):
         with pytest.raises(RobotError, match="its duration must be positive"):
             drive.drive(Twist(0.1, 0.0), duration_s)
 
 
 @pytest.mark.parametrize("twist", [Twist(math.nan, 0.0), Twist(0.0, math.inf)])
-def test_a_velocity_that_is_no_number_is_refused_and_nothing_moves(exact, physics, twist):
+def test_invalid_velocity(exact, physics, twist):
     for drive in (exact, physics):
         before = drive.pose
         with pytest.raises(RobotError, match="both must be finite"):

@@ -23,7 +23,7 @@ def servo(description, kinematics) -> WheelServo:
 
 @given(left=st.floats(-11.0, 11.0), right=st.floats(-11.0, 11.0), yaw=st.floats(-3.1, 3.1))
 @settings(max_examples=50, deadline=None)
-def test_a_pose_that_rolling_reaches_is_reached_by_these_wheel_speeds(servo, kinematics, left, right, yaw):
+def test_wheel_speeds_reach_the_reference(servo, kinematics, left, right, yaw):
     start = Pose2(1.0, -2.0, yaw)
     speeds = servo.wheel_speeds(start, kinematics.odometry(start, left * _PERIOD_S, right * _PERIOD_S))
     # mink's step is of first order: exact for a straight line or a turn on the spot, nearly so for an arc.
@@ -55,7 +55,7 @@ def test_an_action_is_reached_in_a_few_periods(servo, kinematics, forward_m, tur
     )
 
 
-def test_the_no_slip_rows_vanish_for_rolling_and_only_for_rolling(kinematics):
+def test_no_slip_constraint(kinematics):
     model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
     configuration = mink.Configuration(model)
     no_slip = NoSlip(kinematics, model)
@@ -68,7 +68,7 @@ def test_the_no_slip_rows_vanish_for_rolling_and_only_for_rolling(kinematics):
     assert np.linalg.matrix_rank(no_slip.compute_jacobian(configuration)) == 6
 
 
-def test_wheels_stand_for_a_period_when_the_solver_finds_nothing(servo, monkeypatch):
+def test_no_solution_stops_the_wheels(servo, monkeypatch):
     def find_nothing(*_, **__):
         raise mink.NoSolutionFound("daqp")
 

@@ -36,7 +36,7 @@ def test_gymnasiums_own_checker_finds_nothing():
     env.close()
 
 
-def test_the_same_episode_comes_through_both_interfaces(env):
+def test_same_episode_as_dm_env(env):
     x, y = load_scene("home").starts[0].xy_m.tolist()
     start = (x, y, 30.0)
     observation, info = env.reset(options={"start": start})
@@ -53,7 +53,7 @@ def test_the_same_episode_comes_through_both_interfaces(env):
     other.close()
 
 
-def test_an_episode_is_truncated_by_its_length_and_terminated_by_stop(env):
+def test_truncation_and_termination(env):
     env.reset(seed=0)
     ends = [env.step(Action.TURN_LEFT)[2:4] for _ in range(6)]
     assert ends == [(False, False)] * 5 + [(False, True)]
@@ -68,7 +68,7 @@ def test_the_picture_is_what_the_robot_sees(env):
     np.testing.assert_array_equal(env.render(), observation["rgb"])
 
 
-def test_driving_on_ends_in_a_collision_that_info_tells_of():
+def test_collision_in_info():
     env = gymnasium.make(_ID, **{**_OPTIONS, "num_steps": 400})
     _, info = env.reset(seed=2)
     assert not info["collided"]
@@ -80,7 +80,7 @@ def test_driving_on_ends_in_a_collision_that_info_tells_of():
     assert info["collided"]
 
 
-def test_an_environment_that_only_tells_its_spaces_makes_no_simulator():
+def test_spaces_without_a_simulator():
     program = f"""
 import sys, gymnasium, anm_mj.environments
 env = gymnasium.make({_ID!r}, scene="home")
@@ -91,7 +91,7 @@ print(env.observation_space["rgb"].shape, env.action_space.n, *({{"mujoco", "tor
 
 
 @pytest.mark.parametrize(("mode", "vector_kwargs"), [("sync", {}), ("async", {"context": "spawn"})])
-def test_several_run_at_once_and_each_as_if_alone(mode, vector_kwargs):
+def test_vector_environments(mode, vector_kwargs):
     actions = np.array([[1, 2], [2, 2], [1, 3]])
     vector = gymnasium.make_vec(_ID, num_envs=2, vectorization_mode=mode, vector_kwargs=vector_kwargs, **_OPTIONS)
     together = [vector.reset(seed=[7, 8])[0], *(vector.step(pair)[0] for pair in actions)]
@@ -107,7 +107,7 @@ def test_several_run_at_once_and_each_as_if_alone(mode, vector_kwargs):
     single.close()
 
 
-def test_a_process_forked_from_one_that_has_drawn_is_told_how_to_be_started(monkeypatch):
+def test_forked_process(monkeypatch):
     env = gymnasium.make(_ID, **_OPTIONS)
     monkeypatch.setattr(gl, "_gl_process", os.getpid() + 1)
     with pytest.raises(RenderError, match='method "spawn"'):
@@ -121,7 +121,7 @@ def test_a_process_forked_from_one_that_has_drawn_is_told_how_to_be_started(monk
         (lambda env: env.reset(options={"start": "here"}), "is no pose; give three numbers"),
     ],
 )
-def test_a_wrong_reset_is_refused_in_a_sentence(env, call, message):
+def test_invalid_reset(env, call, message):
     with pytest.raises(TaskError, match=message):
         call(env.unwrapped)
 

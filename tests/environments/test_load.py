@@ -61,7 +61,7 @@ def test_stop_ends_the_episode_with_discount_0(environment):
     assert environment.step(Action.TURN_LEFT).first()
 
 
-def test_the_rewards_add_up_to_what_the_evaluation_counts(environment):
+def test_rewards_match_the_evaluation(environment):
     environment.reset()
     view = environment.task.view
     camera = CameraExtrinsics.of_view(Intrinsics.from_fov(256, 256, math.radians(90.0)), view.T_world_camera, view.pose)
@@ -88,7 +88,7 @@ def test_the_pose_is_relative_to_the_start(environment):
     np.testing.assert_allclose(observation["pose"], [0.0, 0.0, math.radians(20.0)], atol=1e-6)
 
 
-def test_a_step_forward_moves_along_the_first_heading():
+def test_forward_step():
     environment = _load(start=(load_scene("home").starts[0].x_m, load_scene("home").starts[0].y_m, 123.0))
     environment.reset()
     pose = environment.step(Action.MOVE_FORWARD).observation["pose"]
@@ -111,7 +111,7 @@ def test_nothing_within_range_is_depth_0():
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_the_same_start_and_actions_give_the_same_episode(drive):
+def test_episodes_are_deterministic(drive):
     x, y = load_scene("home").starts[0].xy_m.tolist()
     environment = _load(start=(x, y, 0.0), drive=drive)
     episodes = []
@@ -136,7 +136,7 @@ def test_the_seed_decides_the_starts():
     assert starts[0][0] != starts[0][1]
 
 
-def test_a_closed_environment_can_be_used_again():
+def test_reuse_after_close():
     environment = _load()
     environment.close()
     for _ in range(2):
@@ -158,18 +158,18 @@ def test_a_closed_environment_can_be_used_again():
         ({"start": (0.0, math.nan, 0.0)}, "is no pose"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_sentence(options, message):
+def test_invalid_options(options, message):
     with pytest.raises(TaskError, match=message):
         anm_mj.load_environment("home", **options)
 
 
-def test_a_start_that_is_not_clear_is_refused_at_once():
+def test_start_in_collision():
     with pytest.raises(SceneError, match="nearest clear place is"):
         _load(start=(100.0, 100.0, 0.0))
 
 
 @pytest.mark.parametrize("action", [4, -1, "left", None])
-def test_what_is_no_action_is_refused_with_those_that_are(environment, action):
+def test_invalid_action(environment, action):
     environment.reset()
     with pytest.raises(TaskError, match="is no action; give one of 0 STOP, 1 MOVE_FORWARD"):
         environment.step(action)

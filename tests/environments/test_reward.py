@@ -12,7 +12,7 @@ from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import CAMERA, observe, room_truth
 
 
-def test_each_frame_adds_what_it_adds_to_the_coverage():
+def test_increments_match_the_coverage():
     truth = room_truth(20_000)
     coverage, covered = Coverage(truth.samples), IncrementalCoverage(SampleGrid(truth.samples))
     total = 0.0
@@ -28,7 +28,7 @@ def test_each_frame_adds_what_it_adds_to_the_coverage():
     assert covered.fraction > 0.5
 
 
-def test_only_the_samples_that_count_are_counted():
+def test_observable_samples():
     truth = room_truth(20_000)
     observable = truth.samples[:, 2] > 1.0
     coverage, covered = Coverage(truth.samples, observable), IncrementalCoverage(SampleGrid(truth.samples[observable]))
@@ -38,7 +38,7 @@ def test_only_the_samples_that_count_are_counted():
     assert covered.fraction == pytest.approx(coverage.completion().observable_ratio_percent / 100.0, abs=1e-12)
 
 
-def test_random_frames_agree_with_the_coverage_however_they_lie():
+def test_random_frames():
     random = np.random.default_rng(0)
     camera = Intrinsics.from_fov(64, 64, math.radians(90.0))
     samples = random.uniform(-3.0, 3.0, (20_000, 3)).astype(np.float32)
@@ -63,7 +63,7 @@ def test_the_same_frame_again_is_worth_nothing():
     assert covered.add(*frame) == 0.0
 
 
-def test_a_frame_without_depth_or_far_from_everything_is_worth_nothing():
+def test_frames_without_coverage():
     covered = IncrementalCoverage(SampleGrid(room_truth().samples))
     nothing = np.full((CAMERA.height, CAMERA.width), np.nan, np.float32)
     far = np.eye(4)

@@ -10,7 +10,7 @@ from anm_mj.scene.navigable import is_clear
 from anm_mj.sim.make_robot import FOOTPRINT
 
 
-def test_starts_are_clear_and_spread_over_the_scene():
+def test_starts_are_clear_and_uniform():
     scene = load_scene("home")
     random = np.random.default_rng(0)
     starts = [sample_start(scene, FOOTPRINT, random) for _ in range(60)]
@@ -23,7 +23,7 @@ def test_starts_are_clear_and_spread_over_the_scene():
     assert np.histogram(yaw, bins=4, range=(-math.pi, math.pi))[0].min() > 5
 
 
-def test_the_same_generator_draws_the_same_starts():
+def test_same_seed():
     scene = load_scene("home")
     first, second = (sample_start(scene, FOOTPRINT, np.random.default_rng(5)) for _ in range(2))
     assert first == second

@@ -30,22 +30,22 @@ def wall() -> Clearance:
 
 @given(x=st.floats(-1.0, 1.8), y=st.floats(-1.0, 1.0), yaw=st.floats(-math.pi, math.pi))
 @settings(max_examples=50, deadline=None)
-def test_distance_to_a_wall_is_that_of_the_circle(wall, x, y, yaw):
+def test_distance_to_a_wall(wall, x, y, yaw):
     assert wall.distance_m(Pose2(x, y, yaw)) == pytest.approx(2.0 - 0.18 - x, abs=1e-5)
 
 
-def test_a_millimetre_decides_between_free_and_colliding(wall):
+def test_collision_at_a_millimetre(wall):
     assert not wall.collides(Pose2(2.0 - 0.18 - 0.001, 0.3, 1.0))
     assert wall.collides(Pose2(2.0 - 0.18 + 0.001, 0.3, 1.0))
     assert wall.distance_m(Pose2(1.9, 0.0, 0.0)) == 0.0
 
 
-def test_a_corner_is_as_far_as_it_is_from_the_circle():
+def test_distance_to_a_corner():
     clearance = clearance_of(_box((1.0, 1.0, 2.0), (1.5, 1.5, 1.0)))
     assert clearance.distance_m(Pose2(0.7, 0.6, 0.0)) == pytest.approx(0.5 - 0.18, abs=1e-5)
 
 
-def test_what_is_below_or_above_the_footprint_does_not_matter():
+def test_heights_of_the_footprint():
     floor, carpet = _box((4, 4, 0.1), (0, 0, -0.05)), _box((1, 1, 0.049), (0, 0, 0.0245))
     ceiling, lamp = _box((4, 4, 0.1), (0, 0, 2.5)), _box((0.3, 0.3, 0.2), (0, 0, 1.46))
     clearance = clearance_of(floor, carpet, ceiling, lamp)
@@ -55,13 +55,13 @@ def test_what_is_below_or_above_the_footprint_does_not_matter():
     assert clearance_of(floor, table).collides(ORIGIN)
 
 
-def test_a_big_triangle_that_spans_the_heights_but_not_the_place_is_no_obstacle():
+def test_large_triangle():
     vertices = np.array([[0.5, -9.0, -1.0], [0.5, 9.0, -1.0], [0.5, 0.0, 9.0]])
     clearance = Clearance(vertices, np.array([[0, 1, 2]]), FOOTPRINT)
     assert clearance.distance_m(ORIGIN) == pytest.approx(0.5 - 0.18, abs=1e-5)
 
 
-def test_a_move_is_blocked_exactly_when_its_end_would_touch_the_wall(wall):
+def test_sweep_towards_a_wall(wall):
     free = 2.0 - 0.18 - FORWARD_STEP_M
     assert not wall.sweep_collides(Pose2(free - 0.001, 0.0, 0.0), FORWARD_STEP_M)
     assert wall.sweep_collides(Pose2(free + 0.001, 0.0, 0.0), FORWARD_STEP_M)
@@ -69,7 +69,7 @@ def test_a_move_is_blocked_exactly_when_its_end_would_touch_the_wall(wall):
     assert not wall.sweep_collides(Pose2(2.0 - 0.18 - 0.001, 0.0, math.pi), FORWARD_STEP_M)
 
 
-def test_a_sweep_meets_what_lies_between_start_and_end():
+def test_sweep_past_a_post():
     # A thin post beside the middle of a long move: both ends are free, the way is not.
     clearance = clearance_of(_box((0.01, 0.01, 2.0), (0.5, 0.17, 1.0)))
     start = Pose2(0.0, 0.0, 0.0)

@@ -45,7 +45,7 @@ def python(*words: str) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drive", ["kinematic", "physics"])
-def test_the_users_own_robot_explores_and_the_manifest_says_which(scene, tmp_path, drive):
+def test_users_robot(scene, tmp_path, drive):
     metrics = explore(scene, tmp_path / "run", "image_px=48", robot=str(ROVER_XML), drive=drive)
     assert metrics.steps == 45
     assert metrics.collisions <= 2
@@ -60,7 +60,7 @@ def test_the_users_own_robot_explores_and_the_manifest_says_which(scene, tmp_pat
 
 
 @pytest.mark.slow
-def test_odometry_with_noise_drifts_and_without_is_the_truth(scene, tmp_path):
+def test_odometry_noise(scene, tmp_path):
     def trajectory(name, *settings, **options):
         explore(scene, tmp_path / name, "image_px=32", *settings, policy="random", steps=12, **options)
         return np.loadtxt(tmp_path / name / "trajectory.tum")[:, 1:]
@@ -72,7 +72,7 @@ def test_odometry_with_noise_drifts_and_without_is_the_truth(scene, tmp_path):
     assert 1e-4 < np.abs(noisy - truth)[:, :2].max() < 0.2
 
 
-def test_a_recorded_sequence_is_mapped_and_planned_on_without_a_simulator(scene, tmp_path):
+def test_recorded_sequence(scene, tmp_path):
     said = script("record_sequence.py", str(scene), str(tmp_path / "walk"), "--steps", "40", "--image-px", "48")
     assert "41 frames" in said
     options = [str(tmp_path / "walk"), "--out", str(tmp_path / "map"), "--every", "20"]
@@ -89,14 +89,14 @@ def test_a_recorded_sequence_is_mapped_and_planned_on_without_a_simulator(scene,
 
 
 @pytest.mark.slow
-def test_exploring_by_velocities_sees_as_much(scene):
+def test_continuous_control(scene):
     said = script("continuous_control.py", str(scene), "--steps", "60", "--image-px", "64")
     assert float(said.split("%")[0]) > 45.0
     assert " 0 collisions" in said
 
 
 @pytest.mark.slow
-def test_the_drives_keep_their_bounds(tmp_path):
+def test_bench_drive(tmp_path):
     options = ["--actions", "60", "--triangles", "1000", "--pushes", "3", "--out", str(tmp_path / "figures.json")]
     script("bench_drive.py", *options)
     figures = {f["name"]: f for f in json.loads((tmp_path / "figures.json").read_text())}

@@ -27,7 +27,7 @@ class Whole:
     values: object = None
 
 
-def test_unnamed_folder_is_named_after_scene_and_policy_and_latest_points_to_it(tmp_path):
+def test_default_name_and_latest(tmp_path):
     first = RunFolder.create(None, "scenes/home.xml", "my.module:Policy", tmp_path / "runs")
     assert first.path.parent == tmp_path / "runs"
     assert first.path.name.startswith("home_my.module-Policy_2")
@@ -37,18 +37,18 @@ def test_unnamed_folder_is_named_after_scene_and_policy_and_latest_points_to_it(
     assert not os.path.isabs(os.readlink(tmp_path / "runs" / "latest"))
 
 
-def test_two_runs_within_a_second_get_two_folders(tmp_path):
+def test_two_runs_within_a_second(tmp_path):
     folders = {RunFolder.create(None, "home", "gvg", tmp_path).path for _ in range(3)}
     assert len(folders) == 3
 
 
-def test_a_real_folder_called_latest_is_left_alone(tmp_path):
+def test_real_folder_named_latest(tmp_path):
     (tmp_path / "latest").mkdir()
     RunFolder.create(None, "home", "gvg", tmp_path)
     assert not (tmp_path / "latest").is_symlink()
 
 
-def test_folder_that_is_given_is_made_with_its_parents_and_may_be_empty(tmp_path):
+def test_given_folder(tmp_path):
     (tmp_path / "a" / "b").mkdir(parents=True)
     for out in (tmp_path / "a" / "b", tmp_path / "c" / "d"):
         assert (RunFolder.create(out, "home", "gvg").path / "depth").is_dir()
@@ -69,13 +69,13 @@ def test_file_in_the_way_is_refused(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_folder_that_may_not_be_written_is_refused(tmp_path):
+def test_unwritable_folder(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(RunFolderError, match="choose a folder you may write to"):
         RunFolder.create(tmp_path / "run", "home", "gvg")
 
 
-def test_configuration_is_written_as_json_of_its_fields(tmp_path):
+def test_write_config(tmp_path):
     folder = RunFolder.create(tmp_path / "run", "home", "gvg")
     folder.write_config(Whole(Stage(), values={"a": np.float32(0.5), "b": np.arange(2), "c": float("nan")}))
     assert json.loads(folder.config.read_text()) == {
@@ -85,7 +85,7 @@ def test_configuration_is_written_as_json_of_its_fields(tmp_path):
     }
 
 
-def test_manifest_says_with_what_a_run_was_made(tmp_path):
+def test_manifest(tmp_path):
     folder = RunFolder.create(tmp_path / "run", "home", "gvg")
     facts = RunFacts("home", "abc", "diff_drive", "def", "gvg", 3, "cpu", "torch", "egl", "llvmpipe", "gl")
     folder.write_manifest(manifest(facts, ["anm-mj", "explore", "home"]))
@@ -97,7 +97,7 @@ def test_manifest_says_with_what_a_run_was_made(tmp_path):
     assert memory_mib() is None or written["machine"]["memory_mib"] > 100
 
 
-def test_outside_of_a_checkout_there_is_no_revision(tmp_path):
+def test_no_revision_outside_a_checkout(tmp_path):
     assert git_revision(tmp_path) is None
 
 

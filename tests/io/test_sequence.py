@@ -36,7 +36,7 @@ def test_what_is_written_is_read_back(written):
         assert after.pose.yaw_rad == pytest.approx(before.pose.yaw_rad, abs=1e-7)
 
 
-def test_depth_may_be_arrays_in_metres_or_pictures_in_a_unit_of_their_own(written):
+def test_depth_formats(written):
     path, seen = written
     np.save(path / "depth" / "000000.npy", seen[0].depth_m)
     camera = json.loads((path / "camera.json").read_text()) | {"depth_unit_m": 0.0002}
@@ -46,7 +46,7 @@ def test_depth_may_be_arrays_in_metres_or_pictures_in_a_unit_of_their_own(writte
     np.testing.assert_allclose(second.depth_m, seen[1].depth_m / 5, atol=0.0002, equal_nan=True)
 
 
-def test_a_camera_that_looks_straight_down_still_has_a_heading():
+def test_heading_of_a_downward_camera():
     # x right, y down (backwards on the floor), z to the floor.
     down = np.array([[0.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 0.0, 2.0], [0.0, 0.0, -1.0, 1.2], [0.0, 0.0, 0.0, 1.0]])
     pose = base_pose(down)
@@ -64,21 +64,21 @@ def test_a_camera_that_looks_straight_down_still_has_a_heading():
         ("depth/000002.png", "no picture", "000002.png cannot be read"),
     ],
 )
-def test_a_damaged_sequence_is_refused_with_the_file_named(written, name, content, message):
+def test_damaged_sequence(written, name, content, message):
     path, _ = written
     (path / name).write_text(content)
     with pytest.raises(RunFolderError, match=message):
         list(read_sequence(path).observations())
 
 
-def test_pictures_of_another_size_than_the_camera_says_are_refused(written):
+def test_image_size_mismatch(written):
     path, _ = written
     Image.new("RGB", (4, 4)).save(path / "rgb" / "000000.png")
     with pytest.raises(RunFolderError, match=r"Frame 0 .* colour of \(4, 4\)"):
         next(read_sequence(path).observations())
 
 
-def test_a_folder_that_holds_something_is_not_written_into(tmp_path):
+def test_non_empty_folder(tmp_path):
     (tmp_path / "thesis.tex").write_text("important")
     with pytest.raises(RunFolderError, match="not empty"):
         SequenceWriter(tmp_path)

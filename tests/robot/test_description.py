@@ -44,7 +44,7 @@ def camera_pose(model, data, name):
     return pose @ T_GL_CV
 
 
-def test_our_own_robot_has_the_figures_of_its_file(description):
+def test_figures_of_the_builtin_robot(description):
     assert (description.wheel_radius_m, description.track_m) == pytest.approx((0.05, 0.30))
     assert description.footprint.radius_m == pytest.approx(0.18)
     assert (description.footprint.z_min_m, description.footprint.z_max_m) == pytest.approx((0.05, 1.35))
@@ -54,7 +54,7 @@ def test_our_own_robot_has_the_figures_of_its_file(description):
     np.testing.assert_allclose(description.T_root_base, np.eye(4), atol=1e-12)
 
 
-def test_a_robot_written_differently_has_the_figures_that_its_geometry_says(rover):
+def test_figures_of_the_rover(rover):
     assert rover.wheel_joints == ("left_wheel_joint", "right_wheel_joint")
     assert rover.wheel_signs == (1.0, -1.0) or rover.wheel_signs == (-1.0, 1.0)
     assert (rover.wheel_radius_m, rover.track_m) == pytest.approx((0.04, 0.23))
@@ -73,7 +73,7 @@ def test_a_robot_written_differently_has_the_figures_that_its_geometry_says(rove
 
 
 @pytest.mark.parametrize("name", ["description", "rover"])
-def test_pinocchio_and_mink_read_the_robot_that_is_simulated(request, name, tmp_path):
+def test_reduced_model_matches_the_simulation(request, name, tmp_path):
     robot = request.getfixturevalue(name)
     model, data = on_a_floor(robot)
     kinematics = RobotKinematics.of(robot)
@@ -100,13 +100,13 @@ def test_pinocchio_and_mink_read_the_robot_that_is_simulated(request, name, tmp_
     assert max(found.values()) < _EXACT, found
 
 
-def test_a_robot_that_pinocchio_reads_differently_is_refused(rover):
+def test_readings_that_differ_are_refused(rover):
     lighter = replace(rover, reduced_mjcf=rover.reduced_mjcf.replace('<inertial mass="', '<inertial mass="1', 1))
     with pytest.raises(RobotError, match="pinocchio reads the robot rover differently"):
         RobotKinematics.of(lighter)
 
 
-def test_the_other_robot_drives_exactly_without_physics_and_nearly_so_with(rover):
+def test_rover_in_both_drives(rover):
     model, data = on_a_floor(rover)
     exact = KinematicDrive(model, data, rover, clearance_of(), prefix="r/")
     actions = [Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD, Action.TURN_RIGHT, Action.MOVE_FORWARD] * 3
@@ -122,7 +122,7 @@ def test_the_other_robot_drives_exactly_without_physics_and_nearly_so_with(rover
     assert (driven.odometry.x_m, driven.odometry.y_m) == pytest.approx((exact.pose.x_m, exact.pose.y_m), abs=0.02)
 
 
-def test_the_other_robot_rolls_forward_whichever_way_its_hinges_point(rover):
+def test_hinge_direction(rover):
     model, data = on_a_floor(rover)
     drive = PhysicsDrive(model, data, rover, prefix="r/")
     drive.place(Pose2(0.0, 0.0, 0.0))
@@ -161,7 +161,7 @@ def test_what_a_robot_lacks_is_named(tmp_path, before, after, config, message):
         describe_robot(path, RobotConfig(**config))
 
 
-def test_parts_with_unusual_names_are_found_when_named(tmp_path):
+def test_unusual_part_names(tmp_path):
     path = tmp_path / "rover.xml"
     text = ROVER_XML.read_text().replace("left_wheel_joint", "port_hinge").replace("right_wheel_joint", "star_hinge")
     path.write_text(text.replace('</body>\n    <body name="ball"', '<camera name="rear"/></body><body name="ball"'))
@@ -184,7 +184,7 @@ _BASE_JOINTS = '<joint name="x" type="slide" axis="1 0 0"/><joint name="t" axis=
     ],
     ids=["motors unnamed", "servos unnamed", "bodies unnamed", "names taken", "base on joints", "wheels of two"],
 )
-def test_however_its_parts_are_written_the_robot_drives_as_well(tmp_path, changes):
+def test_mjcf_variants(tmp_path, changes):
     text = ROVER_XML.read_text()
     for before, after in changes.items():
         assert before in text
@@ -203,7 +203,7 @@ def test_however_its_parts_are_written_the_robot_drives_as_well(tmp_path, change
     assert drive.pose.yaw_rad == pytest.approx(expected.yaw_rad, abs=math.radians(0.1))
 
 
-def test_another_robot_has_another_hash_and_the_same_one_the_same(rover, description, tmp_path):
+def test_robot_hash(rover, description, tmp_path):
     path = tmp_path / "rover.xml"
     path.write_text(ROVER_XML.read_text())
     assert describe_robot(path).hash == rover.hash != description.hash
@@ -211,7 +211,7 @@ def test_another_robot_has_another_hash_and_the_same_one_the_same(rover, descrip
     assert describe_robot(path).hash != rover.hash
 
 
-def test_a_robot_is_found_by_its_name_or_by_its_file(tmp_path, monkeypatch):
+def test_robot_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert robot_path("diff_drive").name == "diff_drive.xml"
     assert robot_path(str(ROVER_XML)) == ROVER_XML

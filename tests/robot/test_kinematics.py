@@ -56,7 +56,7 @@ def differences(path: Path) -> dict[str, float]:
     return found
 
 
-def test_pinocchio_and_mujoco_read_the_same_robot():
+def test_pinocchio_matches_mujoco():
     found = differences(ROBOT_XML)
     assert len(found) == 10
     assert max(found.values()) < _EXACT, found
@@ -70,7 +70,7 @@ def test_pinocchio_and_mujoco_read_the_same_robot():
         ('pos="0.13 0 0.02" mass="0.05"', 'pos="0.13 0 0.02"'),
     ],
 )
-def test_a_robot_that_the_two_read_differently_is_noticed(tmp_path, before, after):
+def test_different_readings_are_noticed(tmp_path, before, after):
     text = ROBOT_XML.read_text()
     assert before in text
     if "frame" not in after:
@@ -81,7 +81,7 @@ def test_a_robot_that_the_two_read_differently_is_noticed(tmp_path, before, afte
 
 
 @pytest.mark.parametrize("pose", _POSES)
-def test_camera_pose_by_forward_kinematics_is_mujocos_camera(kinematics, pose):
+def test_camera_pose(kinematics, pose):
     model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
     data = mujoco.MjData(model)
     data.qpos[:7] = [pose.x_m, pose.y_m, 0, math.cos(pose.yaw_rad / 2), 0, 0, math.sin(pose.yaw_rad / 2)]
@@ -93,7 +93,7 @@ def test_camera_pose_by_forward_kinematics_is_mujocos_camera(kinematics, pose):
     np.testing.assert_allclose(pose_matrix(pose) @ kinematics.T_base_camera, T_world_camera @ T_GL_CV, atol=_EXACT)
 
 
-def test_wheels_and_footprint_are_those_of_the_geoms(kinematics):
+def test_wheel_geometry(kinematics):
     model = mujoco.MjModel.from_xml_path(str(ROBOT_XML))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -104,13 +104,13 @@ def test_wheels_and_footprint_are_those_of_the_geoms(kinematics):
 
 
 @given(left=st.floats(-20, 20), right=st.floats(-20, 20))
-def test_wheel_motion_and_body_motion_are_inverse(kinematics, left, right):
+def test_wheel_and_body_motion_are_inverse(kinematics, left, right):
     assert kinematics.wheel_motion(*kinematics.body_motion(left, right)) == pytest.approx((left, right), abs=1e-9)
     by_jacobian = kinematics.wheel_jacobian @ np.array([left, right])
     assert kinematics.body_motion(left, right) == pytest.approx(tuple(by_jacobian), abs=1e-12)
 
 
-def test_equal_wheel_speeds_drive_straight_and_opposite_ones_turn_on_the_spot(kinematics):
+def test_wheel_speeds(kinematics):
     assert kinematics.wheel_speeds(0.5, 0.0) == WheelSpeeds(10.0, 10.0)
     left, right = kinematics.wheel_motion(0.0, 1.0)
     assert (left, right) == pytest.approx((-3.0, 3.0))
@@ -136,7 +136,7 @@ def test_odometry_is_the_se2_exponential(kinematics, left, right, yaw):
         ("<mujoco", "<mjc", "cannot read the robot"),
     ],
 )
-def test_a_robot_that_lacks_a_part_is_refused_with_the_part_named(tmp_path, before, after, message):
+def test_missing_parts(tmp_path, before, after, message):
     path = tmp_path / "robot.xml"
     path.write_text(ROBOT_XML.read_text().replace(before, after))
     with pytest.raises(RobotError, match=message):

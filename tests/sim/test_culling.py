@@ -78,7 +78,7 @@ def test_pictures_are_the_same_bit_by_bit(width, height):
             assert depth_m.tobytes() == all_depth_m.tobytes()
 
 
-def test_what_is_out_of_view_or_hidden_is_left_out():
+def test_skipped_meshes():
     geoms = """
     <geom name="before" type="mesh" mesh="wall" pos="3 0 0" euler="0 0 90" group="2"/>
     <geom name="hidden" type="mesh" mesh="crate" pos="6 0 0" group="2"/>
@@ -96,7 +96,7 @@ def test_what_is_out_of_view_or_hidden_is_left_out():
         assert _names(model, culling) == {"behind", "beside", "hidden"}
 
 
-def test_what_comes_into_sight_although_it_was_hidden_is_drawn_in_the_same_picture():
+def test_wrong_prediction_is_corrected():
     geoms = """
     <geom name="before" type="mesh" mesh="wall" pos="3 0 0" euler="0 0 90" group="2"/>
     <geom name="hidden" type="mesh" mesh="crate" pos="6 0 0" group="2" rgba="1 0 0 1"/>

@@ -19,7 +19,7 @@ def _run(program: str, cache: Path, **env: str) -> subprocess.CompletedProcess[s
     )
 
 
-def test_a_back_end_is_found_named_and_remembered(tmp_path):
+def test_selected_back_end_is_cached(tmp_path):
     done = _run(_SELECT, tmp_path)
     assert done.returncode == 0, done.stderr
     assert "renderer_string=''" not in done.stdout
@@ -34,7 +34,7 @@ def test_choosing_does_not_import_mujoco(tmp_path):
     assert done.stdout.splitlines()[-1] == "False"
 
 
-def test_a_back_end_that_the_user_has_set_wrongly_is_named_with_the_advice(tmp_path):
+def test_invalid_back_end_of_the_user(tmp_path):
     done = _run(_SELECT, tmp_path, MUJOCO_GL="foo")
     message = done.stderr.splitlines()[-1]
     assert "RenderError: MUJOCO_GL=foo is set" in message
@@ -46,7 +46,7 @@ def test_pictures_can_be_turned_off(tmp_path):
     assert "name='off'" in _run(_SELECT, tmp_path, MUJOCO_GL="off").stdout
 
 
-def test_no_working_back_end_is_no_obstacle_but_one_warning_that_names_every_attempt(tmp_path):
+def test_no_back_end_works(tmp_path):
     # A device that does not exist spoils egl; a platform that contradicts the back-end spoils the other.
     done = _run(_SELECT, tmp_path, MUJOCO_EGL_DEVICE_ID="99", PYOPENGL_PLATFORM="egl")
     assert "name='off'" in done.stdout
@@ -56,7 +56,7 @@ def test_no_working_back_end_is_no_obstacle_but_one_warning_that_names_every_att
     assert "apt install libegl1" in message
 
 
-def test_a_cache_that_cannot_be_written_is_no_obstacle(tmp_path):
+def test_unwritable_cache(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     assert _run(_SELECT, blocked).returncode == 0

@@ -46,13 +46,13 @@ def _project(point_world: list[float], intrinsics: Intrinsics, T_world_camera: n
     return intrinsics.fx * x / z + intrinsics.cx, intrinsics.fy * y / z + intrinsics.cy
 
 
-def test_a_wall_reads_its_planar_distance_at_the_centre_and_in_the_corners():
+def test_planar_depth():
     _, depth_m, _, _ = _render('<geom type="box" pos="2.8 0 0" size="0.5 9 9"/>')
     np.testing.assert_allclose(depth_m, 2.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("znear_zfar", [(0.001, 1000.0), (0.1, 20.0)])
-def test_depth_does_not_depend_on_the_clipping_planes(znear_zfar):
+def test_clipping_planes(znear_zfar):
     model, data = _compile('<geom type="box" pos="10.3 0 0" size="0.5 20 20"/>')
     model.vis.map.znear, model.vis.map.zfar = znear_zfar
     with GlCamera(model, "camera", 64, 64) as camera:
@@ -60,7 +60,7 @@ def test_depth_does_not_depend_on_the_clipping_planes(znear_zfar):
 
 
 @pytest.mark.parametrize("euler", ["0 0 30", "0 25 0", "0 20 -40"])
-def test_back_projected_pixels_lie_on_a_slanted_wall(euler):
+def test_slanted_wall(euler):
     model, data = _compile(f'<geom name="wall" type="box" pos="3 0 1.25" size="0.1 9 9" euler="{euler}"/>')
     with GlCamera(model, "camera", 256, 256) as camera:
         _, depth_m = camera.render(data)
@@ -73,7 +73,7 @@ def test_back_projected_pixels_lie_on_a_slanted_wall(euler):
 
 @pytest.mark.parametrize("axes", [_LOOKING_ALONG_X, "1 0 0 0 0 1", "0.6 -0.8 0 0 0 1", "0 -1 0 -0.28 0 0.96"])
 @pytest.mark.parametrize(("width", "height", "fovy"), [(256, 256, 90.0), (320, 240, 60.0), (65, 47, 75.0)])
-def test_small_markers_appear_where_the_pinhole_says_and_nowhere_else(axes, width, height, fovy):
+def test_projection_of_markers(axes, width, height, fovy):
     model, data = _compile("", axes, fovy)
     with GlCamera(model, "camera", width, height) as camera:
         intrinsics, T_world_camera = camera.intrinsics, camera.T_world_camera(data)
@@ -99,7 +99,7 @@ def test_small_markers_appear_where_the_pinhole_says_and_nowhere_else(axes, widt
     assert np.isfinite(depth_m).sum() == sum(int((rgb == colour).all(axis=2).sum()) for colour in colours)
 
 
-def test_edges_fall_between_the_pixels_that_the_pinhole_says():
+def test_projection_of_edges():
     # A plate 2 m ahead: its edges are projected to u = 128 +- 64 * 0.501 and so on, between two pixel centres.
     rgb, _, intrinsics, T_world_camera = _render(
         '<geom type="box" pos="2.35 0.1 1.5" size="0.05 0.501 0.252" rgba="1 0 0 1"/>'
@@ -113,7 +113,7 @@ def test_edges_fall_between_the_pixels_that_the_pinhole_says():
     assert (rows.min(), rows.max()) == tuple(np.flatnonzero((centres > top) & (centres < bottom))[[0, -1]])
 
 
-def test_open_sky_and_what_lies_beyond_the_far_plane_have_no_depth():
+def test_pixels_without_depth():
     _, depth_m, _, _ = _render('<geom type="box" pos="2.3 0 0" size="0.1 9 1.25"/>')
     assert np.isnan(depth_m[:127]).all()
     assert np.isfinite(depth_m[128:]).all()
@@ -126,7 +126,7 @@ def test_unlit_colours_are_exact():
     assert np.unique(rgb.reshape(-1, 3), axis=0).tolist() == [[51, 102, 153]]
 
 
-def test_robot_and_collision_geoms_are_not_seen_and_visual_ones_are():
+def test_visible_groups():
     geoms = "".join(
         f'<geom type="box" pos="{2 + 0.1 * group} 0 0" size="0.04 9 9" group="{group}"/>' for group in (1, 3, 2)
     )
@@ -134,12 +134,12 @@ def test_robot_and_collision_geoms_are_not_seen_and_visual_ones_are():
     np.testing.assert_allclose(depth_m, 2.2 - 0.04 - 0.3, atol=1e-4)
 
 
-def test_sites_and_the_camera_itself_are_not_drawn():
+def test_sites_are_invisible():
     _, depth_m, _, _ = _render('<site type="sphere" pos="2 0 1.25" size="0.5" group="0"/>')
     assert np.isnan(depth_m).all()
 
 
-def test_faces_seen_from_behind_are_drawn_only_without_culling():
+def test_backface_culling():
     # The camera stands inside the box, which is seen from within.
     model, data = _compile('<geom type="box" pos="0.3 -0.2 1.25" size="1 1 1"/>')
     with GlCamera(model, "camera", 32, 32, cull_face=True) as camera:
@@ -148,7 +148,7 @@ def test_faces_seen_from_behind_are_drawn_only_without_culling():
         np.testing.assert_allclose(camera.render(data)[1], 1.0, atol=1e-4)
 
 
-def test_pictures_are_kept_when_the_next_one_is_taken_and_cameras_alternate():
+def test_alternating_cameras():
     model, data = _compile('<geom name="wall" type="box" pos="2.8 0 0" size="0.5 9 9"/>')
     with GlCamera(model, "camera", 64, 64) as first, GlCamera(model, "camera", 32, 48) as second:
         _, before = first.render(data)
@@ -168,7 +168,7 @@ def test_a_model_is_left_as_it_was():
     assert (quality.offsamples, quality.shadowsize, model.vis.global_.offwidth) == before
 
 
-def test_a_missing_camera_is_named_with_those_that_exist():
+def test_unknown_camera():
     model, _ = _compile("")
     with pytest.raises(RenderError, match=r'no camera "eye"; it has \[\'camera\'\]'):
         GlCamera(model, "eye", 64, 64)

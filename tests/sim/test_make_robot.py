@@ -41,7 +41,7 @@ def robot(request, room):
         yield robot
 
 
-def test_what_the_robot_sees_lies_on_the_walls_that_it_drives_between(robot):
+def test_depth_lies_on_the_walls(robot):
     for _ in range(3):
         observation = robot.observe()
         points = back_project(observation.depth_m, observation.intrinsics, observation.T_world_camera)
@@ -54,7 +54,7 @@ def test_what_the_robot_sees_lies_on_the_walls_that_it_drives_between(robot):
         robot.act(Action.TURN_LEFT)
 
 
-def test_the_robot_drives_up_to_the_crate_and_no_further(robot):
+def test_crate_stops_the_robot(robot):
     results = [robot.act(Action.MOVE_FORWARD) for _ in range(20)]
     assert results[-1].collided
     assert not results[0].collided
@@ -65,7 +65,7 @@ def test_the_robot_drives_up_to_the_crate_and_no_further(robot):
     assert observation.T_world_camera[2, 3] == pytest.approx(1.25, abs=1e-3)
 
 
-def test_the_picture_has_the_size_that_was_asked_for(robot):
+def test_image_size(robot):
     observation = robot.observe()
     assert observation.rgb.shape == (64, 64, 3)
     assert (observation.intrinsics.fx, observation.intrinsics.cx) == pytest.approx((32.0, 32.0))
@@ -77,29 +77,29 @@ def test_the_default_start_is_the_scenes_first(room):
     assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((start.x_m, start.y_m, start.yaw_rad))
 
 
-def test_a_start_that_touches_something_is_refused_with_a_clear_one(room):
+def test_start_in_collision(room):
     with pytest.raises(SceneError, match=r"cannot start at \(0\.50, 0\.00\).*nearest clear place is \("):
         make_robot(room, start=Pose2(0.5, 0.0, math.pi / 2))
 
 
-def test_a_start_outside_the_scene_is_refused_with_its_extent(room):
+def test_start_outside_the_scene(room):
     with pytest.raises(SceneError, match=r"lies outside scene room, which reaches from \(-2\.6 m, -2\.1 m\)"):
         make_robot(room, start=Pose2(7.0, 0.0, 0.0))
 
 
-def test_an_unknown_drive_is_refused_with_those_that_exist(room):
+def test_unknown_drive(room):
     with pytest.raises(RobotError, match="choose one of kinematic, physics"):
         make_robot(room, drive="magic")
 
 
-def test_an_unknown_robot_or_pose_source_is_refused_with_those_that_exist(room):
+def test_unknown_robot_or_pose_source(room):
     with pytest.raises(RobotError, match="a builtin name: diff_drive"):
         make_robot(room, robot="r2d2")
     with pytest.raises(RobotError, match="choose one of true, odometry"):
         make_robot(room, pose="guess")
 
 
-def test_the_users_own_robot_sees_from_its_own_camera(room):
+def test_camera_of_the_rover(room):
     with make_robot(room, start=Pose2(-1.5, 0.0, 0.0), robot=ROVER_XML, image_px=32) as rover:
         observation = rover.observe()
         assert rover.footprint.radius_m == pytest.approx(0.216, abs=1e-3)
@@ -130,7 +130,7 @@ def test_the_footprint_encloses_the_robot():
     assert model.geom("chassis").pos[2] - model.geom("chassis").size[1] == pytest.approx(FOOTPRINT.z_min_m)
 
 
-def test_a_real_scene_is_looked_at_and_driven_in(dev_scenes, tmp_path):
+def test_third_party_scene(dev_scenes, tmp_path):
     source = dev_scenes / "rmf_office.glb"
     if not source.is_file():
         pytest.skip(f"no rmf_office.glb in {dev_scenes}")

@@ -44,7 +44,7 @@ def _quat(right: list[float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", [pytest.param(EmbreeCamera, marks=needs_embree), MujocoRayCamera])
-def test_depth_is_that_of_the_camera_that_draws(home, kind):
+def test_depth_matches_gl(home, kind):
     model, data = home
     with GlCamera(model, "camera", 96, 96, cull_face=False) as drawing:
         _, drawn_m = drawing.render(data)
@@ -60,7 +60,7 @@ def test_depth_is_that_of_the_camera_that_draws(home, kind):
 
 
 @needs_embree
-def test_colours_are_those_of_the_camera_that_draws(home):
+def test_colours_match_gl(home):
     model, data = home
     with GlCamera(model, "camera", 96, 96, cull_face=False) as drawing:
         drawn, _ = drawing.render(data)
@@ -70,7 +70,7 @@ def test_colours_are_those_of_the_camera_that_draws(home):
     assert difference.mean() < 6.0
 
 
-def test_without_textures_each_mesh_has_its_mean_colour(home):
+def test_mean_colours(home):
     model, data = home
     with GlCamera(model, "camera", 96, 96, cull_face=False) as drawing:
         drawn, _ = drawing.render(data)
@@ -87,7 +87,7 @@ def test_without_gl_rays_are_cast(home, caplog):
     assert np.isfinite(camera.render(data)[1]).all()
 
 
-def test_without_embree_mujoco_casts_them_and_says_so(home, caplog, monkeypatch):
+def test_fallback_without_embree(home, caplog, monkeypatch):
     monkeypatch.setattr("anm_mj.sim.camera_factory.embree_installed", lambda: False)
     with caplog.at_level(logging.WARNING):
         camera = make_camera(home[0], "camera", 16, 16, cull_face=True, backend=_OFF)
@@ -96,7 +96,7 @@ def test_without_embree_mujoco_casts_them_and_says_so(home, caplog, monkeypatch)
 
 
 @needs_embree
-def test_the_choice_follows_from_the_scene_and_the_renderer(home, monkeypatch):
+def test_camera_kind(home, monkeypatch):
     model, _ = home
     assert camera_kind(model, _SOFTWARE) == "gl"
     monkeypatch.setattr("anm_mj.sim.camera_factory.EMBREE_FROM_TRIANGLES", 10_000)

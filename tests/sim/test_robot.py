@@ -72,7 +72,7 @@ def robot():
         yield robot
 
 
-def test_an_observation_is_made_where_the_robot_stands_now(robot):
+def test_observation_after_a_motion(robot):
     before = robot.observe()
     robot.act(Action.MOVE_FORWARD)
     after = robot.observe()
@@ -92,7 +92,7 @@ def test_steps_count_every_action_but_stop(robot):
     assert robot.footprint == _FOOTPRINT
 
 
-def test_a_restarted_robot_stands_where_it_was_put_and_counts_anew(robot):
+def test_restart(robot):
     robot.act(Action.MOVE_FORWARD)
     robot.restart(Pose2(0.5, 0.0, 0.0))
     observation = robot.observe()
@@ -106,7 +106,7 @@ def test_a_closed_robot_says_so(robot):
         robot.observe()
 
 
-def test_observations_are_said_to_be_made_where_the_wheels_have_the_robot(robot):
+def test_poses_by_odometry(robot):
     T_base_camera = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0], [0, -1, 0, 1.25], [0, 0, 0, 1]], dtype=float)
     drive = _Slide(robot.data)
     with SimRobot(

@@ -12,7 +12,7 @@ def resident_mib() -> float:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_what_was_freed_below_a_block_in_use_goes_back_to_the_system():
+def test_malloc_trim():
     # Blocks too small for pages of their own, with one in use above them.
     freed = [np.ones(2**13) for _ in range(1500)]
     kept = np.ones(2**13)

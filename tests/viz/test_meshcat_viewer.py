@@ -86,19 +86,19 @@ def test_page_is_served_to_this_machine_only(viewer):
         socket.create_connection(("127.0.0.2", listening.port), timeout=2).close()
 
 
-def test_a_foreign_name_for_this_machine_gets_nothing(viewer):
+def test_foreign_host_name(viewer):
     request = urllib.request.Request(viewer.url, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError, match="404"):
         urllib.request.urlopen(request, timeout=10)
 
 
-def test_run_goes_on_without_a_browser_and_makes_no_mesh_for_nobody(viewer):
+def test_no_mesh_without_a_browser(viewer):
     mapper = CountingMap()
     show(viewer, 3 * MESH_EVERY_STEPS, mapper)
     assert mapper.num_meshes == 0
 
 
-def test_browser_that_comes_late_is_told_all_there_is(viewer):
+def test_late_browser(viewer):
     show(viewer, 60)
     names = ("robot", "camera", "graph", "regions", "path", "target", "trajectory/0", "trajectory/1")
     wanted = {(f"/meshcat/{name}", "set_object") for name in names}
@@ -109,7 +109,7 @@ def test_browser_that_comes_late_is_told_all_there_is(viewer):
     assert told["/meshcat/target", "set_transform"]["matrix"][12:15] == pytest.approx([1.5, 1.0, 0.0])
 
 
-def test_mesh_is_made_while_somebody_looks_and_not_too_often(viewer):
+def test_mesh_rate(viewer):
     mapper = CountingMap()
     show(viewer, 1)
 
@@ -132,7 +132,7 @@ def test_run_goes_on_when_a_browser_leaves(viewer):
     assert watch(viewer, lambda told: ("/meshcat/robot", "set_transform") in told)
 
 
-def test_browser_that_never_reads_holds_nothing_up(viewer):
+def test_browser_that_never_reads(viewer):
     with socket.create_connection(("127.0.0.1", port_of(viewer))) as lazy:
         head = f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port_of(viewer)}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         lazy.sendall(f"{head}Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
@@ -144,7 +144,7 @@ def test_browser_that_never_reads_holds_nothing_up(viewer):
         assert len(browser._updates) < 40
 
 
-def test_broken_map_ends_the_view_and_not_the_run(viewer, caplog):
+def test_broken_map(viewer, caplog):
     class Broken(CountingMap):
         def mesh(self, resolution_m: float, *, reuse: bool = False) -> trimesh.Trimesh:
             raise RuntimeError("no mesh today")
@@ -160,7 +160,7 @@ def test_broken_map_ends_the_view_and_not_the_run(viewer, caplog):
     assert caplog.text.count("An error disabled the live view") == 1
 
 
-def test_closing_frees_the_port_even_with_a_page_open():
+def test_close_frees_the_port():
     viewer = MeshcatViewer(port=0)
     port = port_of(viewer)
     show(viewer, 1)

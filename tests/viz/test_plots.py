@@ -49,7 +49,7 @@ def test_a_metre_is_as_long_along_x_as_along_y(tmp_path):
     "missing",
     [{"graph": None}, {"regions": ()}, {"poses": []}, {"poses": [Pose2(0.0, 0.0, 0.0)]}, {"target_xy_m": None}],
 )
-def test_topdown_is_drawn_without_what_is_missing(tmp_path, missing):
+def test_topdown_without_graph_and_poses(tmp_path, missing):
     assert draw(tmp_path / "a.png", **missing).shape[0] > 500
 
 
@@ -62,6 +62,6 @@ def test_curve_is_drawn_however_short(tmp_path, num_rows):
         assert min(picture.size) > 500
 
 
-def test_drawing_leaves_the_global_state_of_matplotlib_alone():
+def test_matplotlib_state_is_unchanged():
     program = "import anm_mj.viz.plots, sys; assert 'matplotlib.pyplot' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
