@@ -1,4 +1,4 @@
-"""A comparison from its file to its tables; stopped at any time, it goes on where it was."""
+"""A comparison, from its file to its tables; an interrupted one resumes."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.worker import EXPLORE
 
 TABLES_EVERY_S = 60.0
-"""So often tables are written while runs are being made [s]."""
+"""Period of writing tables while runs are made [s]."""
 LOCK = ".lock"
-"""In the comparison's folder: held by the one that writes there."""
+"""Lock file in the comparison's folder; its writer holds the lock."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What a comparison came to."""
+    """Outcome of a comparison."""
 
     folder: Path
     jobs: list[Job]
-    """All that the file asks for."""
+    """All runs of the file."""
     skipped: int
-    """Runs that were there already."""
+    """Runs that existed already."""
     failures: list[str]
-    """One sentence for each run that could not be made; the next call tries them again."""
+    """One sentence for each failed run; the next call tries them again."""
 
 
 def run_bench(
@@ -47,19 +47,19 @@ def run_bench(
     function: str = EXPLORE,
     on_run: Callable[[int, int, str], None] = lambda done, total, last: None,
 ) -> Bench:
-    """Make the runs that are missing, then write tables and pictures of all.
+    """Make the missing runs, then write tables and pictures of all.
 
     Writes ``results.csv`` (a row per run), ``table.md``, ``curves_<scene>.png`` and ``command.txt``; the runs lie in
-    ``runs/``. Tables are written now and then too, so that a comparison can be looked at while it goes.
+    ``runs/``. Tables are also written from time to time, to look at while the comparison runs.
 
     Args:
         file: The TOML file (see :mod:`anm_mj.bench.sweep`).
-        out: Folder of the comparison; made if need be.
-        num_workers: Runs made at a time.
+        out: Folder of the comparison; made if missing.
+        num_workers: Runs in parallel.
         engine: ``local`` or ``ray``.
         command: The command line, for the record.
-        function: What makes a run, as ``module:function`` (see :func:`anm_mj.bench.engine.execute`).
-        on_run: Told after every run how many are done, of how many, and the last one's name or error.
+        function: Function that makes a run, as ``module:function`` (see :func:`anm_mj.bench.engine.execute`).
+        on_run: Called after every run with done and total runs and the last one's name or error.
 
     Raises:
         BenchError: The file, the engine or the folder cannot be used.
@@ -74,7 +74,7 @@ def run_bench(
 
 @contextmanager
 def _only_writer(out: Path) -> Iterator[None]:
-    """Keep other comparisons from writing into the same folder; the system takes the lock back however this one ends.
+    """Lock the folder against other comparisons; the system releases the lock however this one ends.
 
     Raises:
         BenchError: Another one writes there, or the folder cannot be written.
@@ -132,12 +132,12 @@ def _make_missing(
 
 
 def _without_folders(command: Sequence[str]) -> list[str]:
-    """A command line that says nothing of where this machine keeps its files."""
+    """A command line without the folders of this machine."""
     return [Path(word).name if Path(word).is_absolute() else word for word in command]
 
 
 def write_tables(jobs: Sequence[Job], out: Path, command: str) -> None:
-    """Write the tables and pictures of the runs that are there.
+    """Write the tables and pictures of the existing runs.
 
     Raises:
         RunFolderError: A file of a run is damaged.

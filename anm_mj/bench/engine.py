@@ -1,7 +1,6 @@
-"""Where the runs of a comparison are made: in processes on this machine, or as tasks of a Ray cluster.
+"""Executes the runs of a comparison: in processes on this machine, or as tasks of a Ray cluster.
 
-Both call the same function, which starts a process of its own for the run. A process that dies, or is killed, costs
-that run and nothing else.
+Every run gets a process of its own. A process that dies costs its run and nothing else.
 """
 
 from __future__ import annotations
@@ -27,23 +26,23 @@ ENGINES = ("local", "ray")
 _logger = logging.getLogger(__name__)
 
 START_TRIES = 5
-"""Tries to start a cluster on this machine: Ray gives its own helper process 15 s to report, which is short when the
-processor is busy, and ends what it has started when they are over."""
+"""Tries to start a Ray cluster on this machine: Ray waits 15 s for its own helper process, which is too short on a busy
+machine."""
 RESULT = "result.json"
-"""In the folder of a run: there once everything else is."""
+"""File in a run folder that is written last."""
 LOG = "log.txt"
 
 
 def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
-    """Make one run in a process of its own; what went wrong in one sentence, or None.
+    """Make one run in a process of its own; returns its error in one sentence, or None.
 
-    The run folder gets its name when it is whole, so that whatever dies on the way leaves nothing that looks done.
+    The run folder gets its name once it is complete, so an aborted run never looks done.
 
     Args:
         job: The run.
         runs: Folder that gets the run folder.
-        function: What makes the run, as ``module:function``; called with the job and an empty folder.
-        threads: Threads that numerical libraries may use.
+        function: Function that makes the run, as ``module:function``; called with the job and an empty folder.
+        threads: Threads for numerical libraries.
     """
     attempt = Path(runs) / f".{job.name}-{uuid.uuid4().hex[:8]}"
     attempt.mkdir(parents=True)
@@ -77,12 +76,12 @@ def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
         why = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         return f"{job.name} {why}" + (f": {lines[-1]}" if lines else ".")
     made = attempt / "run"
-    # Where this machine keeps the scene is nobody's business; its hash says which one it is.
+    # The path of the scene on this machine is private; the hash identifies the scene.
     facts = {**asdict(job), "scene": job.scene_name}
     (made / RESULT).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
     log.replace(made / LOG)
     target = Path(runs) / job.name
-    # Only an unfinished folder can be there, and only from an older version of this program.
+    # Only an older version of this program can have left an incomplete folder here.
     shutil.rmtree(target, ignore_errors=True)
     made.replace(target)
     attempt.rmdir()
@@ -92,7 +91,7 @@ def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
 def run_jobs(
     jobs: list[Job], runs: Path, engine: str, num_workers: int, function: str
 ) -> Iterator[tuple[Job, str | None]]:
-    """Make all runs, several at a time; each with what went wrong, or None, as it ends.
+    """Make all runs, several in parallel; yields each with its error, or None, as it ends.
 
     Raises:
         BenchError: There is no such engine, or Ray is not installed.
@@ -108,7 +107,7 @@ def run_jobs(
 
 
 def _local(jobs: list[Job], num_workers: int, one: Callable[[Job], str | None]) -> Iterator[tuple[Job, str | None]]:
-    # Threads only wait for the processes that they start.
+    # The threads only wait for their processes.
     pool = ThreadPoolExecutor(num_workers)
     try:
         futures = {pool.submit(one, job): job for job in jobs}
@@ -127,7 +126,7 @@ def _ray(jobs: list[Job], num_workers: int, arguments: tuple[str, str, int]) -> 
 
     began = not ray.is_initialized()
     if began:
-        # A cluster that the environment or a running `ray start` names is joined; else one is started here.
+        # Join the cluster that the environment names; without one, start a cluster here.
         known = os.environ.get("RAY_ADDRESS")
         local: dict[str, Any] = {} if known else {"num_cpus": num_workers, "include_dashboard": False}
         _started(lambda: ray.init(address=known, log_to_driver=False, logging_level=logging.ERROR, **local))
@@ -148,10 +147,10 @@ def _ray(jobs: list[Job], num_workers: int, arguments: tuple[str, str, int]) -> 
 
 
 def _started(start: Callable[[], object]) -> None:
-    """Start or join a cluster, again where it did not come up.
+    """Start or join a cluster, with retries.
 
     Raises:
-        BenchError: It did not come up at all.
+        BenchError: No try succeeded.
     """
     import ray
 
@@ -160,7 +159,7 @@ def _started(start: Callable[[], object]) -> None:
         try:
             start()
             return
-        except Exception as err:  # Ray raises no class of its own when a node does not come up.
+        except Exception as err:  # Ray has no exception class for a node that does not start.
             _logger.info("Ray did not start: %s", err)
             failure = err
             ray.shutdown()

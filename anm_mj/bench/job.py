@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """One run, and all that decides how it goes."""
+    """One run and everything that determines it."""
 
     scene: str
     """Name or path, as given."""
@@ -28,12 +28,12 @@ class Job:
     steps: int
     preset: str
     settings: tuple[str, ...]
-    """Single settings as after ``--set``."""
+    """Settings as given to ``--set``."""
 
     @property
     def name(self) -> str:
-        """A folder name: readable, and another one for other contents."""
-        # Where a scene lies makes no difference to what comes out.
+        """A readable folder name, unique to the job's content."""
+        # The path of a scene does not affect the run.
         facts = {key: value for key, value in asdict(self).items() if key != "scene"}
         digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:8]
         text = f"{self.scene_name}_{self.policy}_start{self.start}_seed{self.seed}"

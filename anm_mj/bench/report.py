@@ -1,4 +1,4 @@
-"""What a person reads of a comparison: a Markdown table with means and deviations, and a picture per scene."""
+"""The report of a comparison: Markdown tables of means and deviations, and completion curves per scene."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ COLUMNS = (
     ("novel_view_depth_l1_cm", "novel-view depth L1 [cm]", 1),
     ("hz", "steps/s", 1),
 )
-"""Name of a column of the tidy table, heading, decimals."""
+"""Column of the results table, heading, decimals."""
 CURVE_POINTS = 201
 
 
 def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
-    """The tables: one per scene, and the means over all scenes that every policy has run in, with the same settings.
+    """One table per scene, and one of means over the scenes that every policy has run in.
 
-    Numbers are mean ± standard deviation over starts and seeds; where not every run has a number (as steps to a share
-    that it never reached), how many have it stands behind it.
+    Entries are mean ± standard deviation over starts and seeds. (n/m) marks entries that only n of m runs have, such as
+    the steps to a ratio that not all runs reached.
     """
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     variants = list(dict.fromkeys(_variant(row) for row in rows))
@@ -57,7 +57,7 @@ def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
         parts.append(_table([(name, [r for r in here if _variant(r) == name]) for name in variants]))
     common = [s for s in scenes if {_variant(r) for r in rows if r["scene"] == s} == set(variants)]
     if len(common) > 1:
-        # The mean over scenes of each scene's mean, as the paper's tables have it, not of all runs alike.
+        # The mean over scenes of each scene's mean, as in the paper's tables.
         groups = [(name, [_mean_row(rows, scene, name) for scene in common]) for name in variants]
         parts.append(f"## Mean over {len(common)} scenes\n\nDeviation between scenes: {', '.join(common)}.")
         parts.append(_table(groups))
@@ -65,7 +65,7 @@ def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
 
 
 def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
-    """Coverage against steps for every policy and its settings: the mean over its runs, and a band of one deviation."""
+    """Completion ratio against steps for every variant: the mean over its runs, with a band of one deviation."""
     budget = max(result.job["steps"] for result in results)
     steps = np.linspace(0.0, budget, CURVE_POINTS)
     known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
@@ -81,13 +81,13 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
         axes.fill_between(steps, mean - deviation, mean + deviation, color=line.get_color(), alpha=0.15, linewidth=0)
     axes.set(xlabel="steps", ylabel=label, title=scene, xlim=(0.0, budget), ylim=(0.0, 100.0))
     axes.grid(alpha=0.3)
-    # Beside the curves: with settings in their names, ten of them would hide half of the picture.
+    # Beside the curves: ten names with settings would hide half of the picture.
     figure.legend(loc="outside right upper", frameon=False)
     figure.savefig(path)
 
 
 def _variant(row: dict[str, Any]) -> str:
-    """What a row of the tidy table is compared as."""
+    """Variant of a row of the results table."""
     return variant(row["policy"], row["preset"], row["settings"])
 
 

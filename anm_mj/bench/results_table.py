@@ -1,4 +1,4 @@
-"""The tidy table of a comparison: a row for each run, a column for each fact."""
+"""The results table of a comparison: a row per run, a column per fact."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.utils.files import atomic_write
 
 USUAL_PRESET = "default"
-"""Goes without saying in the name of what is compared."""
+"""Preset that variant names leave out."""
 COMPLETION, OBSERVABLE = 1, 3
 """Columns of a curve: completion ratio, and completion ratio of the observable surface."""
 LEVELS = (90, 95, 99)
-"""Shares of the observable surface whose first steps are reported [%]."""
+"""Levels of the observable completion ratio; the table has the steps to each [%]."""
 TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
-"""Columns that differ from one machine, or one hour, to the next, beside those that begin with ``hz_``."""
+"""Columns that differ between machines and times, besides those that begin with ``hz_``."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +39,17 @@ class Result:
     """Fields of :class:`~anm_mj.bench.job.Job`."""
     metrics: dict[str, Any]
     revision: str
-    """Of the program; with a ``+`` where it had changes."""
+    """Git revision; ends in ``+`` if the checkout had changes."""
     curve: Float[np.ndarray, "n 4"]
     """Step, completion ratio [%], completion [cm], observable ratio [%] (NaN where unknown)."""
 
     @property
     def variant(self) -> str:
-        """What is compared: the policy, and with which preset and settings where these are not the usual ones."""
+        """Policy, with preset and settings if these are not the defaults."""
         return variant(self.job["policy"], self.job["preset"], " ".join(self.job["settings"]))
 
     def steps_to(self, level: float) -> float:
-        """First step of the curve at which so much of the observable surface [%] is covered; NaN if none."""
+        """First step of the curve at which the observable completion ratio reaches a level [%]; NaN if none."""
         reached = np.flatnonzero(self.curve[:, OBSERVABLE] >= level)
         return float(self.curve[reached[0], 0]) if len(reached) else float("nan")
 
@@ -61,12 +61,12 @@ class Result:
 
 
 def variant(policy: str, preset: str, settings: str) -> str:
-    """Name of what is compared, such as ``anm-s (planning.target=random)``: runs of one name differ by start and seed.
+    """Name of a variant, such as ``anm-s (policy.target=random)``; its runs differ by start and seed.
 
     Args:
-        policy: its name.
-        preset: of the map; the usual one is not mentioned.
-        settings: single ones, as the tidy table has them.
+        policy: Name of the policy.
+        preset: Mapping preset.
+        settings: Settings, as in the results table.
     """
     special = " ".join(text for text in ("" if preset == USUAL_PRESET else preset, settings) if text)
     return f"{policy} ({special})" if special else policy
@@ -94,12 +94,12 @@ def read_result(folder: Path) -> Result:
 
 
 def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
-    """Those of the jobs whose runs are there."""
+    """The jobs whose runs exist."""
     return [job for job in jobs if (runs / job.name / RESULT).is_file()]
 
 
 def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
-    """A row for each run, in the order of the results; every row has every column."""
+    """A row per run, in the order of the results; every row has every column."""
     oracle_steps = {
         (r.job["scene_name"], r.job["start"], level): r.steps_to(level)
         for r in results
@@ -134,7 +134,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write rows; what is missing or not finite becomes an empty cell."""
+    """Write rows; missing and non-finite values become empty cells."""
     with atomic_write(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(rows[0])

@@ -1,4 +1,4 @@
-"""What is to be compared: a small TOML file becomes a list of runs.
+"""The file of a comparison: a small TOML file that becomes a list of runs.
 
     policies = ["random", "gvg", "oracle"]
     starts = 3
@@ -12,8 +12,8 @@
     policies = ["gvg", "oracle"]
     starts = 1
 
-What stands outside of a sweep holds for all of them; a file without any is one sweep itself. Every run is one scene,
-one policy, one start and one seed.
+Keys outside of a sweep hold for all sweeps; a file without sweeps is one sweep itself. Every run is one scene, one
+policy, one start and one seed.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Sweep:
     """Names from the catalogue, or paths of scene folders, relative to the file."""
     policies: list[str]
     starts: int = 1
-    """How many of each scene's start poses, the first ones."""
+    """Number of start poses of each scene, from the first on."""
     seeds: tuple[int, ...] = (0,)
     steps: int | None = None
     """Budget of each run; None = the scene's own, which depends on its number of rooms as in the paper."""
@@ -62,7 +62,7 @@ FIELDS = {
 
 
 def read_jobs(path: Path) -> list[Job]:
-    """The runs that a file asks for, scene by scene, each once.
+    """The runs of a file, scene by scene, each once.
 
     Raises:
         BenchError: The file cannot be read, or asks for something that does not exist.

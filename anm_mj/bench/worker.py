@@ -1,7 +1,7 @@
 """One run of a comparison in a process of its own: ``python -m anm_mj.bench.worker MODULE:FUNCTION``.
 
-The job comes as a line of JSON on the standard input, which the one who started the process keeps open as long as he
-lives: when it ends, so does the process. Nobody has to be told to clean up, even after kill -9.
+The job comes as a line of JSON on the standard input. The parent keeps the input open while it lives; when the input
+closes, the worker exits. So no worker outlives its parent, even after kill -9.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from anm_mj.bench.job import Job
 from anm_mj.errors import AnmError
 
 EXPLORE = "anm_mj.bench.worker:explore"
-"""What makes a run, unless told otherwise."""
+"""Default function that makes a run."""
 KEPT = (
     "config.json",
     "curve.csv",
@@ -28,14 +28,14 @@ KEPT = (
     "steps.jsonl",
     "topdown.png",
 )
-"""What is kept of a run folder: the numbers and how they came about, without frames, map and mesh."""
+"""Files kept of a run folder: metrics and logs, without frames, map and mesh."""
 WITHOUT_PICTURES = "mlp"
 """The engine whose maps are not evaluated on novel views: they have no colours, and an image takes half a minute."""
 FAILED = 2
 
 
 def explore(job: Job, folder: Path) -> None:
-    """Explore as the job says and leave a run folder without what takes much room.
+    """Explore as the job says and leave a run folder without its large files.
 
     Raises:
         AnmError: The run cannot be made.
@@ -56,7 +56,7 @@ def explore(job: Job, folder: Path) -> None:
 
 
 def main(function: str) -> int:
-    """Read a job from the standard input, do it, and return the exit status."""
+    """Read a job from the standard input, execute it, and return the exit status."""
     line = json.loads(sys.stdin.readline())
     job = Job(
         **{**line["job"], "start_pose": tuple(line["job"]["start_pose"]), "settings": tuple(line["job"]["settings"])}

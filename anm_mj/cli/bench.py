@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 
 INCOMPLETE = 1
-"""Exit status when some runs could not be made."""
+"""Exit status if some runs failed."""
 
 
 def add_bench(commands: Any) -> None:
@@ -18,11 +18,11 @@ def add_bench(commands: Any) -> None:
     bench = commands.add_parser(
         "bench",
         help="compare policies over scenes, starts and seeds, and write tables",
-        epilog="Stopped at any time, the same command goes on where it was.",
+        epilog="The same command resumes an interrupted comparison.",
     )
     bench.add_argument("file", type=Path, metavar="FILE", help="a TOML file with scenes, policies, starts and seeds")
     bench.add_argument("--out", type=Path, metavar="DIR", help="folder (default: bench/<name of FILE>)")
-    bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs made at a time (default: 1)")
+    bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs in parallel (default: 1)")
     bench.add_argument("--engine", default="local", help="local (processes) or ray (a cluster) (default: local)")
     bench.set_defaults(command=_bench)
 
@@ -53,9 +53,9 @@ def _bench(parsed: argparse.Namespace) -> int:
         )
     for failure in bench.failures:
         console.print(failure, style="red", markup=False, highlight=False, soft_wrap=True)
-    left = f", {len(bench.failures)} not made; the same command tries them again" if bench.failures else ""
+    left = f", {len(bench.failures)} failed; the same command tries them again" if bench.failures else ""
     console.print(
-        f"{len(bench.jobs)} runs, {bench.skipped} of them made before{left}. "
+        f"{len(bench.jobs)} runs, {bench.skipped} of them from before{left}. "
         f"Tables: {out / 'table.md'}, {out / 'results.csv'}",
         highlight=False,
         soft_wrap=True,

@@ -1,13 +1,12 @@
-"""Completion: how much of the true surface the depth images have hit so far (the paper's protocol).
+"""Completion: how much of the true surface the depth images have covered so far (the paper's protocol).
 
-Every sample of the true surface keeps the distance to the nearest point that any frame has back-projected. The
-completion ratio is the share of samples nearer than 5 cm, completion is the mean distance, each capped at 1 m.
+Every sample of the true surface keeps its distance to the nearest back-projected depth point of any frame. The
+completion ratio is the share of samples nearer than 5 cm; completion is the mean distance, each capped at 1 m.
 
-The idea that makes this cheap: the minimum over frames of the distance to a frame is the distance to the union of the
-frames, so frames may be taken in batches; and a batch can only change a sample that lies nearer to it than the sample's
-present distance. A coarse grid around the batch bounds that distance from below for all samples at once, so that a
-nearest-neighbour search is done for few of them, and each search is bounded by what it has to beat. Nothing is
-approximated: the distances equal those of a search of all samples in all frames to the last digit.
+Frames are searched in batches, because the minimum over frames of the distance to a frame is the distance to their
+union. A batch can only change samples that lie nearer to it than their present distance. A coarse grid around the batch
+bounds that distance from below for all samples at once, so only few samples need a nearest-neighbour search, and their
+present distance bounds each search. The distances equal those of a full search to the last digit.
 """
 
 from __future__ import annotations
@@ -27,29 +26,29 @@ from anm_mj.types import Intrinsics
 COVERED_M = 0.05
 """A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
 CAP_M = 1.0
-"""Largest distance that a sample adds to the mean [m] (paper's protocol)."""
+"""Cap of each sample's distance in the mean [m] (paper's protocol)."""
 BATCH_FRAMES = 10
-"""Frames searched together; more wait longer, fewer build more trees."""
+"""Frames per batch; larger batches delay results, smaller ones build more trees."""
 GRID_CELL_M = 0.25
 """Cell of the pruning grid [m]; finer prunes more and costs more to fill."""
 SEARCH_BOUNDS_M = (0.005, 0.01, 0.02, 0.05, 0.2, CAP_M)
-"""Samples are searched in groups whose present distances lie below these [m]: the tree takes one bound per search."""
+"""Upper bounds of the present distances in each group of samples [m]; the tree takes one bound per search."""
 LEAF_SIZE = 40
-"""Points in a leaf of the tree: it is searched only a few times per point, so that building it counts as well."""
+"""Points per leaf of the tree; a tree serves few searches, so its construction counts as well."""
 BOUND_SLACK = 1.0 + 1e-9
-"""The tree compares squares; a relative slack keeps rounding from hiding a neighbour at the bound itself."""
+"""Relative slack of search bounds: the tree compares squares, and rounding must not hide a neighbour at the bound."""
 
 
 @dataclass(frozen=True)
 class Completion:
-    """How much of the true surface has been seen."""
+    """Completion of the true surface."""
 
     ratio_percent: float
-    """Share of the samples nearer than 5 cm to a seen point [%]."""
+    """Share of the samples nearer than 5 cm to a depth point [%]."""
     completion_cm: float
-    """Mean distance of the samples to the nearest seen point, each capped at 1 m [cm]."""
+    """Mean distance of the samples to the nearest depth point, each capped at 1 m [cm]."""
     observable_ratio_percent: float | None
-    """The ratio among the observable samples alone [%]; None where it is not known which those are."""
+    """The ratio among the observable samples alone [%]; None if these are not known."""
 
 
 class DistanceBound:
@@ -78,13 +77,13 @@ class Coverage:
 
     Args:
         samples: Samples of the true surface, world [m].
-        observable: Which of them can be seen at all, where that is known.
+        observable: Which of them are observable, if known.
     """
 
     def __init__(self, samples: Float32[np.ndarray, "n 3"], observable: Bool[np.ndarray, " n"] | None = None) -> None:
         exact = samples.astype(np.float64)
         bound = DistanceBound(exact)
-        # Samples that lie together are searched together: the tree's nodes stay in the cache.
+        # Neighbouring samples are searched in a row, so that the tree's nodes stay in the processor's cache.
         self._order = np.argsort(bound.cell, kind="stable")
         self._samples = exact[self._order]
         self._cell = bound.cell[self._order]
@@ -99,7 +98,7 @@ class Coverage:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
     ) -> None:
-        """Take in a frame that :func:`~anm_mj.evaluation.depth.reduce_depth` made.
+        """Add a frame of :func:`~anm_mj.evaluation.depth.reduce_depth`.
 
         Args:
             depth_mm: Reduced depth [mm].
@@ -109,13 +108,13 @@ class Coverage:
         self.add_points(back_project_reduced(depth_mm, intrinsics, T_world_camera))
 
     def add_points(self, points_world: Float[np.ndarray, "m 3"]) -> None:
-        """Take in the seen points of a frame [m]."""
+        """Add the depth points of a frame, world [m]."""
         self._pending.append(points_world)
         if len(self._pending) >= BATCH_FRAMES:
             self._search()
 
     def completion(self) -> Completion:
-        """The completion by all frames so far."""
+        """Completion by all frames so far."""
         distance_m = self.distance_m
         covered = distance_m < COVERED_M
         return Completion(
@@ -126,7 +125,7 @@ class Coverage:
 
     @property
     def distance_m(self) -> Float[np.ndarray, " n"]:
-        """Distance of every sample to the nearest seen point [m]; infinite from 1 m on, where it is not needed."""
+        """Distance of every sample to the nearest depth point [m]; infinite from 1 m on."""
         self._search()
         distance_m = np.empty_like(self._distance_m)
         distance_m[self._order] = self._distance_m
@@ -161,13 +160,13 @@ def uncapped_completion_cm(
     distance_m: Float[np.ndarray, " n"],
     clouds: Iterable[Float[np.ndarray, "m 3"]],
 ) -> float | None:
-    """Mean distance of all samples to the nearest seen point [cm]; None where nothing was seen at all.
+    """Completion without the cap at 1 m, recomputed from all frames [cm]; None without any depth point.
 
     Args:
         samples: Samples of the true surface, world [m].
         distance_m: Their distances below 1 m, infinite elsewhere, as :class:`~anm_mj.evaluation.coverage.Coverage`
             has them.
-        clouds: The seen points of every frame, world [m].
+        clouds: The depth points of every frame, world [m].
     """
     far = np.flatnonzero(np.isinf(distance_m))
     full_m = distance_m.copy()

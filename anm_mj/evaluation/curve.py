@@ -1,4 +1,4 @@
-"""Completion against steps: the same rows whether made during a run or from its folder."""
+"""Completion against steps; a live run and its folder give the same rows."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ CURVE_HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m"
 
 @dataclass(frozen=True)
 class CurveRow:
-    """How far a run has come by a step."""
+    """Completion at a step."""
 
     step: int
     completion_ratio: float
-    """Share of the true surface within 5 cm of what was seen [%]."""
+    """Completion ratio (< 5 cm) [%]."""
     completion_cm: float
-    """Mean distance of the true surface to what was seen, capped at 1 m [cm]."""
+    """Completion, capped at 1 m [cm]."""
     observable_ratio: float | None
-    """The ratio among what can be seen at all [%]; None where that is not known."""
+    """Completion ratio of the observable surface [%]; None if that is not known."""
     path_m: float
-    """Distance driven [m]."""
+    """Driven distance [m]."""
 
     @property
     def csv(self) -> str:
@@ -40,7 +40,7 @@ class CurveRow:
 
 
 class CompletionCurve:
-    """Takes in the frames of a run in their order and keeps a row at every tenth step and at the last."""
+    """Adds the frames of a run in order and keeps a row for every tenth step and for the last."""
 
     def __init__(self, truth: GroundTruth) -> None:
         self.rows: list[CurveRow] = []
@@ -51,12 +51,12 @@ class CompletionCurve:
 
     @property
     def path_m(self) -> float:
-        """Distance driven: the sum of the straight ways from each frame's place to the next [m]."""
+        """Driven distance: the sum of the distances between consecutive frames [m]."""
         return self._path_m
 
     @property
     def distance_m(self) -> Float[np.ndarray, " n"]:
-        """Distance of every sample to the nearest seen point [m]; infinite from 1 m on."""
+        """Distance of every sample to the nearest depth point [m]; infinite from 1 m on."""
         return self._coverage.distance_m
 
     def frame(
@@ -67,14 +67,14 @@ class CompletionCurve:
         T_world_camera: Float[np.ndarray, "4 4"],
         pose: Pose2,
     ) -> CurveRow | None:
-        """Take in the frame seen after ``step`` actions; the row it makes, if it makes one.
+        """Add the frame after ``step`` actions; returns its row, if it has one.
 
         Args:
             step: Number of actions before the frame.
             depth_mm: Reduced depth [mm].
             intrinsics: Of the original image.
             T_world_camera: Camera to world, CV axes.
-            pose: Where the robot stood.
+            pose: Pose of the base.
         """
         self._coverage.add(depth_mm, intrinsics, T_world_camera)
         if self._pose is not None:
@@ -83,7 +83,7 @@ class CompletionCurve:
         return self._row(step) if step % CHECKPOINT_STEPS == 0 else None
 
     def last(self) -> CurveRow | None:
-        """A row for the last frame; None where it has one already, or there is no frame."""
+        """Add a row for the last frame; None if it has one already, or there is no frame."""
         if self._step is None or (self.rows and self.rows[-1].step == self._step):
             return None
         return self._row(self._step)

@@ -1,4 +1,4 @@
-"""The true surface of a scene, as the evaluation sees it: never shown to the robot."""
+"""Ground truth: the true surface of a scene, for evaluation only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int32
 from anm_mj.errors import RunFolderError, SceneError
 
 NUM_SAMPLES = 200_000
-"""Samples that stand for the true surface (paper's protocol)."""
+"""Samples of the true surface (paper's protocol)."""
 
 
 def sample_triangles(
@@ -43,7 +43,7 @@ def sample_triangles(
 def sample_surface(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int = NUM_SAMPLES, seed: int = 0
 ) -> Float32[np.ndarray, "n 3"]:
-    """Uniform samples of a surface [m]: the whole of it, hidden and unreachable parts too, as in the paper's protocol.
+    """Uniform samples of a whole surface [m], hidden and unreachable parts included, as in the paper's protocol.
 
     Raises:
         SceneError: The surface has no area.
@@ -53,7 +53,7 @@ def sample_surface(
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """A scene's true surface and the samples that completion is counted on."""
+    """A scene's true surface and the samples for completion."""
 
     samples: Float32[np.ndarray, "n 3"]
     """Area-weighted samples of the surface, world [m]."""
@@ -61,7 +61,7 @@ class GroundTruth:
     """World [m]."""
     faces: Int32[np.ndarray, "f 3"]
     observable: Bool[np.ndarray, " n"] | None = None
-    """Which samples can be seen at all from where the robot can go; None where that is not known."""
+    """Which samples are observable from the reachable area; None if not known."""
 
     @classmethod
     def sample(

@@ -1,7 +1,6 @@
-"""The true surface of a scene with its observable part, computed once per scene, robot and camera.
+"""Ground truth with its observable part, computed once per scene, robot and camera.
 
-What was computed lies in the user's cache folder under a name made from everything it depends on, and may be deleted at
-any time.
+The user's cache folder keeps the observable part under a name made from everything that it depends on.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from anm_mj.utils.raycast import RayCaster, embree_installed
 _logger = logging.getLogger(__name__)
 
 METHOD = 1
-"""Raised when the search changes, so that what older versions kept is not used."""
+"""Version of the search; a higher one ignores what older versions cached."""
 
 
 def cached_ground_truth(
@@ -40,18 +39,18 @@ def cached_ground_truth(
     on_progress: Callable[[int, int], None] = lambda done, total: None,
     num_samples: int = NUM_SAMPLES,
 ) -> GroundTruth:
-    """The samples that completion is counted on, and which of them can be seen.
+    """The samples for completion, and which of them are observable.
 
-    The samples of a scene are always the same, whatever a run's seed, so that runs differ by what they saw alone. Where
-    no rays can be cast it is not known which can be seen, and that is logged.
+    The samples of a scene do not depend on a run's seed, so runs differ by their frames alone. Without Embree the
+    observable part stays unknown, and a warning says so.
 
     Args:
         scene: The world.
-        footprint: The cylinder that the robot needs.
+        footprint: The robot's body.
         camera: Its camera.
-        start: A place from which the robot gets to all others.
-        on_progress: Told how much of the search is done; not called where the answer is known already.
-        num_samples: How many.
+        start: Any pose in the reachable area.
+        on_progress: Called with done and total rounds of the search; not called if the answer is cached.
+        num_samples: Number of samples.
 
     Raises:
         SceneError: The scene has no surface, or next to no floor.
@@ -59,8 +58,8 @@ def cached_ground_truth(
     truth = GroundTruth.sample(*scene.triangles(), num_samples)
     if not embree_installed():
         _logger.warning(
-            "What can be seen at all is not computed, because embreex is not installed; "
-            "it comes with pip install 'anm-mj[embree]'."
+            "The observable surface is not computed, because embreex is not installed; "
+            "install it with pip install 'anm-mj[embree]'."
         )
         return truth
     area = reachable_area(scene, footprint, start)
@@ -75,21 +74,21 @@ def cached_ground_truth(
 
 
 def reachable_area(scene: Scene, footprint: Footprint, start: Pose2) -> ReachableArea:
-    """Where a robot can get to from a start.
+    """The area that a robot can reach from a start.
 
     Raises:
         SceneError: There is next to no floor.
     """
     area = scene_area(scene, footprint)
     places = [area.places(k) for k in range(1, int(area.component.max()) + 1)]
-    # A start right at an obstacle may lie in a cell that counts as blocked; it belongs to the component nearest to it.
+    # A start beside an obstacle may lie in a blocked cell; the nearest component counts.
     nearest_m = [float(np.linalg.norm(xy - start.xy_m, axis=1).min()) for xy in places]
     reachable = area.component == 1 + int(np.argmin(nearest_m))
     return ReachableArea(reachable, area.grid.origin_xy_m, area.grid.resolution_m)
 
 
 def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: ReachableArea, camera: CameraExtrinsics) -> str:
-    """A name for everything that the answer depends on."""
+    """A name made from everything that the observable part depends on."""
     digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{observable.NUM_ROUNDS}\0{camera.intrinsics}\0".encode())
     digest.update(samples.tobytes())
     digest.update(np.packbits(area.reachable).tobytes())
@@ -99,7 +98,7 @@ def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: ReachableArea,
 
 
 def _load(path: Path, num_samples: int) -> Bool[np.ndarray, " n"] | None:
-    """What was kept, or None if it is not there or not whole."""
+    """The cached flags; None if the file is missing or damaged."""
     try:
         kept = np.load(path)
     except (OSError, ValueError, EOFError):

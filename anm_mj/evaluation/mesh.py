@@ -1,15 +1,14 @@
-"""How good the mesh out of the neural map is, against the true surface.
+"""Quality of the reconstructed mesh against the true surface.
 
-Both surfaces are sampled alike. Accuracy is the mean distance of the reconstruction's samples to the true *surface*,
-completion that of the true samples to the reconstructed surface. The usual distance from samples to samples cannot
-fall below half the spacing of the samples (3 cm for 200,000 of them on a flat of 900 m2) even for a perfect mesh;
-here the distance is to triangles: of all points spread over a surface, one on every triangle and no two farther apart
-than about 5 cm, the eight nearest are looked up and the exact distances to the triangles they lie on are compared. That
-may miss the nearest triangle of a fine mesh for its neighbour; the mean is then too large by about 0.01 mm.
+Accuracy is the mean distance of samples of the mesh to the true *surface*; completion is the mean distance of true
+samples to the mesh. Distances from samples to samples cannot fall below half the sample spacing even for a perfect mesh
+(3 cm for 200,000 samples on a flat of 900 m2), so distances here are to triangles. Anchor points cover each surface,
+one on every triangle and about 5 cm apart. For each query the exact distances to the triangles of its eight nearest
+anchors are compared. On a fine mesh this may miss the nearest triangle; the mean is then 0.01 mm too large.
 
-Everything is counted twice: the whole, what no camera could see included; and culled to what the run observed, which
-tells how well a surface was mapped from how much of it was found. Culled, the true surface is its samples that the run
-covered, and the reconstruction is those of its samples whose nearest true sample was covered.
+All metrics are computed twice: for the whole surfaces, and culled to the observed surface. Culling separates how well
+a surface was mapped from how much of it was found. It keeps the true samples that the run covered, and the samples of
+the mesh whose nearest true sample was covered.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from anm_mj.evaluation.coverage import COVERED_M, DistanceBound
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 
 ANCHOR_SPACING_M = 0.05
-"""Spacing of the points through which near triangles are found [m]."""
+"""Spacing of anchors [m]."""
 NUM_NEAR = 8
-"""Points looked up for each query."""
+"""Anchors per query."""
 CHUNK = 20_000
-"""Queries compared with triangles at a time; bounds the memory to some 50 MiB."""
+"""Queries processed together; bounds the memory to some 50 MiB."""
 SAMPLE_SEED = 0
 """Seed of the samples on the reconstruction."""
 
@@ -72,10 +71,10 @@ def mesh_quality(
         faces: Vertex indices.
         truth: The true surface.
         covered: Which of its samples the run observed.
-        num_samples: Samples on the reconstruction; on the true surface there are as many as it brings.
+        num_samples: Samples on the mesh.
 
     Returns:
-        The quality of the whole, and culled to what was observed; None where that is nothing.
+        The quality of the whole, and culled to the observed surface; None if nothing was observed.
 
     Raises:
         SceneError: The mesh has no area.
@@ -101,7 +100,7 @@ def _quality(to_truth_m: Float[np.ndarray, " n"], to_mesh_m: Float[np.ndarray, "
 def surface_distance(
     points: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, " n"]:
-    """Unsigned distance of points to a triangle mesh [m] (see above for what is looked at).
+    """Unsigned distance of points to a triangle mesh by anchors, see above [m].
 
     Raises:
         SceneError: The mesh has no area.
@@ -116,7 +115,7 @@ def surface_distance(
     near = min(NUM_NEAR, len(anchors))
     tree = KDTree(anchors)
     distance_m = np.empty(len(points))
-    # Points that lie together are looked up together: the tree's nodes stay in the cache.
+    # Neighbouring points are searched in a row, so that the tree's nodes stay in the processor's cache.
     order = np.argsort(DistanceBound(points).cell, kind="stable")
     for start in range(0, len(points), CHUNK):
         chunk = points[order[start : start + CHUNK]]

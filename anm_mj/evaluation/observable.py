@@ -1,16 +1,15 @@
-"""The observable surface: which samples of the true surface the robot's camera can see at all.
+"""The observable surface: samples of the true surface that the robot's camera can cover at all.
 
-A sample is observable if the protocol of :mod:`anm_mj.evaluation.coverage` would count it as seen by a depth frame
-taken from any place that the robot can reach, at any of its 36 yaws. Rendering them all would take hours, so it is
-turned round: for a sample and a pose, a ray is cast through the one pixel whose ray passes nearest to the sample, and
-whatever lies within 5 cm of the point it hits is observable. Every sample found is thus certified by a pixel of a pose
-that the robot can take: none is counted that no frame could cover.
+A sample is observable if the protocol of :mod:`anm_mj.evaluation.coverage` covers it by a depth frame from any
+reachable place, at any of the 36 yaws. Rendering all frames would take hours. Instead, for a sample and a pose, one ray
+is cast through the pixel whose ray passes nearest to the sample; all samples within 5 cm of the hit are observable. So
+a pixel of a reachable pose certifies every sample found: none is counted that no frame could cover.
 
-What has to be searched is the pose. Places are proposed in two ways: about the sample, evenly over direction and
-logarithm of distance, so that openings of equal solid angle are found equally soon, however large the scene; and near
-the places from which neighbouring samples were seen, because what lies together is mostly seen from the same place. The
-search ends after a fixed number of rounds and gives up samples among unseen ones earlier. Of what 4,000 rendered views
-of a furnished room cover it misses 0.4 %, and finds as much again that they do not cover.
+The search is over poses. It proposes places in two ways: about the sample, evenly over direction and logarithm of
+distance, so that openings of equal solid angle are found equally soon in scenes of any size; and near places that saw
+neighbouring samples, because neighbours are mostly visible from the same place. The search ends after a fixed number of
+rounds; it gives up samples among unseen neighbours earlier. It misses 0.4 % of what 4,000 rendered views of a furnished
+room cover, and finds as much again that they do not cover.
 """
 
 from __future__ import annotations
@@ -31,31 +30,31 @@ from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.utils.raycast import RayCaster
 
 NUM_ROUNDS = 288
-"""Places proposed for each sample, once about it and once near a neighbour's place of view."""
+"""Rounds; each proposes one place about a sample and one near a neighbour's place of view."""
 GIVE_UP_ROUND = 48
-"""From this round on, samples whose neighbours are all unseen are left out."""
+"""From this round on, samples whose neighbours are all unseen are skipped."""
 PATIENCE_ROUNDS = 128
-"""A sample is given up when in so many rounds none of its neighbours has been found."""
+"""Rounds without a find among a sample's neighbours until the sample is given up."""
 FIRST_TREE_ROUND = 8
-"""From this round on, few enough are unseen to look for all of them about each point hit."""
+"""From this round on, all unseen samples are searched about each hit."""
 TREE_ROUNDS = 8
-"""Rounds between two trees of the samples unseen."""
+"""Rounds between two trees of the unseen samples."""
 NUM_NEIGHBOURS = 8
 """Nearest samples whose places of view are tried."""
 SPREADS_M = (0.0, 0.1, 0.3, 1.0)
-"""How far from a neighbour's place of view a place is proposed: a normal deviation, one after the other [m]."""
+"""Standard deviations of proposals about a neighbour's place of view, one after the other [m]."""
 NEAR_MISS_M = 0.25
-"""Where a ray hits within this of a sample, the other yaws at the same place are tried too [m]."""
+"""If a ray hits within this of a sample, the other yaws at the place are tried too [m]."""
 MIN_RANGE_M = 0.2
-"""Nearest place proposed [m]; a robot's own radius keeps obstacles about as far."""
+"""Nearest place proposed [m]; about the robot's radius."""
 SEED = 0
 NOWHERE = -1
-"""Stands for the cell of what is not on the floor."""
+"""Cell index of places beyond the area."""
 
 
 @dataclass(frozen=True)
 class ReachableArea:
-    """Where the robot's axis can get to, on a grid."""
+    """The area that the robot's axis can reach, on a grid."""
 
     reachable: Bool[np.ndarray, "rows cols"]
     origin_xy_m: Float[np.ndarray, "2"]
@@ -63,7 +62,7 @@ class ReachableArea:
     resolution_m: float
 
     def cells(self, xy_m: Float32[np.ndarray, "n 2"]) -> Int32[np.ndarray, " n"]:
-        """Flat index of the reachable cell that holds each place; ``NOWHERE`` where there is none."""
+        """Flat index of the reachable cell of each place; ``NOWHERE`` if there is none."""
         at = np.floor((xy_m - self.origin_xy_m.astype(np.float32)) / np.float32(self.resolution_m)).astype(np.int32)
         rows, cols = self.reachable.shape
         inside = (at[:, 0] >= 0) & (at[:, 1] >= 0) & (at[:, 0] < cols) & (at[:, 1] < rows)
@@ -91,14 +90,14 @@ def observable_samples(
     camera: CameraExtrinsics,
     on_round: Callable[[int, int], None] = lambda done, total: None,
 ) -> Bool[np.ndarray, " n"]:
-    """Which samples of a surface a frame from somewhere on the floor could cover.
+    """The samples of a surface that a frame from somewhere in the area could cover.
 
     Args:
         samples: On the surface, world [m].
         caster: The surface.
         area: Where the robot can get to.
-        camera: The camera, and how the robot carries it.
-        on_round: Told how much of the search is done.
+        camera: The camera on the robot.
+        on_round: Called with done and total rounds.
     """
     if len(samples) <= NUM_NEIGHBOURS or not area.reachable.any():
         return np.zeros(len(samples), bool)
@@ -112,7 +111,7 @@ def observable_samples(
 
 
 class _Search:
-    """From which cell each sample was first seen, found round by round."""
+    """Finds, round by round, a cell from which each sample is visible."""
 
     def __init__(self, samples: Float32[np.ndarray, "n 3"], rays: PixelRays, area: ReachableArea) -> None:
         self.seen_from = np.full(len(samples), NOWHERE, np.int32)
@@ -125,7 +124,7 @@ class _Search:
         self._neighbours = np.asarray(near)[:, 1:].astype(np.int32)
         self._tree: KDTree | None = None
         self._in_tree = np.zeros(0, np.int32)
-        # The corner of a picture looks farther than its centre.
+        # The corner of an image looks farther than its centre.
         extent_m = float(np.linalg.norm(np.ptp(samples[:, :2], axis=0)))
         reach_m = max(min(MAX_DEPTH_M * math.sqrt(2.0), extent_m), 2.0 * MIN_RANGE_M)
         nearest_m = np.clip(np.abs(samples[:, 2] - rays.eye_z_m), MIN_RANGE_M, reach_m)
@@ -134,7 +133,7 @@ class _Search:
         self._shift = self._rng.random((len(samples), 2), np.float32)
 
     def round(self, count: int) -> bool:
-        """Try two more places for every sample that is worth it; False where there is none left."""
+        """Try two more places for every promising sample; False if there is none."""
         unseen = np.flatnonzero(self.seen_from == NOWHERE).astype(np.int32)
         if count >= FIRST_TREE_ROUND and count % TREE_ROUNDS == 0 and len(unseen):
             self._in_tree = unseen
@@ -167,7 +166,7 @@ class _Search:
         return self._samples[which, :2] + offset_m
 
     def _look(self, which: Int32[np.ndarray, " n"], places_m: Float32[np.ndarray, "n 2"]) -> None:
-        """Look at samples from places, where these can be reached: at one yaw, and at all where that nearly hits."""
+        """Look at samples from reachable places: at one yaw, and after a near miss at all."""
         cell = self._area.cells(places_m)
         reachable = cell != NOWHERE
         which, cell = which[reachable], cell[reachable]
@@ -192,9 +191,7 @@ class _Search:
     def _hits(
         self, which: Int32[np.ndarray, " n"], places_m: Float32[np.ndarray, "n 2"], yaw: Int[np.ndarray, " n"]
     ) -> Float32[np.ndarray, "n 3"]:
-        """What is hit by rays that pass within 5 cm of samples, not always through them: what hides behind an edge is
-        covered by what is seen beside it.
-        """
+        """Hits of rays that pass within 5 cm of samples: a hit beside an edge covers a sample hidden behind it."""
         aside = self._rng.standard_normal((len(which), 3), np.float32)
         length = np.float32(COVERED_M) * self._rng.random(len(which), np.float32)
         aside *= (length / np.maximum(np.linalg.norm(aside, axis=1), np.float32(1e-6)))[:, None]
@@ -207,7 +204,7 @@ class _Search:
         self.seen_from[which[hit]] = cell[hit]
 
     def _mark_all_near(self, hits: Float32[np.ndarray, "n 3"], cell: Int32[np.ndarray, " n"]) -> None:
-        """Mark the unseen sample nearest to each point hit, whichever it was looked for."""
+        """Mark the unseen sample nearest to each hit, whatever sample the ray was for."""
         assert self._tree is not None
         valid = np.flatnonzero(np.isfinite(hits[:, 0]))
         distance_m, found = self._tree.query(hits[valid], distance_upper_bound=COVERED_M)

@@ -1,4 +1,4 @@
-"""Rays of single pixels of depth frames, for frames that are never rendered."""
+"""Rays of single pixels of depth frames that are never rendered."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class CameraExtrinsics:
 
 
 class PixelRays:
-    """Casts the rays of pixels as the protocol evaluates them: 128 x 128, up to 10 m, whole millimetres.
+    """Casts rays of pixels as the protocol evaluates them: 128 x 128, up to 10 m, whole millimetres.
 
     Args:
-        caster: The surface that is looked at.
+        caster: The surface.
         camera: The camera.
-        yaw_rad: Yaw number 0; the others follow from it by the robot's turns.
+        yaw_rad: Yaw number 0; the others follow by the robot's turns.
     """
 
     def __init__(self, caster: RayCaster, camera: CameraExtrinsics, yaw_rad: float = 0.0) -> None:
@@ -60,7 +60,7 @@ class PixelRays:
         half_width_rad = math.atan2(self._camera.width / 2.0, self._camera.fx)
         most = int(half_width_rad / TURN_STEP_RAD)
         self.yaws_aside = np.arange(-most, most + 1, dtype=np.int32)
-        """Turns away from something ahead that keep it in the picture."""
+        """Turns away from a target ahead that keep it in the image."""
 
     @property
     def eye_z_m(self) -> float:
@@ -68,7 +68,7 @@ class PixelRays:
         return float(self._offset_m[0, 2])
 
     def yaw_towards(self, delta_xy_m: Float32[np.ndarray, "n 2"]) -> Int32[np.ndarray, " n"]:
-        """Index of the yaw at which the camera looks most nearly along each direction in the plane."""
+        """Index of the yaw at which the camera looks most nearly along each planar direction."""
         azimuth_rad = np.arctan2(delta_xy_m[:, 1], delta_xy_m[:, 0]) - np.float32(self._ahead_rad)
         return np.rint(azimuth_rad / np.float32(TURN_STEP_RAD)).astype(np.int32) % np.int32(NUM_HEADINGS)
 
@@ -78,7 +78,7 @@ class PixelRays:
         place_m: Float32[np.ndarray, "2"] | Float32[np.ndarray, "n 2"],
         yaw: Int[np.ndarray, " n"],
     ) -> Bool[np.ndarray, " n"]:
-        """Whether targets [m] lie within the picture taken at one place, or one of each, and a yaw of each."""
+        """Whether targets [m] lie within the image at a place (one, or one each) and a yaw (one each)."""
         origin = self._offset_m[yaw]
         origin[:, :2] += place_m
         x, y, z = np.einsum("nji,nj->ni", self._rotation[yaw], targets_m - origin).T
@@ -93,10 +93,10 @@ class PixelRays:
         places_m: Float32[np.ndarray, "n 2"],
         yaw: Int[np.ndarray, " n"],
     ) -> Float32[np.ndarray, "n 3"]:
-        """What the pixel nearest to each target sees, of a frame taken at a place and a yaw [m]; infinite for nothing.
+        """Depth point of the pixel nearest to each target, in the frame at a place and a yaw [m]; infinite without one.
 
         Args:
-            targets_m: World; of those behind the camera nothing is seen.
+            targets_m: World; targets behind the camera have no depth point.
             places_m: World x, y of the base.
             yaw: Index of its yaw.
         """
@@ -112,7 +112,7 @@ class PixelRays:
             _kept(y / z * camera.fy + camera.cy, self._rows, camera.height) + 0.5 - camera.cy
         ) / camera.fy
         direction[:, 2] = 1.0
-        # Directions have z = 1 in the camera, so that lengths are planar depths.
+        # Directions have z = 1 in the camera, so lengths are planar depths.
         direction = np.einsum("nij,nj->ni", self._rotation[yaw[ahead]], direction)
         depth_m = np.minimum(self._caster.lengths(origin[ahead], direction), np.float32(2.0 * MAX_DEPTH_M))
         depth_m = np.rint(depth_m * 1000.0) / 1000.0
@@ -124,6 +124,6 @@ class PixelRays:
 
 
 def _kept(coordinate_px: Float32[np.ndarray, " n"], kept: Int[np.ndarray, " k"], size_px: int) -> Int[np.ndarray, " n"]:
-    """The kept column (or row) whose centre is nearest to a coordinate; the outermost for what lies outside."""
+    """The kept column (or row) whose centre is nearest to a coordinate; the outermost one beyond the border."""
     index = np.rint((coordinate_px - 0.5) * (len(kept) / size_px))
     return kept[np.clip(index, 0, len(kept) - 1).astype(np.int64)]

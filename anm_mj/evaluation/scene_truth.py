@@ -1,4 +1,4 @@
-"""What a simulated scene tells a policy that may know it, and tells no other."""
+"""The true scene, for policies that need the truth; no other policy gets it."""
 
 from __future__ import annotations
 
@@ -18,4 +18,4 @@ class SceneTruth:
     reachable: ReachableArea
     """Where the robot can get to."""
     camera: CameraExtrinsics
-    """How the robot carries its camera."""
+    """The camera on the robot."""

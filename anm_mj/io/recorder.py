@@ -1,4 +1,4 @@
-"""Writes the run folder as the run goes: what has happened is on disk before the next step begins."""
+"""Writes the run folder during the run: every step is on disk before the next one begins."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ MESH_RESOLUTION_M = 0.05
 
 @runtime_checkable
 class FinishedMap(Protocol):
-    """What is asked of the neural map when a run has ended."""
+    """The neural map at the end of a run."""
 
     def mesh(self, resolution_m: float) -> trimesh.Trimesh:
-        """The surface as a coloured mesh, world [m]."""
+        """The coloured mesh of the surface, world [m]."""
         ...
 
     def save(self, path: Path) -> None:
-        """Write the map so that it can be loaded again."""
+        """Write the map to a file."""
         ...
 
 
@@ -67,16 +67,16 @@ class Survey(Protocol):
 
 
 class RunRecorder:
-    """Keeps what a run does, and how complete its view of the scene is.
+    """Records a run and its completion.
 
     Args:
         folder: A new run folder.
-        truth: The true surface, for the numbers only.
-        true_view: Tells where robot and camera truly are, where observations tell only what the robot believes: the
-            numbers count what the camera saw from where it was.
+        truth: Ground truth, for the metrics only.
+        true_view: Returns the true poses of base and camera, if observations hold believed ones; metrics count frames
+            from the true pose.
 
     Raises:
-        RunFolderError: From every method, when the folder can no longer be written.
+        RunFolderError: From every method, if the folder cannot be written.
     """
 
     def __init__(
@@ -104,16 +104,16 @@ class RunRecorder:
 
     @property
     def poses(self) -> list[Pose2]:
-        """Where the robot has stood, from the start on."""
+        """Poses of the base so far."""
         return self._poses
 
     @property
     def completion(self) -> CurveRow | None:
-        """The latest row of the curve, at most ten steps old; None before the first observation."""
+        """Latest row of the curve, at most ten steps old; None before the first observation."""
         return self._curve.rows[-1] if self._curve.rows else None
 
     def observation(self, observation: Observation) -> None:
-        """An observation has been made; the first one stands before any action."""
+        """Record an observation; the first one comes before any action."""
         begin = time.perf_counter()
         self._take(observation)
         self._evaluation_s += time.perf_counter() - begin
@@ -144,7 +144,7 @@ class RunRecorder:
             self._curve_file.line(row.csv)
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """An action has been executed; ``pose`` is where the robot stands after it."""
+        """Record an executed action; ``pose`` is the pose after it."""
         self._statistics = self._statistics.after(result.action, result.collided, result.moved_m, stage_ms)
         self._steps.json(
             {
@@ -165,7 +165,7 @@ class RunRecorder:
         )
 
     def plan(self, step: int, plan: Plan) -> None:
-        """A decision has been made."""
+        """Record a decision."""
         if plan.target_xy_m is not None:
             self._last_target_xy_m = plan.target_xy_m
         path = plan.path_xy_m
@@ -189,7 +189,7 @@ class RunRecorder:
     def finish(
         self, stop_reason: StopReason, finished: FinishedMap, survey: Survey, *, wall_s: float, loop_s: float
     ) -> Metrics:
-        """Write what only a finished run has: mesh, map, pictures and numbers.
+        """Write mesh, map, pictures and metrics.
 
         Args:
             stop_reason: Why the run ended.
@@ -206,7 +206,7 @@ class RunRecorder:
             peak_rss_mib=peak_rss_mib(),
         )
         self.close()
-        # First what nobody could compute again, then what may take long: a run killed in between has lost nothing.
+        # What cannot be recomputed comes first, then what takes long: a run killed in between loses nothing.
         write_json(self._folder.metrics, summary)
         with writing(self._folder.map):
             finished.save(self._folder.map)
@@ -244,14 +244,14 @@ def tum_line(time_s: float, pose: Pose2) -> str:
 
 
 def peak_rss_mib() -> float:
-    """Largest memory this process has held [MiB]."""
+    """Peak resident memory of this process [MiB]."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Linux counts in KiB, macOS in bytes.
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def _where(pose: Pose2, T_world_camera: Float[np.ndarray, "4 4"]) -> dict[str, Any]:
-    """Where a robot and its camera are, as a line of ``frames.jsonl`` says it."""
+    """Poses of base and camera, in the keys of ``frames.jsonl``."""
     return {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad, "T_world_camera": T_world_camera}
 
 

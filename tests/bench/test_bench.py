@@ -33,7 +33,7 @@ def table(out):
         ]
 
 
-def test_every_run_is_a_row_with_hash_revision_and_seed(file, tmp_path):
+def test_every_run_is_a_row(file, tmp_path):
     bench = run_bench(
         file, tmp_path / "out", num_workers=2, command=["anm-mj", "bench"], function="tests.bench.fake:quick"
     )
@@ -64,14 +64,14 @@ def test_a_policy_with_other_settings_is_another_row(tmp_path):
     assert names == ["anm-s", "anm-s (planning.target=random)", "anm-s (paper)"]
 
 
-def test_what_is_there_is_not_run_again(file, tmp_path):
+def test_existing_runs_are_skipped(file, tmp_path):
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
     again = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:refusing")
 
     assert (again.skipped, again.failures) == (8, [])
 
 
-def test_a_worker_that_dies_costs_its_run_alone(file, tmp_path):
+def test_a_dead_worker_costs_only_its_run(file, tmp_path):
     bench = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:deadly")
     assert len(bench.failures) == 4
     assert "killed by signal 9" in bench.failures[0]
@@ -82,7 +82,7 @@ def test_a_worker_that_dies_costs_its_run_alone(file, tmp_path):
     assert len(table(tmp_path / "out")) == 8
 
 
-def test_an_error_of_the_user_is_told_in_its_own_words(file, tmp_path):
+def test_errors_of_runs_are_reported(file, tmp_path):
     file.write_text(file.read_text().replace("seeds = [0, 1]", "seeds = [7]"))
     bench = run_bench(file, tmp_path / "out", function="tests.bench.fake:refusing")
 
@@ -93,12 +93,12 @@ def test_an_error_of_the_user_is_told_in_its_own_words(file, tmp_path):
 @pytest.mark.parametrize(
     ("options", "match"), [({"engine": "slurm"}, "local, ray"), ({"num_workers": 0}, "at least 1")]
 )
-def test_what_cannot_run_anything_is_refused(file, tmp_path, options, match):
+def test_bad_options_are_refused(file, tmp_path, options, match):
     with pytest.raises(BenchError, match=match):
         run_bench(file, tmp_path / "out", **options)
 
 
-def test_two_comparisons_cannot_write_to_one_folder(file, tmp_path):
+def test_a_comparison_locks_its_folder(file, tmp_path):
     run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
     refused = []
 
@@ -137,7 +137,7 @@ def alive(pid):
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
-def test_killed_with_a_worker_and_begun_again_the_table_is_the_same(file, tmp_path):
+def test_a_killed_comparison_resumes(file, tmp_path):
     run_bench(file, tmp_path / "undisturbed", num_workers=2, function="tests.bench.fake:quick")
 
     out = tmp_path / "out"
@@ -177,7 +177,7 @@ for function in ("deadly", "quick"):
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
-def test_a_ray_cluster_of_two_workers_makes_the_same_table_and_a_dead_worker_costs_its_run_alone(file, tmp_path):
+def test_ray_makes_the_same_table(file, tmp_path):
     run_bench(file, tmp_path / "here", num_workers=2, function="tests.bench.fake:quick")
     # Ray warns and leaves sockets in ways of its own, so it gets a process of its own.
     arguments = [str(file), str(tmp_path / "ray")]
@@ -193,7 +193,7 @@ def test_a_ray_cluster_of_two_workers_makes_the_same_table_and_a_dead_worker_cos
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
-def test_24_real_runs_killed_in_the_middle_and_begun_again_end_with_the_same_table(tmp_path):
+def test_real_runs_resume(tmp_path):
     make_small_scene(tmp_path / "small")
     file = tmp_path / "real.toml"
     file.write_text(

@@ -25,6 +25,6 @@ def test_two_policies_are_compared_run_by_run(comparison, capsys):
     assert lines[-1] == "2 decisions of gvg: median 12.0 ms, 99th percentile 12.0 ms."
 
 
-def test_policies_without_common_runs_cannot_be_compared(comparison):
+def test_policies_without_common_runs_are_refused(comparison):
     with pytest.raises(AnmError, match="no runs that both gvg and upen"):
         main(comparison, "gvg", "upen")

@@ -14,7 +14,7 @@ def jobs_of(tmp_path, text):
     return read_jobs(file)
 
 
-def test_a_file_is_scenes_by_policies_by_starts_by_seeds(tmp_path):
+def test_runs_are_the_product_of_the_lists(tmp_path):
     jobs = jobs_of(
         tmp_path, 'scenes = ["home"]\npolicies = ["random", "gvg"]\nstarts = 3\nseeds = [0, 5]\nsteps = 40\n'
     )
@@ -29,7 +29,7 @@ def test_a_file_is_scenes_by_policies_by_starts_by_seeds(tmp_path):
     assert (config.policy, config.seed, config.steps) == ("gvg", 5, 40)
 
 
-def test_what_stands_outside_of_a_sweep_holds_for_all(tmp_path):
+def test_outer_keys_hold_for_all_sweeps(tmp_path):
     jobs = jobs_of(
         tmp_path,
         'scenes = ["home"]\nsteps = 30\n[[sweep]]\npolicies = ["gvg"]\nstarts = 2\n'
@@ -44,14 +44,14 @@ def test_what_stands_outside_of_a_sweep_holds_for_all(tmp_path):
     assert jobs[2].config().planning.margin_m == 0.06
 
 
-def test_without_steps_a_run_gets_the_budget_of_its_scene(tmp_path):
+def test_default_steps_are_the_budget_of_the_scene(tmp_path):
     (job,) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\n')
     scene = load_scene("home")
 
     assert job.steps == (scene.budget_steps or 2000)
 
 
-def test_the_name_changes_with_all_that_changes_the_run(tmp_path):
+def test_names_are_unique_to_the_content(tmp_path):
     (job,) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\n')
     others = [
         dataclasses.replace(job, steps=7),
@@ -80,7 +80,7 @@ def test_the_name_changes_with_all_that_changes_the_run(tmp_path):
         ("sweep = 3", BenchError, "list of tables"),
     ],
 )
-def test_what_cannot_be_run_is_refused_before_anything_is(tmp_path, text, error, match):
+def test_bad_files_are_refused(tmp_path, text, error, match):
     with pytest.raises(error, match=match):
         jobs_of(tmp_path, text)
 

@@ -140,6 +140,10 @@ def test_a_folder_that_is_no_run_cannot_be_evaluated(capsys, tmp_path):
     assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere")
 
 
+def test_the_former_name_of_novel_views_is_accepted(capsys, tmp_path):
+    assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere", "--heldout")
+
+
 def test_help_answers_at_once_and_shows_every_option():
     run = [sys.executable, "-X", "importtime", "-m", "anm_mj.cli", "explore", "--help"]
     shown = subprocess.run(run, capture_output=True, text=True, check=True)

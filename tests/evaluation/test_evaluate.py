@@ -36,7 +36,7 @@ def killed(tmp_path):
     return tmp_path / "killed"
 
 
-def test_numbers_from_the_folder_are_those_of_the_live_run_byte_for_byte(run):
+def test_a_folder_gives_the_metrics_of_the_live_run(run):
     live = {name: (run / name).read_bytes() for name in ("metrics.json", "curve.csv")}
     for name in (*live, "curve.png"):
         (run / name).write_bytes(live["metrics.json"] if name == "metrics.json" else b"")
@@ -45,12 +45,12 @@ def test_numbers_from_the_folder_are_those_of_the_live_run_byte_for_byte(run):
     assert (run / "curve.png").stat().st_size > 1_000
 
 
-def test_metrics_that_cannot_be_computed_are_kept(run):
+def test_facts_of_the_live_run_are_kept(run):
     metrics = evaluate_run(run)
     assert (metrics.stop_reason, metrics.wall_s, metrics.hz) == ("COMPLETE", 9.0, 11.0)
 
 
-def test_a_killed_run_is_evaluated_as_far_as_it_came(killed, finished):
+def test_a_killed_run_is_evaluated(killed, finished):
     metrics = evaluate_run(killed)
     whole = json.loads((finished / "metrics.json").read_text())
     assert metrics.completion_ratio == whole["completion_ratio"]
@@ -60,7 +60,7 @@ def test_a_killed_run_is_evaluated_as_far_as_it_came(killed, finished):
     assert (killed / "curve.csv").read_bytes() == (finished / "curve.csv").read_bytes()
 
 
-def test_lines_cut_short_by_the_kill_are_left_out(killed):
+def test_incomplete_lines_are_skipped(killed):
     for name in ("steps.jsonl", "frames.jsonl", "plans.jsonl"):
         path = killed / name
         path.write_text(path.read_text()[:-40])
@@ -69,7 +69,7 @@ def test_lines_cut_short_by_the_kill_are_left_out(killed):
     assert (killed / "curve.csv").read_text().splitlines()[-1].startswith("32,")
 
 
-def test_a_run_killed_before_its_first_frame_has_no_completion(tmp_path):
+def test_a_run_without_frames_has_no_completion(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 0)
     recorder.close()
@@ -80,7 +80,7 @@ def test_a_run_killed_before_its_first_frame_has_no_completion(tmp_path):
     assert (metrics.steps, metrics.path_m) == (0, 0.0)
 
 
-def test_a_folder_that_is_none_of_a_run_is_named(tmp_path):
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
     with pytest.raises(RunFolderError, match="is not a folder"):
         evaluate_run(tmp_path / "nowhere")
     with pytest.raises(RunFolderError, match=r"is not the folder of a run: it has no steps\.jsonl"):
@@ -101,7 +101,7 @@ def test_a_folder_that_is_none_of_a_run_is_named(tmp_path):
         ("steps.jsonl", b"{}\n", "another version"),
     ],
 )
-def test_a_damaged_file_is_named_in_one_sentence(run, name, content, complaint):
+def test_a_damaged_file_is_named(run, name, content, complaint):
     (run / name).write_bytes(content)
     with pytest.raises(RunFolderError, match=complaint) as caught:
         evaluate_run(run)
@@ -115,7 +115,7 @@ def test_a_missing_depth_picture_is_named(run):
         evaluate_run(run)
 
 
-def test_what_a_camera_saw_counts_from_where_it_truly_was(tmp_path, finished):
+def test_frames_count_from_the_true_pose(tmp_path, finished):
     believed = Pose2(0.4, -0.2, 0.5)
     true = Pose2(0.0, 0.0, 0.0)
     view = observe(0, true)

@@ -54,7 +54,7 @@ def test_a_start_beyond_the_wall_reaches_the_other_room(scene):
     assert there.centres(np.flatnonzero(there.reachable.ravel()).astype(np.int32))[:, 0].min() > 0.5
 
 
-def test_the_second_call_reads_what_the_first_one_kept(scene):
+def test_the_second_call_reads_the_cache(scene):
     told = []
     camera = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
     first = cached_ground_truth(scene, FOOTPRINT, camera, START, lambda done, total: told.append(done))
@@ -68,7 +68,7 @@ def test_the_second_call_reads_what_the_first_one_kept(scene):
     assert len(list(cache_folder("observable").iterdir())) == 1
 
 
-def test_a_damaged_file_is_computed_anew(scene):
+def test_a_damaged_cache_file_is_replaced(scene):
     camera = CameraExtrinsics(CAMERA, T_BASE_CAMERA)
     first = cached_ground_truth(scene, FOOTPRINT, camera, START)
     (kept,) = cache_folder("observable").iterdir()
@@ -80,7 +80,7 @@ def test_a_damaged_file_is_computed_anew(scene):
     assert kept.stat().st_size > 100
 
 
-def test_another_camera_or_start_is_another_answer(scene):
+def test_camera_and_start_are_part_of_the_key(scene):
     area = reachable_area(scene, FOOTPRINT, START)
     samples = np.zeros((5, 3), np.float32)
     low = T_BASE_CAMERA.copy()
@@ -96,7 +96,7 @@ def test_another_camera_or_start_is_another_answer(scene):
     assert len(keys) == 4
 
 
-def test_extrinsics_are_the_same_from_every_pose(scene):
+def test_extrinsics_do_not_depend_on_the_pose(scene):
     area = reachable_area(scene, FOOTPRINT, START)
     samples = np.zeros((5, 3), np.float32)
     poses = (Pose2(0.0, 0.0, 0.0), Pose2(1.3, -0.7, 2.1), Pose2(-20.0, 3.0, -3.0))
@@ -106,7 +106,7 @@ def test_extrinsics_are_the_same_from_every_pose(scene):
     assert len({module._key(scene, samples, area, camera) for camera in cameras}) == 1
 
 
-def test_without_embree_it_is_said_and_left_open(scene, monkeypatch, caplog):
+def test_without_embree_a_warning_is_logged(scene, monkeypatch, caplog):
     monkeypatch.setattr(module, "embree_installed", lambda: False)
 
     truth = cached_ground_truth(scene, FOOTPRINT, CameraExtrinsics(CAMERA, T_BASE_CAMERA), START)

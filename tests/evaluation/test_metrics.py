@@ -11,14 +11,14 @@ def travelled(steps):
     return travel
 
 
-def test_every_step_is_a_forward_a_turn_or_blocked():
+def test_steps_are_forwards_turns_or_blocked():
     travel = travelled([(F, 0.065), (L, 0.0), (R, 0.0), (F, 0.0), (F, 0.065)])
 
     assert (travel.forwards, travel.turns, travel.blocked, travel.collisions) == (2, 2, 1, 1)
     assert travel.steps == 5
 
 
-def test_a_look_around_is_a_full_turn_to_one_side():
+def test_a_full_rotation_goes_to_one_side():
     assert travelled([(L, 0.0)] * 35).full_rotations == 0
     assert travelled([(L, 0.0)] * 36).full_rotations == 1
     assert travelled([(R, 0.0)] * 73).full_rotations == 2
@@ -26,6 +26,6 @@ def test_a_look_around_is_a_full_turn_to_one_side():
     assert travelled([(L, 0.0)] * 20 + [(F, 0.065)] + [(L, 0.0)] * 20).full_rotations == 0
 
 
-def test_a_stage_alone_would_run_at_its_own_rate():
+def test_stage_rates():
     assert travelled([(F, 0.065)] * 4).stage_hz == {"map": 20.0}
     assert EpisodeStatistics().stage_hz == {}

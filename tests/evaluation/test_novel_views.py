@@ -5,7 +5,7 @@ from anm_mj.evaluation.novel_views import candidate_poses, novel_places
 RNG = np.random.default_rng(0)
 
 
-def test_places_near_the_trajectory_are_left_out():
+def test_novel_places_are_far_from_the_trajectory():
     places = np.stack(np.meshgrid(np.linspace(0.0, 4.0, 41), np.linspace(0.0, 4.0, 41)), axis=-1).reshape(-1, 2)
     trajectory = np.array([[0.0, 0.0], [2.0, 2.0]])
     far = novel_places(places, trajectory, 0.5)

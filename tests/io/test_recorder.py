@@ -17,7 +17,7 @@ def lines(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def test_finished_run_leaves_every_file_of_the_contract(tmp_path):
+def test_a_finished_run_leaves_every_file(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 23)
     metrics = recorder.finish(StopReason.BUDGET, FakeMap(), room_plan(), wall_s=9.0, loop_s=4.6)
@@ -34,7 +34,7 @@ def test_finished_run_leaves_every_file_of_the_contract(tmp_path):
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["completion_ratio"] == metrics.completion_ratio
 
 
-def test_same_steps_write_the_same_lines_but_for_the_times(tmp_path):
+def test_logs_are_deterministic_but_for_times(tmp_path):
     for name, time_scale in (("a", 1.0), ("b", 1.37)):
         recorder = new_recorder(tmp_path / name)
         record_steps(recorder, 8, time_scale)
@@ -47,7 +47,7 @@ def test_same_steps_write_the_same_lines_but_for_the_times(tmp_path):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_everything_is_on_disk_before_the_next_step(tmp_path):
+def test_every_step_is_on_disk_at_once(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 11)
     assert [line["step"] for line in lines(tmp_path / "run" / "steps.jsonl")] == list(range(1, 12))
@@ -68,7 +68,7 @@ def test_completion_is_unknown_before_the_first_observation(tmp_path):
         assert recorder.completion is None
 
 
-def test_depth_pictures_hold_millimetres_of_every_second_pixel(tmp_path):
+def test_depth_is_reduced_to_millimetres(tmp_path):
     with new_recorder(tmp_path / "run") as recorder:
         recorder.observation(observe(0, Pose2(0.3, 0.2, 0.5)))
     with Image.open(tmp_path / "run" / "depth" / "000000.png") as picture:
@@ -103,7 +103,7 @@ def test_plan_to_stop_or_to_turn_is_logged(tmp_path):
     assert (stop["stop"], stop["vertices"]) == ("COMPLETE", None)
 
 
-def test_run_without_map_or_surface_still_ends_with_numbers(tmp_path, caplog):
+def test_a_run_without_a_surface_has_metrics(tmp_path, caplog):
     class EmptyMap(FakeMap):
         def mesh(self, resolution_m: float) -> trimesh.Trimesh:
             return trimesh.Trimesh()

@@ -50,7 +50,7 @@ def covered_by_a_frame(samples, caster, x_m, y_m, yaw):
     return coverage.distance_m < COVERED_M
 
 
-def test_few_places_show_all_that_can_be_seen_and_nothing_else(room):
+def test_few_places_show_all_visible_samples(room):
     area, samples, caster = room
     rays = PixelRays(caster, CAMERA_ON_BASE)
 
@@ -63,7 +63,7 @@ def test_few_places_show_all_that_can_be_seen_and_nothing_else(room):
     assert not unpack(shown)[90:].any()
 
 
-def test_what_a_view_promises_its_frame_covers(room):
+def test_exact_bits_are_what_frames_cover(room):
     area, samples, caster = room
     rays = PixelRays(caster, CAMERA_ON_BASE)
     places_m = select_places(samples, area, rays)[:3]
@@ -81,20 +81,20 @@ def test_what_a_view_promises_its_frame_covers(room):
     assert promised > 0.9 * covered > 0
 
 
-def test_what_cannot_be_seen_asks_for_no_places(room):
+def test_invisible_samples_select_no_places(room):
     area, samples, caster = room
 
     assert select_places(samples[90:], area, PixelRays(caster, CAMERA_ON_BASE)).shape == (0, 2)
 
 
-def test_places_are_the_same_each_time(room):
+def test_selected_places_are_deterministic(room):
     area, samples, caster = room
     rays = PixelRays(caster, CAMERA_ON_BASE)
 
     assert np.array_equal(select_places(samples, area, rays), select_places(samples, area, rays))
 
 
-def test_ways_lead_to_the_places_asked_for(room):
+def test_a_roadmap_reaches_further_places(room):
     area, samples, caster = room
     more_m = select_places(samples, area, PixelRays(caster, CAMERA_ON_BASE))
 
