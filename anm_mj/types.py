@@ -264,6 +264,11 @@ class VoronoiGraph:
     """Vertex indices; each undirected edge once."""
     edge_length_m: Float[np.ndarray, " e"]
 
+    @property
+    def degree(self) -> Int[np.ndarray, " n"]:
+        """Number of edges at each vertex."""
+        return np.bincount(self.edges.ravel(), minlength=len(self.vertex_xy_m))
+
 
 @dataclass(frozen=True)
 class Region:
