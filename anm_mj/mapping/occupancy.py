@@ -20,6 +20,8 @@ from anm_mj.utils.arrays import embed
 
 BLOCK = 16
 """Voxels along the edge of a block, the unit of growth and of change."""
+SEEN_RANGE_STEP_M = 1.0
+"""How much nearer a voxel must have been seen to count as changed: readers compare with whole metres [m]."""
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
 """Blocks that the grid grows by at least, in height and in the plane."""
 _FOOTPRINT = 0.7
@@ -45,14 +47,21 @@ class OccupancyGrid:
         self._seen_range_m = np.zeros(shape, np.float32)
         self._num_hits = np.zeros(shape, np.uint16)
         self._block_stamp = np.zeros(shape, np.int32)
+        self._column_version = np.zeros((0, 0), np.int32)
         self._num_frames = 0
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
 
     @property
     def grid(self) -> VoxelGrid:
-        """The grid as it stands; its arrays are views."""
+        """The grid as it stands; its arrays are views, its version is the number of frames.
+
+        A voxel counts as changed when its state did, or when ``seen_range_m`` fell to another whole number of
+        ``SEEN_RANGE_STEP_M``.
+        """
         origin = (self._corner - 0.5) * self.config.voxel_m
-        return VoxelGrid(self._state, self._seen_range_m, origin, self.config.voxel_m)
+        return VoxelGrid(
+            self._state, self._seen_range_m, origin, self.config.voxel_m, self._num_frames, self._column_version
+        )
 
     @property
     def num_frames(self) -> int:
@@ -184,6 +193,7 @@ class OccupancyGrid:
         self._num_hits = np.minimum(state["num_hits"], np.iinfo(np.uint16).max).astype(np.uint16)
         self._block_stamp = state["block_stamp"].astype(np.int32)
         self._num_frames = int(state["num_frames"])
+        self._column_version = np.full(self._block_stamp.shape[1:], self._num_frames, np.int32)
 
     def _ray_directions(self, intrinsics: Intrinsics) -> Float32[np.ndarray, "h w 3"]:
         if self._rays is None or self._rays[0] != intrinsics:
@@ -230,6 +240,7 @@ class OccupancyGrid:
         self._num_hits = embed(self._num_hits, new_shape, start, 0)
         block_shape = tuple(n // BLOCK for n in new_shape)
         self._block_stamp = embed(self._block_stamp, block_shape, start // BLOCK, 0)
+        self._column_version = embed(self._column_version, block_shape[1:], start[1:] // BLOCK, 0)
         self._corner = new_low
 
     def _carve(
@@ -274,7 +285,9 @@ class OccupancyGrid:
         log_odds, state = self._log_odds.reshape(-1), self._state.reshape(-1)
         value = np.maximum(log_odds[flat], cfg.miss - cfg.limit) - np.int8(cfg.miss)
         log_odds[flat] = value
-        state[flat] = np.where(value > 0, OCCUPIED, FREE)
+        carved = np.where(value > 0, np.int8(OCCUPIED), np.int8(FREE))
+        self._note_change(flat[carved != state[flat]])
+        state[flat] = carved
 
     def _mark(self, voxels: Int64[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"]) -> None:
         """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near."""
@@ -282,18 +295,29 @@ class OccupancyGrid:
         x, y, z = (voxels - self._corner).T
         flat = (z * rows + y) * cols + x
         seen = self._seen_range_m.reshape(-1)
+        before = seen[flat]
+        nearer = np.ceil(depth_m / SEEN_RANGE_STEP_M) < np.ceil(before / SEEN_RANGE_STEP_M)
+        self._note_change(flat[nearer])
         # With several pixels in a voxel the last one counts: all are equally near, to within the voxel.
-        seen[flat] = np.minimum(seen[flat], depth_m)
+        seen[flat] = np.minimum(before, depth_m)
         flat, count = np.unique(flat, return_counts=True)
         hits = self._num_hits.reshape(-1)
         hits[flat] = np.minimum(hits[flat] + count, np.iinfo(np.uint16).max)
         log_odds, state = self._log_odds.reshape(-1), self._state.reshape(-1)
         value = np.minimum(log_odds[flat].astype(np.int16) + self.config.hit, self.config.limit).astype(np.int8)
         log_odds[flat] = value
-        state[flat] = np.where(value > 0, OCCUPIED, FREE)
+        marked = np.where(value > 0, np.int8(OCCUPIED), np.int8(FREE))
+        self._note_change(flat[marked != state[flat]])
+        state[flat] = marked
         layer, rest = np.divmod(flat, rows * cols)
         row, col = np.divmod(rest, cols)
         self._block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = self._num_frames
+
+    def _note_change(self, flat: Int64[np.ndarray, " n"]) -> None:
+        """Stamp the block columns of voxels that have changed, given by their index into the raveled arrays."""
+        _, rows, cols = self._state.shape
+        row, col = np.divmod(flat % (rows * cols), cols)
+        self._column_version[row // BLOCK, col // BLOCK] = self._num_frames
 
 
 def _columns_in_view(

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from anm_mj.frames import wrap_angle
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
 from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune_spurs, traversable_frontier
@@ -21,7 +18,6 @@ from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     FORWARD_STEP_M,
-    TURN_STEP_RAD,
     Action,
     Footprint,
     Observation,
@@ -31,11 +27,6 @@ from anm_mj.types import (
     VoronoiGraph,
 )
 from anm_mj.utils.stopwatch import Stopwatch
-
-SHORT_WAY_M = 1.0
-"""On longer ways than this the robot may have looked anywhere [m]."""
-TRAJECTORY_SPACING_M = 0.2
-"""Distance between the places that a way leaves in the trajectory [m]."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +68,10 @@ class Stages:
         self.safe_m = footprint.radius_m + config.margin_m
         self.topdown = TopDownMapper(config, footprint)
         self.region_finder = RegionFinder(config)
-        self._way_xy_m = np.zeros((0, 2))
-        self._last_pose: Pose2 | None = None
-        self._turned_as_planned = False
+
+    def observe(self, observation: Observation) -> None:
+        """Add the robot's place to its trajectory; to be told of every observation."""
+        self.topdown.visit(observation.pose.xy_m)
 
     def read(self, mapper: Mapper, observation: Observation, *, with_regions: bool = True) -> PlanningState:
         """Top-down map, graph, shortest paths and, if asked for, regions as of now."""
@@ -88,17 +80,13 @@ class Stages:
 
     def update_map(self, mapper: Mapper, observation: Observation, watch: Stopwatch) -> TopDownMap:
         """The first stage alone: the top-down map as of now."""
-        pose = observation.pose
-        self._follow_way(pose)
         with watch.stage("topdown"):
-            topdown = self.topdown.update(mapper.occupancy, mapper.sdf, pose, self._box(pose))
-            self._last_pose, self._turned_as_planned = pose, False
-        return topdown
+            return self.topdown.update(mapper.occupancy, mapper.sdf, observation.pose)
 
     def update_graph(
         self, mapper: Mapper, observation: Observation, topdown: TopDownMap, watch: Stopwatch, with_regions: bool
     ) -> PlanningState:
-        """The other stages, on the top-down map that :meth:`look` has given."""
+        """The other stages, on the top-down map that :meth:`update_map` gave."""
         pose = observation.pose
         with watch.stage("graph"):
             graph = voronoi_graph(topdown, pose.xy_m, self.config, self.safe_m, coarse_far_field=self._coarse_far_field)
@@ -120,47 +108,6 @@ class Stages:
                 self.region_finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
                 regions = self.region_finder.regions(graph, mapper.occupancy, height, decisions)
         return PlanningState(pose, topdown, graph, paths, regions, height, watch, decisions, frontier, room)
-
-    def follow_path(self, path_xy_m: Float[np.ndarray, "k 2"]) -> None:
-        """Remember the way that the robot is sent, of which the next reading counts what it has gone as visited [m]."""
-        self._way_xy_m = path_xy_m
-        self._turned_as_planned = True
-
-    def _box(self, pose: Pose2) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
-        """Corners of all that was in view since the last reading, if that was a short way after a plan of ours [m].
-
-        On such a way the robot turns from its heading to that of the way and on to the present one, by the shorter
-        side each time.
-        """
-        last = self._last_pose
-        if last is None or not self._turned_as_planned or math.dist(last.xy_m, pose.xy_m) > SHORT_WAY_M:
-            return None
-        way = pose.xy_m - last.xy_m
-        yaws = [last.yaw_rad, pose.yaw_rad]
-        if math.hypot(*way) > FORWARD_STEP_M:
-            yaws.insert(1, math.atan2(way[1], way[0]))
-        swept = [a + t * wrap_angle(b - a) for a, b in itertools.pairwise(yaws) for t in np.linspace(0.0, 1.0, 10)]
-        # A little to either side, because the way is not straight.
-        yaw = np.array([y + side * TURN_STEP_RAD for y in swept for side in (-1, 1)])
-        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1) * self.config.update_reach_m
-        aside = ahead[:, ::-1] * [-1.0, 1.0]
-        corners = np.concatenate([ahead + aside, ahead - aside, np.zeros((1, 2))])
-        ends = np.stack([last.xy_m, pose.xy_m])
-        return ends.min(axis=0) + corners.min(axis=0), ends.max(axis=0) + corners.max(axis=0)
-
-    def _follow_way(self, pose: Pose2) -> None:
-        """Add the part of the last way that lies behind the robot to the trajectory."""
-        legs = list(zip(self._way_xy_m[:-1], self._way_xy_m[1:], strict=True))
-        points = [
-            a + t * (b - a)
-            for a, b in legs
-            for t in np.arange(0.0, 1.0, TRAJECTORY_SPACING_M / max(math.dist(a, b), 1e-9))
-        ]
-        if points:
-            gone = int(np.argmin(np.linalg.norm(np.array(points) - pose.xy_m, axis=1)))
-            for point in points[1 : gone + 1]:
-                self.topdown.visit(point)
-        self._way_xy_m = np.zeros((0, 2))
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Stamp the place that a refused forward step would have led to, so that no plan leads there again."""

@@ -6,8 +6,8 @@ leads out of the model, and the column counts as occupied. Near surfaces the neu
 SDF over the heights (paper, footnote 1) says where within a cell the surface lies. A sign that the field only
 extrapolates never opens a way: the SDF is asked next to observed surface alone.
 
-The map is kept up, not made anew: an update looks at the part that views from where the robot has been since the last
-one can have changed, and works on what has changed of it, so that its cost does not grow with the scene.
+The map is kept up to date, not made anew: an update reads the blocks of the occupancy grid that changed since the last
+one, so its cost does not grow with the scene.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ LOW_SEEN_M = 3.0
 farther, a camera that nods takes the floor for one."""
 NO_FLOOR_M = 0.1
 """A column that is seen free from z = 0 down to this depth has no floor [m]."""
+SAME_PLACE_M = 0.01
+"""A robot that moved less than this only turned: it adds nothing to the trajectory [m]."""
 _HOLE_WIDTH_CELLS = 20
 """Small unknown patches are no wider than about this."""
 _HOLE_REACH_CELLS = 20
@@ -61,8 +63,7 @@ class TopDownMapper:
         self.footprint = footprint
         self.trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         """Where the robot has been [m]."""
-        self.changed_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] = (np.zeros(2), np.zeros(2))
-        """Lower and upper corner of what the last update looked at [m]."""
+        self._version = -1
         self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._origin_xy_m = np.zeros(2)
@@ -74,33 +75,37 @@ class TopDownMapper:
         self._new_blocked_xy_m.append(xy_m)
 
     def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
-        """Take in that the robot has been somewhere: the floor there is free [m]."""
+        """Add a place to the robot's trajectory: the floor there is free [m]."""
+        if self.trajectory_xy_m and math.dist(xy_m, self.trajectory_xy_m[-1]) < SAME_PLACE_M:
+            return
         self.trajectory_xy_m.append(xy_m)
         self._new_trajectory_xy_m.append(xy_m)
 
-    def update(
-        self,
-        grid: VoxelGrid,
-        sdf: SdfQuery,
-        pose: Pose2,
-        box_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None = None,
-    ) -> TopDownMap:
+    def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> TopDownMap:
         """The map as known now.
 
         Args:
-            grid: the occupancy.
+            grid: the occupancy; always the same one, as it grows.
             sdf: metric SDF of world points (N, 3), truncated at ``TRUNCATION_M``.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
-            box_xy_m: corners of all that views since the last update can have changed [m]; None = what lies within
-                reach of where the robot has been since then.
         """
         self.visit(pose.xy_m)
         self._follow_growth(grid)
-        window = self._window(grid, box_xy_m)
-        layers, resolution = self._layers, grid.resolution_m
+        window, self._version = grid.changed_since(self._version), grid.version
         changed = self._stamp(grid) + self._read_columns(grid, window) + self._ask_sdf(grid, sdf, pose)
+        if changed:
+            self._decide(grid, union(changed))
+        layers, resolution, origin = self._layers, grid.resolution_m, self._origin_xy_m
+        surface, frontier = (
+            origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)
+        )
+        return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
+
+    def _decide(self, grid: VoxelGrid, changed: Window) -> None:
+        """Derive state, field, clearance and borders again around a window in which what they derive from changed."""
+        layers = self._layers
         # Whether an unknown patch is a hole may change as far away as the patch is wide.
-        window = dilate(union(changed), _HOLE_WIDTH_CELLS, layers.state.shape)
+        window = dilate(changed, _HOLE_WIDTH_CELLS, layers.state.shape)
         state = self._column_state(grid, window)
         field = np.where(state == OCCUPIED, np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
         field = np.minimum(field, layers.min_sdf_m[window])
@@ -113,40 +118,13 @@ class TopDownMapper:
         moved = bounds((state != layers.state[window]) | (field != layers.field_m[window]), window)
         layers.state[window], layers.field_m[window] = state, field
         for part in freed:
-            self._update_clearance(part, resolution)
+            self._update_clearance(part, grid.resolution_m)
         self._borders.update(layers.state, layers.field_m, moved[0][0] if moved else slice(0, 0))
-        origin = grid.origin_m[:2].astype(float)
-        surface, frontier = (
-            origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)
-        )
-        return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
 
-    def _window(self, grid: VoxelGrid, box_xy_m: tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None) -> Window:
-        """The part of the map that has to be looked at again; at first all of it."""
-        shape = grid.state.shape[1:]
-        places = np.array(self._new_trajectory_xy_m)
-        reach_m = math.sqrt(2.0) * self.config.update_reach_m  # To the corners of views of 90 degrees.
-        if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m):
-            far = grid.origin_m[:2] + np.array(shape[::-1]) * grid.resolution_m
-            places = np.concatenate([places, [grid.origin_m[:2], far]])
-        elif box_xy_m is not None:
-            # The horizon about the robot, and what is stamped in it, must be taken over too.
-            around = self.config.horizon_m / 2
-            low = np.minimum(places.min(axis=0) - around, box_xy_m[0])
-            high = np.maximum(places.max(axis=0) + around, box_xy_m[1])
-            places, reach_m = np.stack([low, high]), 0.0
-        low, high = places.min(axis=0) - reach_m, places.max(axis=0) + reach_m
-        self.changed_xy_m = low, high
-        first = np.floor((low - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
-        last = np.ceil((high - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
-        return clamp(first, last, shape)
-
-    def _read_columns(self, grid: VoxelGrid, window: Window) -> list[Window]:
-        """Count the free voxels of each column over the body's heights, and note where anything was hit.
-
-        Returns:
-            Where that has changed.
-        """
+    def _read_columns(self, grid: VoxelGrid, window: Window | None) -> list[Window]:
+        """Count the free voxels of each column over the body's heights, note hits, and return where either changed."""
+        if window is None:
+            return []
         heights = grid.layers_between(self.footprint.z_min_m, self.footprint.z_max_m)
         body = grid.state[heights, window[0], window[1]]
         num_free = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint8)
@@ -189,7 +167,7 @@ class TopDownMapper:
         self._origin_xy_m = grid.origin_m[:2].astype(float)
 
     def _stamp(self, grid: VoxelGrid) -> list[Window]:
-        """Draw new places of the trajectory and new obstacles into their layers, and say where those are."""
+        """Draw new places of the trajectory and new obstacles into their layers, and return where those are."""
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
         for xy in self._new_trajectory_xy_m:
             first = xy is self.trajectory_xy_m[0]
@@ -198,17 +176,17 @@ class TopDownMapper:
         for xy in self._new_blocked_xy_m:
             _stamp_disc(layers.blocked, grid, xy, BLOCKED_CELLS * cell)
         stamped = np.array([*self._new_trajectory_xy_m, *self._new_blocked_xy_m])
-        around = (
-            max(body, BLOCKED_CELLS * cell, self.config.start_radius_m if len(self.trajectory_xy_m) == 1 else 0.0)
-            + cell
-        )
+        if not len(stamped):
+            return []
+        start = self.config.start_radius_m if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m) else 0.0
+        around = max(body, BLOCKED_CELLS * cell, start) + cell
         low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         self._new_trajectory_xy_m, self._new_blocked_xy_m = [], []
         return [clamp(low, high, layers.state.shape)]
 
     def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
-        """Ask for the smallest SDF of the columns next to surface inside the horizon, and say where it has changed."""
+        """Query the minimum SDF of the columns next to surface inside the horizon, and return where it changed."""
         layers, config = self._layers, self.config
         centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         half = int(np.ceil(config.horizon_m / 2 / grid.resolution_m))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from anm_mj.frames import world_to_cell
@@ -100,23 +102,31 @@ def test_a_place_without_a_floor_is_no_way():
 def test_a_map_kept_up_step_by_step_is_the_map_made_at_once():
     rng = np.random.default_rng(2)
     world = room(14, 9, boxes=[(5, 0.2, 5.2, 6), (9, 3, 9.3, 9.2)])
-    whole = world.occupancy.state.copy()
-    world.occupancy.state[:] = UNKNOWN
+    whole, state = world.occupancy.state.copy(), world.occupancy.state
+    state[:] = UNKNOWN
+    changed = np.zeros((47, 72), np.int32)  # Blocks of 4 x 4 columns.
     places = [Pose2(1.5 + 0.3 * i, 1.0 + 0.2 * i, 0.0) for i in range(30)]
     kept = TopDownMapper(PlanningConfig(), BODY)
-    for pose in places:
+    for version, pose in enumerate(places, 1):
         # What lies within sight of the robot becomes known, at random.
-        row, col = (slice(max(round((c - 4) * 20), 0), round((c + 4) * 20)) for c in (pose.y_m, pose.x_m))
+        row, col = (slice(max(round((c - 4) * 5), 0) * 4, round((c + 4) * 5) * 4) for c in (pose.y_m, pose.x_m))
         known = rng.random(whole[:, row, col].shape) < 0.5
-        world.occupancy.state[:, row, col][known] = whole[:, row, col][known]
-        kept.visit(pose.xy_m)
-        topdown = kept.update(world.occupancy, world.sdf, pose)
+        state[:, row, col][known] = whole[:, row, col][known]
+        changed[row.start // 4 : row.stop // 4, col.start // 4 : col.stop // 4] = version
+        topdown = kept.update(replace(world.occupancy, version=version, column_version=changed), world.sdf, pose)
     fresh = TopDownMapper(PlanningConfig(), BODY)
-    fresh.trajectory_xy_m = [pose.xy_m for pose in places]
-    fresh._new_trajectory_xy_m = list(fresh.trajectory_xy_m)
+    for pose in places:
+        fresh.visit(pose.xy_m)
     at_once = fresh.update(world.occupancy, world.sdf, places[-1])
     assert np.array_equal(topdown.state, at_once.state)
     assert np.allclose(topdown.clearance_m, at_once.clearance_m, atol=1e-5)
+
+
+def test_turning_on_the_spot_adds_nothing_to_the_trajectory():
+    mapper = TopDownMapper(PlanningConfig(), BODY)
+    for place in ([1.0, 1.0], [1.0, 1.0], [1.065, 1.0], [1.065, 1.0]):
+        mapper.visit(np.array(place))
+    assert len(mapper.trajectory_xy_m) == 2
 
 
 def test_low_surface_at_the_body_s_underside_is_an_obstacle_once_it_was_seen_from_near():

@@ -81,6 +81,7 @@ class AnmS:
 
     def observe(self, observation: Observation) -> None:
         """Take note of what lies ahead, and of which regions come into view at the target."""
+        self.stages.observe(observation)
         pose = observation.pose
         self._finder.observe(observation)
         if self.targets.is_near(pose):
@@ -128,7 +129,6 @@ class AnmS:
             return None
         self.targets.drop_for(xy, now.pose)
         self.targets.choose(xy, regions, unvisited=bool(candidates.unvisited[chosen]))
-        self.stages.follow_path(path)
         distance_m = now.paths.distance_m[candidates.vertex]
         steps = distance_m / FORWARD_STEP_M
         return Plan(
@@ -180,7 +180,6 @@ class AnmS:
         away = np.linalg.norm(now.frontier_xy_m - target, axis=1)
         near = away <= graph.clearance_m[vertex] + BORDER_WIDTH_M
         towards = now.frontier_xy_m[near].mean(axis=0) - target
-        self.stages.follow_path(path)
         return Plan(
             f"every vertex is visited: a look into the unknown beside one, {distance_m[vertex]:.1f} m away",
             path,

@@ -78,9 +78,9 @@ class InformationGain:
         """Surface seen so far [m2]."""
         return self.occupancy.seen_m2
 
-    def update(self, grid: VoxelGrid, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]) -> None:
-        """Take over the voxels between two corners in the plane [m]; gains in range of changes become stale."""
-        changed = self.occupancy.update(grid, low_xy_m, high_xy_m)
+    def update(self, grid: VoxelGrid) -> None:
+        """Take over what changed in the occupancy grid; gains in range of changes become stale."""
+        changed = self.occupancy.update(grid)
         if changed is not None:
             self._note_change(*changed)
 

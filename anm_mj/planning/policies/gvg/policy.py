@@ -52,7 +52,8 @@ class Gvg:
         self._bootstrapped = False
 
     def observe(self, observation: Observation) -> None:
-        """Learn nothing: the policy decides on the map, which takes every observation in."""
+        """Note where the robot is."""
+        self._stages.observe(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the way to the first view of the best tour."""
@@ -73,7 +74,6 @@ class Gvg:
                 candidates = candidate_places(state, gain, self.config)
             with watch.stage("choice"):
                 plan = self._decide(state, candidates, gain)
-        self._stages.follow_path(plan.path_xy_m)
         return plan
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
@@ -85,7 +85,7 @@ class Gvg:
         """Bring the expected gains up to date with the map and with what this view left unknown."""
         if self._gain is None:
             self._gain = InformationGain(self.config, float(observation.T_world_camera[2, 3]))
-        self._gain.update(mapper.occupancy, *self._stages.topdown.changed_xy_m)
+        self._gain.update(mapper.occupancy)
         self._gain.suppress_view(observation.pose)
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain

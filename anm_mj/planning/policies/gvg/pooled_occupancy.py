@@ -13,7 +13,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
-from anm_mj.planning.grid_windows import bounds, clamp, dilate_mask
+from anm_mj.planning.grid_windows import bounds, dilate_mask
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from anm_mj.utils.arrays import embed
 
@@ -52,36 +52,28 @@ class PooledOccupancy:
         self._num_surface = np.zeros(0, np.int64)
         self.epoch = 0
         """Changes whenever the array does, so that flat indices into it are no longer valid."""
-        self._voxels = np.zeros(shape, np.int8)
-        self._voxels_origin_m = np.zeros(3)
+        self._version = -1
 
     @property
     def seen_m2(self) -> float:
         """How much surface was seen, each cell counting with one face [m2]: how far exploration is."""
         return float(self._num_surface.sum()) * self.cell_m**2
 
-    def update(
-        self, grid: VoxelGrid, low_xy_m: Float[np.ndarray, 2], high_xy_m: Float[np.ndarray, 2]
-    ) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
-        """Pool anew what has changed between two corners in the plane [m].
+    def update(self, grid: VoxelGrid) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+        """Pool what has changed since the last update again.
 
         Returns:
-            Corners of the part that has changed [m]; None when nothing has.
+            Corners of the part in which cells have changed [m]; None when none has.
         """
         self._cover(grid)
-        resolution = grid.resolution_m
-        offset = np.rint((grid.origin_m - self.origin_m) / resolution).astype(int)[::-1]
+        window, self._version = grid.changed_since(self._version), grid.version
+        if window is None:
+            return None
+        rows, cols = window
+        offset = np.rint((grid.origin_m - self.origin_m) / grid.resolution_m).astype(int)[::-1]
         shape = np.array(grid.state.shape)
         # No ray goes below the floor.
         floor = max(grid.layer_of(-LOWEST_M), 0)
-        first = np.floor((low_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
-        last = np.ceil((high_xy_m - grid.origin_m[:2]) / resolution).astype(int)[::-1]
-        window = clamp(first, last, grid.state.shape[1:])
-        changed = bounds((grid.state[floor:, *window] != self._voxels[floor:, *window]).any(axis=0), window)
-        if not changed:
-            return None
-        rows, cols = changed[0]
-        self._voxels[:, rows, cols] = grid.state[:, rows, cols]
         # Whole cells only: their first voxel has an even index from this grid's own origin. What borders on surface
         # counts as known: to know that, one cell more is written on all sides and another one looked at.
         low, high = np.array([floor, rows.start, cols.start]), np.array([shape[0], rows.stop, cols.stop])
@@ -98,28 +90,23 @@ class PooledOccupancy:
         pooled[:, _without_floor(pooled, math.floor(-self.origin_m[2] / self.cell_m) - int(to[0]))] = KNOWN
         pooled = pooled[:, 1:-1, 1:-1]
         where = tuple(slice(int(a), int(a + b)) for a, b in zip(to, pooled.shape, strict=True))
+        changed = bounds((pooled != self.state[where]).any(axis=0), (where[1], where[2]))
+        if not changed:
+            return None
         self._count(where, -1)
         self.state[where] = pooled
         self._count(where, 1)
         share = self._num_surface / np.maximum(self._num_free + self._num_surface, 1)
         self.layer_share[:] = np.where(self._num_free > 0, np.minimum(share / USUAL_SHARE, 1.0), 1.0)
-        corner = self.origin_m[:2] + to[:0:-1] * self.cell_m
-        return corner, corner + np.array(pooled.shape[:0:-1]) * self.cell_m
+        rows, cols = changed[0]
+        low, high = np.array([cols.start, rows.start]), np.array([cols.stop, rows.stop])
+        return self.origin_m[:2] + low * self.cell_m, self.origin_m[:2] + high * self.cell_m
 
     def _count(self, where: tuple[slice, ...], sign: int) -> None:
         """Add or take away the cells of a part in what is known of every layer."""
         state = self.state[where]
         for counts, counted in ((self._num_free, state == FREE), (self._num_surface, state == OCCUPIED)):
             counts[where[0]] += sign * np.array([np.count_nonzero(layer) for layer in counted])
-
-    def _follow(self, grid: VoxelGrid) -> None:
-        """Keep the voxels as they were last seen aligned with a grid that has grown."""
-        if self._voxels.shape == grid.state.shape and np.allclose(self._voxels_origin_m, grid.origin_m):
-            return
-        start = np.rint((self._voxels_origin_m - grid.origin_m) / grid.resolution_m).astype(int)[::-1]
-        start = start if self._voxels.size else np.zeros(3, int)
-        self._voxels = embed(self._voxels, grid.state.shape, start, UNKNOWN)
-        self._voxels_origin_m = grid.origin_m.astype(float)
 
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
@@ -134,7 +121,6 @@ class PooledOccupancy:
 
     def _cover(self, grid: VoxelGrid) -> None:
         """Make room for all of ``grid`` and the rim."""
-        self._follow(grid)
         cell = POOL * grid.resolution_m
         if not self.cell_m:
             self.cell_m = cell

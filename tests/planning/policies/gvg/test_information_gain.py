@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +10,10 @@ from anm_mj.planning.policies.gvg.information_gain import InformationGain, view_
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room
 
-ALL = np.array([-50.0, -50.0]), np.array([50.0, 50.0])
-
 
 def gain_in(grid):
     gain = InformationGain(GvgConfig(), 1.25)
-    gain.update(grid, *ALL)
+    gain.update(grid)
     return gain
 
 
@@ -129,7 +128,7 @@ def test_gain_follows_a_map_that_changes_and_grows():
         RESOLUTION_M,
     )
     for now in (grid, larger):
-        gain.update(now, np.array([2.8, 0.0]), np.array([4.4, 3.4]))
+        gain.update(now)
         assert np.allclose(gain.sector_gains(places), gain_in(now).sector_gains(places))
 
 
@@ -160,16 +159,17 @@ def test_best_view_wraps_around():
     assert abs(math.remainder(yaw, math.tau)) < math.radians(36)
 
 
-def test_updates_of_parts_come_to_an_update_of_all():
+def test_pooling_what_changed_is_pooling_everything():
     grid = with_lid(room(6, 4, boxes=[(3.0, 1.0, 3.4, 3.0)], unknown=[(3.4, 1.0, 3.5, 3.0), (2.9, 1.0, 3.0, 3.0)]))
-    whole, parts = gain_in(grid), gain_in(grid)
+    changed = np.zeros((22, 32), np.int32)  # Blocks of 4 x 4 columns.
+    parts = gain_in(grid)
     rng = np.random.default_rng(0)
-    for _ in range(20):
-        low = rng.uniform(0.0, 4.0, 2)
-        grid.state[20, 30, 30] = -grid.state[20, 30, 30]  # Something changes in every part.
-        parts.update(grid, low, low + rng.uniform(0.5, 3.0, 2))
-    whole.update(grid, *ALL)
-    parts.update(grid, *ALL)
+    for version in range(1, 21):
+        row, col = rng.integers(4, 80), rng.integers(4, 120)
+        grid.state[20:24, row, col] = rng.integers(-1, 2)
+        changed[row // 4, col // 4] = version
+        parts.update(replace(grid, version=version, column_version=changed))
+    whole = gain_in(grid)
     assert np.array_equal(whole.occupancy.state, parts.occupancy.state)
     assert np.array_equal(whole.occupancy.layer_share, parts.occupancy.layer_share)
     assert whole.seen_m2 == pytest.approx(parts.seen_m2)
@@ -185,9 +185,9 @@ def test_memory_order_of_the_voxels_changes_nothing():
 def test_update_says_where_the_occupancy_changed():
     grid = with_lid(room(4, 3))
     gain = gain_in(grid)
-    assert gain.occupancy.update(grid, *ALL) is None
+    assert gain.occupancy.update(grid) is None
     grid.state[20, 30, 40] = OCCUPIED
-    changed = gain.occupancy.update(grid, *ALL)
+    changed = gain.occupancy.update(grid)
     assert changed is not None
     assert (changed[0] <= [2.0, 1.5]).all()
     assert (changed[1] >= [2.05, 1.55]).all()

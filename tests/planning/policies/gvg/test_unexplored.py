@@ -1,4 +1,3 @@
-import numpy as np
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
@@ -17,7 +16,7 @@ def left_in(world):
     grid.state[1] = grid_below[5]  # The body's lowest heights are free.
     topdown = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)).update(grid, world.sdf, pose)
     occupancy = PooledOccupancy(5.5)
-    occupancy.update(grid, np.array([-50.0, -50]), np.array([50.0, 50]))
+    occupancy.update(grid)
     return unexplored_patches(occupancy, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
 
 
