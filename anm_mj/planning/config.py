@@ -23,8 +23,6 @@ class PlanningConfig:
     [m]."""
     hole_area_m2: float = 0.15
     """Unknown patches that known space encloses count as free below this area [m2]."""
-    update_reach_m: float = 5.2
-    """Views change the map up to this depth; the map takes in what lies beyond when the robot comes nearer [m]."""
     horizon_m: float = 5.0
     """Side of the local horizon, a square that moves with the robot, inside which the graph is fine [m]."""
     fine_spacing_m: float = 0.1
