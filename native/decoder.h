@@ -84,8 +84,8 @@ struct Activations {
     float* rgb;           // [3][capacity]
     float* s;             // [slots]
     Blobs blobs;
-    float* d_rgb;  // [slots][4], by the colour before the sigmoid
-    float* d_s;    // [slots]
+    float* grad_rgb;  // [slots][4], by the colour before the sigmoid
+    float* grad_sdf;    // [slots]
     float* row;    // [slots][max(kWidthAlign, features_pad)], scratch
 
     static std::size_t size(const Settings& c, int capacity) {
@@ -110,8 +110,8 @@ struct Activations {
             blobs.bin[axis] = reinterpret_cast<std::int32_t*>(take(1));
             for (int j = 0; j < 3; ++j) blobs.mass[axis][j] = take(1);
         }
-        d_rgb = take(4);
-        d_s = take(1);
+        grad_rgb = take(4);
+        grad_sdf = take(1);
     }
 };
 
@@ -171,12 +171,12 @@ template <class Shape>
 ANM_INLINE void backward(const Settings& c, const Shape& shape, const PackedDecoders& w, const PackedDecoders& g,
                          float* features, std::ptrdiff_t level_stride, int slots, const Activations& a) {
     const int h = shape.hidden(), o = shape.outputs(), f = c.features_pad();
-    outer(Rows{a.d_rgb, 4}, 4, slots, a.color_hidden, h, h, g.color_out, h);
-    multiply<Start::kZero, End::kMask>(Rows{a.d_rgb, 4}, slots, 4, w.color_out, h, h, a.color_hidden, h);
+    outer(Rows{a.grad_rgb, 4}, 4, slots, a.color_hidden, h, h, g.color_out, h);
+    multiply<Start::kZero, End::kMask>(Rows{a.grad_rgb, 4}, slots, 4, w.color_out, h, h, a.color_hidden, h);
     outer(Rows{a.outputs, o}, o, slots, a.color_hidden, h, h, g.color_geo, h);
     blob_gradient(a.blobs, c.bins, slots, a.color_hidden, h, g.color_blob);
     multiply<Start::kZero, End::kPlain>(Rows{a.color_hidden, h}, slots, h, w.color_geo_t, o, o, a.outputs, o);
-    for (int s = 0; s < slots; ++s) a.outputs[s * o] = a.d_s[s];
+    for (int s = 0; s < slots; ++s) a.outputs[s * o] = a.grad_sdf[s];
     outer(Rows{a.outputs, o}, o, slots, a.hidden, h, h, g.sdf_out, h);
     multiply<Start::kZero, End::kMask>(Rows{a.outputs, o}, slots, o, w.sdf_out, h, h, a.hidden, h);
     outer(Pairs{features, level_stride}, c.features(), slots, a.hidden, h, h, g.sdf_grid, h);

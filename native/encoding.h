@@ -127,11 +127,11 @@ struct Quads {
 };
 
 // What each edge has to take to its corners, by its own weight.
-ANM_INLINE void split(const Corners& corners, const float* d_features, Quads& edges) {
+ANM_INLINE void split(const Corners& corners, const float* grad_features, Quads& edges) {
     for (int lane = 0; lane < kGroup; lane += kLanes) {
         float* out = edges.data + 4 * lane;
         const F high = load(corners.high + lane), low = 1.0F - high;
-        const F first = load(d_features + 2 * lane), second = load(d_features + 2 * lane + kLanes);
+        const F first = load(grad_features + 2 * lane), second = load(grad_features + 2 * lane + kLanes);
         store(out, twice<0>(first) * quads<0>(low, high));
         store(out + kLanes, twice<1>(first) * quads<1>(low, high));
         store(out + 2 * kLanes, twice<0>(second) * quads<2>(low, high));
@@ -139,12 +139,12 @@ ANM_INLINE void split(const Corners& corners, const float* d_features, Quads& ed
     }
 }
 
-ANM_INLINE void add_quad(const Corners& corners, const Quads& edges, int s, float* d_table) {
+ANM_INLINE void add_quad(const Corners& corners, const Quads& edges, int s, float* grad_table) {
     const F4 d = load4(edges.data + 4 * s);
     for (int edge = 0; edge < 4; ++edge) {
         // Neighbours along x never share an entry.
-        float* low = entry(d_table, corners.index[2 * edge][s]);
-        float* high = entry(d_table, corners.index[2 * edge + 1][s]);
+        float* low = entry(grad_table, corners.index[2 * edge][s]);
+        float* high = entry(grad_table, corners.index[2 * edge + 1][s]);
         store_pairs(low, high, load_pairs(low, high) + d * corners.edge[edge][s]);
     }
 }
@@ -157,22 +157,22 @@ ANM_INLINE bool is_zero(const float* pair) {
 
 // Adds the gradient by the table's entries, always in the same order, so that the sum is always the same. Neighbours on
 // a ray often add to the same entries, so that one would wait for the other; two groups far from each other take turns.
-ANM_INLINE void scatter(const Level& level, const Positions& at, std::ptrdiff_t end, const float* d_features,
-                        float* d_table) {
+ANM_INLINE void scatter(const Level& level, const Positions& at, std::ptrdiff_t end, const float* grad_features,
+                        float* grad_table) {
     Corners corners[2];
     Quads edges[2];
     const std::ptrdiff_t half = (end / kGroup + 1) / 2 * kGroup;
     for (std::ptrdiff_t slot = 0; slot < half; slot += kGroup) {
         const bool two = half + slot < end;
-        const float* in[2] = {d_features + 2 * slot, d_features + 2 * (half + slot)};
+        const float* in[2] = {grad_features + 2 * slot, grad_features + 2 * (half + slot)};
         for (int k = 0; k < 1 + two; ++k) {
             find_corners(level, at, slot + k * half, corners[k]);
             split(corners[k], in[k], edges[k]);
         }
         for (int s = 0; s < kGroup; ++s) {
             // Samples behind a surface have none at all, and they stand in a row.
-            if (!is_zero(in[0] + 2 * s)) add_quad(corners[0], edges[0], s, d_table);
-            if (two && !is_zero(in[1] + 2 * s)) add_quad(corners[1], edges[1], s, d_table);
+            if (!is_zero(in[0] + 2 * s)) add_quad(corners[0], edges[0], s, grad_table);
+            if (two && !is_zero(in[1] + 2 * s)) add_quad(corners[1], edges[1], s, grad_table);
         }
     }
 }

@@ -6,18 +6,18 @@
 
 namespace {
 
-constexpr float kBellWidth = 0.1F;
+constexpr float kWeightScale = 0.1F;
 
 // Weights of Eq. 2 before masking and normalising, and their derivative by s.
-ANM_INLINE void bell(const float* s, int slots, float* value, float* slope) {
+ANM_INLINE void sdf_to_weight(const float* s, int slots, float* value, float* slope) {
     for (int i = 0; i < slots; i += kLanes) {
-        const F x = load(s + i) * (1.0F / kBellWidth);
+        const F x = load(s + i) * (1.0F / kWeightScale);
         const F e = exp_negative(x > 0.0F ? -x : x);
         const F inverse = 1.0F / (1.0F + e);
         const F b = e * inverse * inverse;
         const F sign = x > 0.0F ? F{} + 1.0F : F{} - 1.0F;
         store(value + i, b);
-        store(slope + i, sign * (e - 1.0F) * inverse * b * (1.0F / kBellWidth));
+        store(slope + i, sign * (e - 1.0F) * inverse * b * (1.0F / kWeightScale));
     }
 }
 
@@ -80,7 +80,7 @@ ANM_INLINE Place place_of(const Settings& c, bool hit, float depth, float z) {
     return z <= depth + c.truncation ? Place::kBand : Place::kNone;
 }
 
-// Losses of one ray, and their gradients into a.d_s and a.d_rgb.
+// Losses of one ray, and their gradients into a.grad_sdf and a.grad_rgb.
 ANM_INLINE void ray_loss(const Settings& c, const LossScale& scale, const Activations& a, int first, const float* z,
                          const float* value, const float* slope, float measured_depth, const float* measured_rgb,
                          LossSums& sums) {
@@ -89,49 +89,49 @@ ANM_INLINE void ray_loss(const Settings& c, const LossScale& scale, const Activa
     const float depth = hit ? measured_depth : 0.0F;
     const Rendered seen = render_ray(a, first, z, samples, c.truncation, value);
     const float factor = hit ? 1.0F : c.no_depth_rgb;
-    float d_rgb[3], d_depth = 0.0F;
+    float grad_rgb[3], grad_depth = 0.0F;
     float mean = 0.0F;
     for (int k = 0; k < 3; ++k) {
         const float residual = (seen.rgb[k] - measured_rgb[k]) * factor;
         sums.rgb += static_cast<double>(residual * residual);
-        d_rgb[k] = scale.rgb * residual * factor;
-        mean += d_rgb[k] * seen.rgb[k];
+        grad_rgb[k] = scale.rgb * residual * factor;
+        mean += grad_rgb[k] * seen.rgb[k];
     }
     if (hit) {
         const float residual = seen.depth - depth;
         sums.depth += static_cast<double>(residual * residual);
-        d_depth = scale.depth * residual;
-        mean += d_depth * seen.depth;
+        grad_depth = scale.depth * residual;
+        mean += grad_depth * seen.depth;
     }
     for (int i = 0; i < samples; ++i) {
         const int slot = first + i;
         const float s = a.s[slot];
-        float d_s = 0.0F;
+        float grad_sdf = 0.0F;
         const Place place = place_of(c, hit, depth, z[i]);
         if (place == Place::kFree) {
             const float residual = s - 1.0F;
             sums.free += static_cast<double>(residual * residual);
-            d_s = scale.free * residual;
+            grad_sdf = scale.free * residual;
         } else if (place == Place::kBand) {
             const float residual = z[i] + s * c.truncation - depth;
             sums.sdf += static_cast<double>(residual * residual);
-            d_s = scale.sdf * residual;
+            grad_sdf = scale.sdf * residual;
         }
-        float* d_color = a.d_rgb + 4 * slot;
+        float* grad_color = a.grad_rgb + 4 * slot;
         if (i < seen.visible) {
             const float weight = value[slot] * seen.inverse_sum;
-            float by_weight = d_depth * z[i] - mean;
+            float by_weight = grad_depth * z[i] - mean;
             for (int k = 0; k < 3; ++k) {
                 const float color = a.rgb[k * a.capacity + slot];
-                by_weight += d_rgb[k] * color;
-                d_color[k] = d_rgb[k] * weight * color * (1.0F - color);
+                by_weight += grad_rgb[k] * color;
+                grad_color[k] = grad_rgb[k] * weight * color * (1.0F - color);
             }
-            d_s += by_weight * seen.inverse_sum * slope[slot];
+            grad_sdf += by_weight * seen.inverse_sum * slope[slot];
         } else {
-            for (int k = 0; k < 3; ++k) d_color[k] = 0.0F;
+            for (int k = 0; k < 3; ++k) grad_color[k] = 0.0F;
         }
-        d_color[3] = 0.0F;
-        a.d_s[slot] = d_s;
+        grad_color[3] = 0.0F;
+        a.grad_sdf[slot] = grad_sdf;
     }
 }
 

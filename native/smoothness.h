@@ -24,10 +24,10 @@ ANM_INLINE void lattice_axis(const Level& level, int axis, float corner, float s
     }
 }
 
-// Sum of squared differences of neighbouring features over the lattice; adds `scale` times its gradient to d_table.
+// Sum of squared differences of neighbouring features over the lattice; adds `scale` times its gradient to grad_table.
 // features: room for points^3 pairs. axes: room for 12 * points values.
 ANM_INLINE double smoothness(const Level& level, const float* table, const float* corner_m, float spacing, int points,
-                             float scale, float* features, float* axes, float* d_table) {
+                             float scale, float* features, float* axes, float* grad_table) {
     LatticeAxis lattice[3];
     for (int axis = 0; axis < 3; ++axis) {
         for (int side = 0; side < 2; ++side) {
@@ -74,7 +74,7 @@ ANM_INLINE double smoothness(const Level& level, const float* table, const float
         }
         d *= 2.0F * scale;
         for (int c = 0; c < 8; ++c) {
-            float* entry = d_table + 2 * (key_xy[c & 3] ^ lattice[2].key[c >> 2][k]);
+            float* entry = grad_table + 2 * (key_xy[c & 3] ^ lattice[2].key[c >> 2][k]);
             store2(entry, load2(entry) + d * (weight_xy[c & 3] * lattice[2].weight[c >> 2][k]));
         }
     });

@@ -25,51 +25,51 @@ public:
     Step(Model& model, const Rays& rays, std::uint32_t seed, const float* depths, const float* corner,
          const Gradients* gradients, const Parallel& parallel, const Arena& arena)
         : model_(model),
-          c_(model.settings),
+          settings_(model.settings),
           rays_(rays),
           seed_(seed),
           depths_(depths),
           corner_(corner),
           gradients_(gradients),
           parallel_(parallel),
-          layout_(rays.count, c_.samples()),
+          layout_(rays.count, settings_.samples()),
           level_stride_(feature_stride(layout_.padded_slots())) {
         const std::size_t slots = static_cast<std::size_t>(layout_.padded_slots()) + kGroup;
         float* base = floats(arena, kSlots, 0, 4 * slots);
         for (int axis = 0; axis < 3; ++axis) at_.axis[axis] = base + axis * slots;
         z_ = base + 3 * slots;
-        features_ = floats(arena, kFeatures, 0, static_cast<std::size_t>(c_.levels * level_stride_));
-        packed_ = floats(arena, kPacked, 0, c_.packed_size());
-        partial_ = floats(arena, kPartial, 0, static_cast<std::size_t>(kGradientTasks) * c_.gradient_size());
+        features_ = floats(arena, kFeatures, 0, static_cast<std::size_t>(settings_.levels * level_stride_));
+        packed_ = floats(arena, kPacked, 0, settings_.packed_size());
+        partial_ = floats(arena, kPartial, 0, static_cast<std::size_t>(kGradientTasks) * settings_.gradient_size());
         for (int worker = 0; worker < parallel.workers; ++worker) {
             // Asked for here, because the arena may not grow while tasks run.
-            const std::size_t scratch = Activations::size(c_, layout_.capacity());
+            const std::size_t scratch = Activations::size(settings_, layout_.capacity());
             floats(arena, kWorkerScratch, worker, scratch);
-            floats(arena, kWorkerTable, worker, 2 * static_cast<std::size_t>(c_.entries()));
+            floats(arena, kWorkerTable, worker, 2 * static_cast<std::size_t>(settings_.entries()));
             if (corner != nullptr) floats(arena, kWorkerLattice, worker, lattice_size());
         }
         arena_ = arena;
     }
 
     void run(Losses& losses) {
-        pack(c_, model_.decoders, packed_);
+        pack(settings_, model_.decoders, packed_);
         run_tasks(parallel_, kGradientTasks, [this](int task, int) { sample_blocks(task); });
         pad_tail();
-        run_tasks(parallel_, c_.levels, [this](int level, int) {
-            encode(model_.level[level], level_table(model_.table, level), c_.entries(), at_, 0, layout_.padded_slots(),
-                   features_ + level * level_stride_);
+        run_tasks(parallel_, settings_.levels, [this](int level, int) {
+            encode(model_.level[level], level_table(model_.table, level), settings_.entries(), at_, 0,
+                   layout_.padded_slots(), features_ + level * level_stride_);
         });
         clear_tail();
         set_scale();
-        if (Widths<32, 16>::fits(c_)) {
+        if (Widths<32, 16>::fits(settings_)) {
             run_tasks(parallel_, kGradientTasks,
-                      [this](int task, int worker) { train_blocks(Widths<32, 16>(c_), task, worker); });
+                      [this](int task, int worker) { train_blocks(Widths<32, 16>(settings_), task, worker); });
         } else {
             run_tasks(parallel_, kGradientTasks,
-                      [this](int task, int worker) { train_blocks(Widths<0, 0>(c_), task, worker); });
+                      [this](int task, int worker) { train_blocks(Widths<0, 0>(settings_), task, worker); });
         }
         ++model_.iteration;
-        run_tasks(parallel_, c_.levels + 1, [this](int task, int worker) {
+        run_tasks(parallel_, settings_.levels + 1, [this](int task, int worker) {
             if (task == 0) {
                 update_decoders();
             } else {
@@ -82,11 +82,11 @@ public:
 
 private:
     float* level_table(float* table, int level) const {
-        return table + 2 * static_cast<std::ptrdiff_t>(level) * c_.entries();
+        return table + 2 * static_cast<std::ptrdiff_t>(level) * settings_.entries();
     }
 
     std::size_t lattice_size() const {
-        const std::size_t k = c_.smoothness_points;
+        const std::size_t k = settings_.smoothness_points;
         return 2 * k * k * k + 12 * k;
     }
 
@@ -103,18 +103,18 @@ private:
             const int first = block * layout_.rays_per_block;
             for (int ray = first; ray < smaller(first + layout_.rays_per_block, rays_.count); ++ray) {
                 const float measured = rays_.depth[ray];
-                const bool hit = has_surface(c_, measured);
+                const bool hit = has_surface(settings_, measured);
                 if (depths_ != nullptr) {
-                    std::memcpy(z, depths_ + static_cast<std::ptrdiff_t>(ray) * c_.samples(),
-                                sizeof(float) * c_.samples());
+                    std::memcpy(z, depths_ + static_cast<std::ptrdiff_t>(ray) * settings_.samples(),
+                                sizeof(float) * settings_.samples());
                 } else {
                     sample_ray(model_, measured, seed_, static_cast<std::uint32_t>(ray), z);
                 }
                 counts.valid += hit;
-                for (int j = 0; j < c_.samples(); ++j, ++slot) {
+                for (int j = 0; j < settings_.samples(); ++j, ++slot) {
                     z_[slot] = z[j];
                     place_sample(at_, slot, rays_.origin + 3 * ray, rays_.direction + 3 * ray, z[j]);
-                    const Place place = place_of(c_, hit, measured, z[j]);
+                    const Place place = place_of(settings_, hit, measured, z[j]);
                     counts.free += place == Place::kFree;
                     counts.band += place == Place::kBand;
                 }
@@ -136,7 +136,7 @@ private:
     // The slots that fill the last group belong to no block, which would replace their features by gradients.
     void clear_tail() {
         for (int slot = layout_.slots(); slot < layout_.padded_slots(); ++slot) {
-            for (int level = 0; level < c_.levels; ++level) {
+            for (int level = 0; level < settings_.levels; ++level) {
                 store2(features_ + level * level_stride_ + 2 * slot, F2{});
             }
         }
@@ -150,65 +150,65 @@ private:
             all.valid += part.valid;
         }
         const double supervised = static_cast<double>(all.free + all.band > 0 ? all.free + all.band : 1);
-        const double samples = static_cast<double>(rays_.count) * c_.samples();
+        const double samples = static_cast<double>(rays_.count) * settings_.samples();
         // Each term is weighted by the other's share of the supervised samples.
         mean_.free = static_cast<double>(all.band) / supervised / samples;
         mean_.sdf = static_cast<double>(all.free) / supervised / samples;
         mean_.rgb = 1.0 / (3.0 * rays_.count);
         mean_.depth = 1.0 / static_cast<double>(all.valid > 0 ? all.valid : 1);
-        scale_.rgb = static_cast<float>(2.0 * c_.weight_rgb * mean_.rgb);
-        scale_.depth = static_cast<float>(2.0 * c_.weight_depth * mean_.depth);
-        scale_.sdf = static_cast<float>(2.0 * c_.weight_sdf * mean_.sdf * c_.truncation);
-        scale_.free = static_cast<float>(2.0 * c_.weight_free * mean_.free);
+        scale_.rgb = static_cast<float>(2.0 * settings_.weight_rgb * mean_.rgb);
+        scale_.depth = static_cast<float>(2.0 * settings_.weight_depth * mean_.depth);
+        scale_.sdf = static_cast<float>(2.0 * settings_.weight_sdf * mean_.sdf * settings_.truncation);
+        scale_.free = static_cast<float>(2.0 * settings_.weight_free * mean_.free);
     }
 
     template <class Shape>
     void train_blocks(const Shape& shape, int task, int worker) {
-        const PackedDecoders weights(c_, packed_);
-        float* partial = partial_ + static_cast<std::ptrdiff_t>(task) * c_.gradient_size();
-        std::memset(partial, 0, sizeof(float) * static_cast<std::size_t>(c_.gradient_size()));
-        const PackedDecoders gradient(c_, partial);
-        const Activations a(c_, layout_.capacity(), floats(arena_, kWorkerScratch, worker, 0));
+        const PackedDecoders weights(settings_, packed_);
+        float* partial = partial_ + static_cast<std::ptrdiff_t>(task) * settings_.gradient_size();
+        std::memset(partial, 0, sizeof(float) * static_cast<std::size_t>(settings_.gradient_size()));
+        const PackedDecoders gradient(settings_, partial);
+        const Activations a(settings_, layout_.capacity(), floats(arena_, kWorkerScratch, worker, 0));
         const int slots = layout_.block_slots;
         LossSums sums;
         for (int block = first_block(task); block < first_block(task + 1); ++block) {
             const int first = block * slots;
             float* features = features_ + 2 * static_cast<std::ptrdiff_t>(first);
             const Pairs grid{features, level_stride_};
-            one_blob(c_, at_, first, slots, a.blobs);
-            forward(c_, shape, weights, grid, slots, a);
+            one_blob(settings_, at_, first, slots, a.blobs);
+            forward(settings_, shape, weights, grid, slots, a);
             float* value = a.row;
             float* slope = a.row + a.capacity;
-            bell(a.s, slots, value, slope);
+            sdf_to_weight(a.s, slots, value, slope);
             const int first_ray = block * layout_.rays_per_block;
             int slot = 0;
             for (int ray = first_ray; ray < smaller(first_ray + layout_.rays_per_block, rays_.count); ++ray) {
-                ray_loss(c_, scale_, a, slot, z_ + first + slot, value, slope, rays_.depth[ray], rays_.rgb + 3 * ray,
-                         sums);
+                ray_loss(settings_, scale_, a, slot, z_ + first + slot, value, slope, rays_.depth[ray],
+                         rays_.rgb + 3 * ray, sums);
                 slot += layout_.samples;
             }
             for (; slot < slots; ++slot) {
-                a.d_s[slot] = 0.0F;
-                std::memset(a.d_rgb + 4 * slot, 0, 4 * sizeof(float));
+                a.grad_sdf[slot] = 0.0F;
+                std::memset(a.grad_rgb + 4 * slot, 0, 4 * sizeof(float));
             }
-            backward(c_, shape, weights, gradient, features, level_stride_, slots, a);
+            backward(settings_, shape, weights, gradient, features, level_stride_, slots, a);
         }
         sums_[task] = sums;
     }
 
     void update_decoders() {
         for (int task = 1; task < kGradientTasks; ++task) {
-            const float* part = partial_ + static_cast<std::ptrdiff_t>(task) * c_.gradient_size();
-            for (int i = 0; i < c_.gradient_size(); ++i) partial_[i] += part[i];
+            const float* part = partial_ + static_cast<std::ptrdiff_t>(task) * settings_.gradient_size();
+            for (int i = 0; i < settings_.gradient_size(); ++i) partial_[i] += part[i];
         }
-        const AdamScale adam(c_, c_.decoder_rate, model_.iteration);
-        const float decay = static_cast<float>(c_.decoder_decay);
-        const int size = c_.decoder_size();
+        const AdamScale adam(settings_, settings_.decoder_rate, model_.iteration);
+        const float decay = static_cast<float>(settings_.decoder_decay);
+        const int size = settings_.decoder_size();
         float* canonical = packed_;  // the packed weights have served
-        const PackedDecoders gradient(c_, partial_);
-        fold_ends(gradient.sdf_blob, c_.bins, c_.hidden_pad());
-        fold_ends(gradient.color_blob, c_.bins, c_.hidden_pad());
-        for_each_weight(c_, gradient, [&](int index, const float* g, const float*) { canonical[index] = *g; });
+        const PackedDecoders gradient(settings_, partial_);
+        fold_ends(gradient.sdf_blob, settings_.bins, settings_.hidden_pad());
+        fold_ends(gradient.color_blob, settings_.bins, settings_.hidden_pad());
+        for_each_weight(settings_, gradient, [&](int index, const float* g, const float*) { canonical[index] = *g; });
         if (gradients_ != nullptr) {
             for (int i = 0; i < size; ++i) gradients_->decoders[i] = canonical[i];
             return;
@@ -221,31 +221,32 @@ private:
     }
 
     void update_level(int level, int worker) {
-        float* d_table = floats(arena_, kWorkerTable, worker, 0);
+        float* grad_table = floats(arena_, kWorkerTable, worker, 0);
         const float* table = level_table(model_.table, level);
-        scatter(model_.level[level], at_, layout_.padded_slots(), features_ + level * level_stride_, d_table);
+        scatter(model_.level[level], at_, layout_.padded_slots(), features_ + level * level_stride_, grad_table);
         smoothness_[level] = 0.0;
         if (corner_ != nullptr) {
-            const int k = c_.smoothness_points;
+            const int k = settings_.smoothness_points;
             float* lattice = floats(arena_, kWorkerLattice, worker, 0);
-            smoothness_[level] = smoothness(model_.level[level], table, corner_, c_.smoothness_spacing, k,
-                                            static_cast<float>(c_.weight_smoothness * smoothness_mean()), lattice,
-                                            lattice + 2 * k * k * k, d_table);
+            smoothness_[level] = smoothness(model_.level[level], table, corner_, settings_.smoothness_spacing, k,
+                                            static_cast<float>(settings_.weight_smoothness * smoothness_mean()),
+                                            lattice, lattice + 2 * k * k * k, grad_table);
         }
-        const int entries = c_.entries();
+        const int entries = settings_.entries();
         if (gradients_ != nullptr) {
             const std::size_t bytes = 2 * sizeof(float) * static_cast<std::size_t>(entries);
-            std::memcpy(level_table(gradients_->table, level), d_table, bytes);
-            std::memset(d_table, 0, bytes);
+            std::memcpy(level_table(gradients_->table, level), grad_table, bytes);
+            std::memset(grad_table, 0, bytes);
             return;
         }
-        adam_level(AdamScale(c_, c_.table_rate, model_.iteration), entries, level_table(model_.table, level),
+        adam_level(AdamScale(settings_, settings_.table_rate, model_.iteration), entries,
+                   level_table(model_.table, level),
                    level_table(model_.table_m, level), level_table(model_.table_v, level),
-                   model_.touched + static_cast<std::ptrdiff_t>(level) * (entries / 8), d_table);
+                   model_.touched + static_cast<std::ptrdiff_t>(level) * (entries / 8), grad_table);
     }
 
     double smoothness_mean() const {
-        const double edge = c_.smoothness_points + 1.0;
+        const double edge = settings_.smoothness_points + 1.0;
         return 1.0 / (edge * edge * edge);
     }
 
@@ -258,18 +259,19 @@ private:
             all.free += part.free;
         }
         double smooth = 0.0;
-        for (int level = 0; level < c_.levels; ++level) smooth += smoothness_[level];
+        for (int level = 0; level < settings_.levels; ++level) smooth += smoothness_[level];
         out.rgb = all.rgb * mean_.rgb;
         out.depth = all.depth * mean_.depth;
         out.sdf = all.sdf * mean_.sdf;
         out.free_space = all.free * mean_.free;
         out.smoothness = corner_ != nullptr ? smooth * smoothness_mean() : 0.0;
-        out.total = c_.weight_rgb * out.rgb + c_.weight_depth * out.depth + c_.weight_sdf * out.sdf +
-                    c_.weight_free * out.free_space + c_.weight_smoothness * out.smoothness;
+        out.total = settings_.weight_rgb * out.rgb + settings_.weight_depth * out.depth +
+                    settings_.weight_sdf * out.sdf + settings_.weight_free * out.free_space +
+                    settings_.weight_smoothness * out.smoothness;
     }
 
     Model& model_;
-    const Settings& c_;
+    const Settings& settings_;
     const Rays& rays_;
     std::uint32_t seed_;
     const float* depths_;

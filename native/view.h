@@ -41,7 +41,7 @@ void render_as(const Shape& shape, const Model& model, const float* origin, cons
             const int first = block * layout.block_slots;
             one_blob(c, scratch.at, first, layout.block_slots, a.blobs);
             forward(c, shape, w, Pairs{scratch.features + 2 * first, scratch.level_stride}, layout.block_slots, a);
-            bell(a.s, layout.block_slots, a.row, a.row + a.capacity);
+            sdf_to_weight(a.s, layout.block_slots, a.row, a.row + a.capacity);
             const int first_ray = (first_block + block) * layout.rays_per_block;
             for (int i = 0; i < smaller(layout.rays_per_block, count - first_ray); ++i) {
                 const int ray = first_ray + i;

@@ -24,7 +24,7 @@ from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import surface_distance
 from anm_mj.evaluation.sparsification import rank_correlation, relative_area
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.mapping.evidence import PRIOR_LOOKS, evidence_variance, last_layer_variance, look_density
+from anm_mj.mapping.last_layer import PRIOR_OBSERVATIONS, last_layer_variance, leverage, observation_density
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.surface import crossings
 from anm_mj.mapping.uncertainty import closed_form_variance, perturbed_variance
@@ -82,16 +82,16 @@ def measure(name: str, neural_map: NeuralMap, truth: GroundTruth) -> list[Row]:
 
 
 def methods(neural_map: NeuralMap) -> dict[str, Callable[[Float[np.ndarray, "n 3"]], np.ndarray]]:
-    """What is compared: the three methods that can be configured, more passes, and the two factors of evidence."""
+    """What is compared: the three methods that can be configured, more passes, and the two factors of the first."""
     backend, occupancy, config = neural_map.backend, neural_map._occupancy, neural_map.config.uncertainty
-    many, evenness = replace(config, num_passes=400), neural_map.config.schedule.evenness
+    many, density_exponent = replace(config, num_passes=400), neural_map.config.schedule.density_exponent
     return {
         "perturbation, 20 passes": lambda p: perturbed_variance(backend, p, replace(config, num_passes=20), 0),
         "perturbation, 400 passes": lambda p: perturbed_variance(backend, p, many, 0),
         "closed form": lambda p: closed_form_variance(backend, p, config),
-        "last layer alone": lambda p: last_layer_variance(backend, occupancy, p, evenness),
-        "looks alone": lambda p: 1.0 / (PRIOR_LOOKS + look_density(occupancy, p)),
-        "evidence": lambda p: evidence_variance(backend, occupancy, p, evenness),
+        "leverage alone": lambda p: leverage(backend, occupancy, p, density_exponent),
+        "observation count alone": lambda p: 1.0 / (PRIOR_OBSERVATIONS + observation_density(occupancy, p)),
+        "last_layer_variance": lambda p: last_layer_variance(backend, occupancy, p, density_exponent),
     }
 
 

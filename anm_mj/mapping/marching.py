@@ -81,7 +81,7 @@ def march(
     return (vertices.astype(float) + first) * spacing_m, faces.astype(np.int64)
 
 
-def used_only(
+def remove_unreferenced(
     vertices: Float[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "w 3"], Int64[np.ndarray, "f 3"]]:
     """The same triangles without the vertices that none has."""
@@ -90,7 +90,7 @@ def used_only(
     return vertices[used], (np.cumsum(used) - 1)[faces]
 
 
-def welded(
+def merge_vertices(
     vertices: Float[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"]
 ) -> tuple[Int64[np.ndarray, " w"], Int64[np.ndarray, "g 3"]]:
     """Equal vertices merged and collapsed faces dropped.

@@ -11,7 +11,7 @@ import trimesh
 from jaxtyping import Bool, Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.marching import active_cells, march, used_only, welded
+from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
 from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
 from anm_mj.mapping.surface import SdfQuery
 from anm_mj.types import OCCUPIED
@@ -41,7 +41,7 @@ class Triangles:
 class _Piece:
     """What one part of space holds, and what the occupancy grid said of it then."""
 
-    evidence: tuple[int, int]
+    fingerprint: tuple[int, int]
     triangles: Triangles
 
 
@@ -78,11 +78,11 @@ class MeshExtractor:
             low, high = np.maximum(low, 0), np.maximum(high, 0)
             voxels = occupied[tuple(map(slice, low, high))]
             # Carving leaves no stamp, but fewer voxels.
-            evidence = (stamp, int(np.count_nonzero(voxels)))
+            fingerprint = (stamp, int(np.count_nonzero(voxels)))
             piece = known.get(place)
-            if piece is None or piece.evidence != evidence:
+            if piece is None or piece.fingerprint != fingerprint:
                 corner = low + self._occupancy.corner
-                piece = _Piece(evidence, self._triangles(sdf, rgb, voxels, corner, place, resolution_m))
+                piece = _Piece(fingerprint, self._triangles(sdf, rgb, voxels, corner, place, resolution_m))
             self._pieces[place] = piece
         self._resolution_m = resolution_m
         return _joined([piece.triangles for piece in self._pieces.values()])
@@ -117,7 +117,7 @@ class MeshExtractor:
         cells = active_cells(occupied, corner, first, end, resolution_m / edge, _REACH_VOXELS)
         vertices, faces = march(sdf, cells, first, resolution_m)
         observed = self._occupancy.near_occupied(vertices, _REACH_VOXELS * edge)
-        vertices, faces = used_only(vertices, faces[observed[faces].all(axis=1)])
+        vertices, faces = remove_unreferenced(vertices, faces[observed[faces].all(axis=1)])
         return Triangles(vertices, faces, rgb(vertices))
 
 
@@ -135,5 +135,5 @@ def _joined(parts: list[Triangles]) -> Triangles:
     starts = np.cumsum([0] + [len(part.vertices_m) for part in parts])
     vertices = np.concatenate([part.vertices_m for part in parts])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-    kept, faces = welded(vertices, faces)
+    kept, faces = merge_vertices(vertices, faces)
     return Triangles(vertices[kept], faces, np.concatenate([part.rgb for part in parts])[kept])

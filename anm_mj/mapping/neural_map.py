@@ -123,7 +123,7 @@ class NeuralMap:
             points_m,
             self.config.uncertainty,
             self.seed,
-            self.config.schedule.evenness,
+            self.config.schedule.density_exponent,
         )
 
     def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
@@ -215,19 +215,21 @@ class NeuralMap:
         return loaded
 
     def _replay_weight(self, observation: Observation) -> Float32[np.ndarray, "h w"] | None:
-        """How often a keyframe's pixels are replayed, in proportion; None for all alike.
+        """Weights by which a keyframe's pixels are drawn for replay; None for uniform ones.
 
-        Pictures show a near floor with thousands of pixels and a chair's leg with ten, once. Drawn as they come, rays
-        polish the floor while what has few looks stays unlearnt.
+        An image shows a near floor with thousands of pixels and a chair's leg with ten, once. Uniform draws keep
+        improving the floor while surface with few observations stays unlearnt.
         """
-        evenness = self.config.schedule.evenness
-        if evenness == 0.0:
+        exponent = self.config.schedule.density_exponent
+        if exponent == 0.0:
             return None
-        looks = self._occupancy.looks(observation.depth_m, observation.intrinsics, observation.T_world_camera)
-        known = looks > 0
-        # What shows no surface is neither rare nor common.
-        usual = np.median(looks[known]) if known.any() else 1.0
-        return np.where(known, looks, usual).astype(np.float32) ** np.float32(-evenness)
+        count = self._occupancy.observation_count(
+            observation.depth_m, observation.intrinsics, observation.T_world_camera
+        )
+        known = count > 0
+        # Pixels that show no surface get the weight of a typical one.
+        usual = np.median(count[known]) if known.any() else 1.0
+        return np.where(known, count, usual).astype(np.float32) ** np.float32(-exponent)
 
     def _fit_table(self) -> None:
         """Double the table while the scene is large for it; every place keeps the features it has learnt.

@@ -75,9 +75,9 @@ class OccupancyGrid:
 
     @property
     def num_hits(self) -> UInt16[np.ndarray, "layers rows cols"]:
-        """How many pixels of all frames fell into each voxel, up to 65535; images are thinned to 64 px of focal length.
+        """Pixels of all frames that fell into each voxel, up to 65535; images are thinned to 64 px of focal length.
 
-        Near, frontal and repeated looks all add to it: it is the sampling density of the surface there.
+        Near, frontal and repeated views all add to it: it is the sampling density of the surface.
         """
         return self._num_hits
 
@@ -143,7 +143,7 @@ class OccupancyGrid:
         out[inside] = self._state[z[inside], y[inside], x[inside]]
         return out
 
-    def looks(
+    def observation_count(
         self,
         depth_m: Float32[np.ndarray, "h w"],
         intrinsics: Intrinsics,

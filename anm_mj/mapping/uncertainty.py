@@ -1,15 +1,14 @@
-"""How sure the map is at a point: by the evidence for it, or by noise on the decoders' weights (paper, Eq. 4).
+"""Uncertainty of the map at a point: last-layer variance, or noise on the decoders' weights (paper, Eq. 4).
 
-The paper's way: where training has flattened the loss about the present weights, noise on them changes little; where
+The paper's method: where training has flattened the loss about the present weights, noise on them changes little; where
 it has not, the outputs scatter (Yan et al., Active Neural Mapping, ICCV 2023). Both decoders are perturbed, so geometry
 and appearance both count. To first order the variance is the noise's variance times the squared norm of the outputs'
-gradient by the weights, which is cheap in closed form; on a trained map it ranks points as 400 passes do (rank
+gradient by the weights, which has a cheap closed form; on a trained map it ranks points as 400 passes do (rank
 correlation 0.98; 20 passes: 0.87).
 
-What that measures is how strongly features act on the output. It counts no observations, and surface that was never
-seen does not stand out by it (it is even a little lower there, its features being untouched). Evidence
-(:mod:`anm_mj.mapping.evidence`) does count them; ``scripts/bench_uncertainty.py`` measures which of them predicts the
-map's true error best.
+That measures how strongly features act on the output. It counts no observations: surface that no view showed does not
+stand out (it is even a little lower there, because its features are untouched). :mod:`anm_mj.mapping.last_layer` counts
+them; ``scripts/bench_uncertainty.py`` measures which method predicts the map's true error best.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from jaxtyping import Float, Float32
 
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.config import UncertaintyConfig
-from anm_mj.mapping.evidence import evidence_variance
+from anm_mj.mapping.last_layer import last_layer_variance
 from anm_mj.mapping.occupancy import OccupancyGrid
 
 _CHUNK = 16384
@@ -32,24 +31,24 @@ def uncertainty_at(
     points_m: Float[np.ndarray, "n 3"],
     config: UncertaintyConfig,
     seed: int,
-    evenness: float,
+    density_exponent: float,
 ) -> Float32[np.ndarray, " n"]:
     """Uncertainty at world points [m] by the configured method; comparable within one method only.
 
     Args:
         backend: The engine that holds the parameters.
-        occupancy: What was seen, and how densely.
+        occupancy: What was observed, and how densely.
         points_m: World points [m].
         config: Method, noise and weights.
         seed: What the noise of perturbations is derived from.
-        evenness: As in the schedule that the map was trained by.
+        density_exponent: As in the schedule that the map was trained by.
 
     Returns:
         The variance of Eq. 4 in squared truncations plus ``color_weight`` times squared colour units, or, for
-        "evidence", a variance of s up to a constant factor.
+        "last_layer_variance", a variance of s up to a constant factor.
     """
-    if config.method == "evidence":
-        return evidence_variance(backend, occupancy, points_m, evenness)
+    if config.method == "last_layer_variance":
+        return last_layer_variance(backend, occupancy, points_m, density_exponent)
     if config.method == "closed_form":
         return closed_form_variance(backend, points_m, config)
     return perturbed_variance(backend, points_m, config, seed)

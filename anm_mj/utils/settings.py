@@ -9,7 +9,7 @@ that took ``planning.tour_depth`` over declares ``{"planning.tour_depth": "tour_
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -26,7 +26,9 @@ class _Limits:
     choices: tuple[str, ...] = ()
 
     def hold(self, value: Any) -> bool:
-        """Whether a value is one of the choices, or a number within the limits."""
+        """Whether a value is one of the choices, or a number, or are all of some numbers, within the limits."""
+        if isinstance(value, tuple):
+            return all(self.hold(each) for each in value)
         if isinstance(value, bool | str):
             return not self.choices or value in self.choices
         above_low = value > self.above if self.at_least is None else value >= self.at_least
@@ -82,6 +84,7 @@ def check_settings(config: Any, group: str, error: type[Exception]) -> None:
     """
     for entry in fields(config):
         value, limits = getattr(config, entry.name), entry.metadata.get(_LIMITS, _Limits())
-        if not limits.hold(value):
+        # A part that is a configuration of its own has checked itself.
+        if not is_dataclass(value) and not limits.hold(value):
             text = f"'{value}'" if isinstance(value, str) else value
             raise error(f"{group}.{entry.name} is {text}; it must be {limits}.")

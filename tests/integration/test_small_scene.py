@@ -171,13 +171,15 @@ def test_the_map_renders_views_from_where_the_robot_never_was(finished):
         assert view["observed_percent"] >= 50.0
 
 
-def test_evidence_predicts_the_error_of_a_whole_run_better_than_eq_5_does(finished, tmp_path):
+def test_last_layer_variance_predicts_the_error_best(finished, tmp_path):
     folder, _ = finished
-    assert "evidence" in measure("bench_uncertainty.py", str(folder), "--json-file", str(tmp_path / "areas.json"))
+    assert "last_layer_variance" in measure(
+        "bench_uncertainty.py", str(folder), "--json-file", str(tmp_path / "areas.json")
+    )
     rows = json.loads((tmp_path / "areas.json").read_text())
     areas = {(row["points"], row["method"]): row["area"] for row in rows}
     for points in ("surface", "everywhere"):
-        assert areas[points, "evidence"] < areas[points, "closed form"]
+        assert areas[points, "last_layer_variance"] < areas[points, "closed form"]
 
 
 def test_presets_are_compared_on_the_pictures_of_a_run(finished, tmp_path):

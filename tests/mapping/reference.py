@@ -7,7 +7,7 @@ from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.field import DECODER_NAMES, decode_color, decode_sdf
 from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import bell_weights, composite
+from anm_mj.mapping.rendering import composite, sdf_to_weight
 from anm_mj.mapping.sampling import valid_depth
 
 
@@ -31,7 +31,7 @@ def reference_gradients(backend: TorchBackend, rays: RayBatch, z_m: np.ndarray, 
     outputs = decode_sdf(leaves["sdf_hidden"], leaves["sdf_out"], features(points), blob)
     color = decode_color(leaves["color_hidden"], leaves["color_out"], blob, outputs[:, 1:])
     s, rgb = outputs[:, 0].view(z.shape), color.view(*z.shape, 3)
-    weights = bell_weights(s, z.to(dtype), config.field.truncation_m)
+    weights = sdf_to_weight(s, z.to(dtype), config.field.truncation_m)
     depth = tensor(rays.depth_m)
     valid = valid_depth(depth, config.sampling)
     terms = ray_losses(

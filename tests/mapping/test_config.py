@@ -19,12 +19,12 @@ from anm_mj.mapping.config import (
 
 
 @pytest.mark.parametrize("name", sorted(MAPPING_PRESETS))
-def test_presets_survive_a_trip_through_json(name):
+def test_presets_survive_json(name):
     config = MAPPING_PRESETS[name]()
     assert config_from_dict(json.loads(json.dumps(asdict(config)))) == config
 
 
-def test_the_paper_preset_has_the_papers_numbers():
+def test_paper_preset():
     paper = MAPPING_PRESETS["paper"]()
     assert (paper.sampling.free_samples, paper.sampling.near_samples, paper.sampling.far_m) == (32, 11, 4.0)
     assert (paper.schedule.num_rays, paper.schedule.iterations, paper.schedule.train_every) == (2048, 10, 5)
@@ -43,20 +43,26 @@ def test_the_paper_preset_has_the_papers_numbers():
         (lambda: LossConfig(sdf=-1.0), "sdf is -1.0"),
         (lambda: OptimizerConfig(beta1=1.0), "beta1 is 1.0"),
         (lambda: ScheduleConfig(pixel_share=0.0), "pixel_share is 0.0"),
-        (lambda: ScheduleConfig(evenness=1.5), "evenness is 1.5"),
+        (lambda: ScheduleConfig(density_exponent=1.5), "density_exponent is 1.5"),
         (lambda: UncertaintyConfig(num_passes=1), "num_passes is 1"),
     ],
 )
-def test_values_out_of_range_are_refused_by_name(make, message):
+def test_values_out_of_range(make, message):
     with pytest.raises(MapError, match=message):
         make()
 
 
-def test_an_unknown_field_is_refused():
+def test_former_names_are_accepted():
+    config = config_from_dict({"schedule": {"evenness": 0.25}, "uncertainty": {"method": "evidence"}})
+    assert config.schedule.density_exponent == 0.25
+    assert config.uncertainty.method == "last_layer_variance"
+
+
+def test_unknown_field_is_refused():
     with pytest.raises(MapError, match="does not know"):
         config_from_dict({"field": {"levels": 3}})
 
 
-def test_reading_the_settings_does_not_load_torch():
+def test_config_does_not_import_torch():
     code = "import sys, anm_mj.mapping.config; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

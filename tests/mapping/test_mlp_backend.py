@@ -92,8 +92,8 @@ def test_a_saved_network_answers_as_before(config, room, tmp_path):
 
 
 def test_evidence_is_refused_because_it_needs_the_decoders():
-    with pytest.raises(MapError, match=r"uncertainty\.method is 'evidence'.*engine mlp knows"):
-        MappingConfig(engine="mlp", uncertainty=UncertaintyConfig("evidence"))
+    with pytest.raises(MapError, match=r"uncertainty\.method is 'last_layer_variance'; engine mlp has no"):
+        MappingConfig(engine="mlp", uncertainty=UncertaintyConfig("last_layer_variance"))
 
 
 def test_a_batch_without_any_depth_teaches_nothing(config, rays):

@@ -184,7 +184,7 @@ def test_looks_are_counted_at_the_place_that_a_pixel_shows():
     counts = []
     for _ in range(2):
         occupancy.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
-        counts.append(occupancy.looks(view.depth_m, view.intrinsics, view.T_world_camera).astype(int))
+        counts.append(occupancy.observation_count(view.depth_m, view.intrinsics, view.T_world_camera).astype(int))
     seen = np.isfinite(view.depth_m)
     assert (counts[0] > 0).tolist() == seen.tolist()
     np.testing.assert_array_equal(counts[1], 2 * counts[0])
@@ -193,7 +193,7 @@ def test_looks_are_counted_at_the_place_that_a_pixel_shows():
     assert np.median(counts[0][near]) > np.median(counts[0][far])
     elsewhere = view.T_world_camera.copy()
     elsewhere[0, 3] += 50.0
-    assert not occupancy.looks(view.depth_m, view.intrinsics, elsewhere).any()
+    assert not occupancy.observation_count(view.depth_m, view.intrinsics, elsewhere).any()
 
 
 def test_layers_between_start_where_a_lower_face_lies_in_the_range():

@@ -27,7 +27,7 @@ from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field import check_state
 from anm_mj.mapping.pixel_memory import HostPixels
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import bell_weights
+from anm_mj.mapping.rendering import sdf_to_weight
 from anm_mj.mapping.sampling import counter_uniform
 
 NUM_OCTAVES = 6
@@ -189,7 +189,7 @@ class MlpBackend:
         points = origin_m[:, None] + direction[:, None] * z_m[:, :, None]
         s = self._tensor(self.query_sdf(points.reshape(-1, 3))).view(z_m.shape)
         z = self._tensor(z_m)
-        depth = (bell_weights(s, z, self.config.field.truncation_m) * z).sum(dim=1)
+        depth = (sdf_to_weight(s, z, self.config.field.truncation_m) * z).sum(dim=1)
         return np.full((len(z_m), 3), GREY, np.float32), depth.cpu().numpy()
 
     def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:

@@ -27,7 +27,7 @@ from anm_mj.mapping.field import (
 from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
 from anm_mj.mapping.pixel_memory import HostPixels
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import bell_weights, composite
+from anm_mj.mapping.rendering import composite, sdf_to_weight
 from anm_mj.mapping.sampling import sample_depths, valid_depth
 
 _CPU_CHUNK = 8192
@@ -85,7 +85,7 @@ class TorchBackend:
         points = self._tensor(rays.origin_m)[:, None] + self._tensor(rays.direction)[:, None] * z[:, :, None]
         s, rgb = self._decode(points.view(-1, 3))
         s, rgb = s.view(z.shape), rgb.view(*z.shape, 3)
-        weights = bell_weights(s, z, cfg.field.truncation_m)
+        weights = sdf_to_weight(s, z, cfg.field.truncation_m)
         terms = ray_losses(
             s,
             z,
@@ -177,7 +177,7 @@ class TorchBackend:
             z = self._tensor(z_m[rows])
             points = self._tensor(origin_m[rows])[:, None] + self._tensor(direction[rows])[:, None] * z[:, :, None]
             s, rgb = self._decode(points.view(-1, 3))
-            weights = bell_weights(s.view(z.shape), z, self.config.field.truncation_m)
+            weights = sdf_to_weight(s.view(z.shape), z, self.config.field.truncation_m)
             rgb_out[rows] = composite(weights, rgb.view(*z.shape, 3)).cpu().numpy()
             depth_out[rows] = (weights * z).sum(dim=1).cpu().numpy()
         return rgb_out, depth_out

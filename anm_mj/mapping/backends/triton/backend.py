@@ -32,7 +32,7 @@ from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.encoding import one_blob
 from anm_mj.mapping.field import initial_parameters, sdf_hidden
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import bell_weights, composite
+from anm_mj.mapping.rendering import composite, sdf_to_weight
 
 _CHUNK = 1 << 18
 """Points per query."""
@@ -169,7 +169,7 @@ class TritonBackend:
             z = self._tensor(z_m[rows])
             points = self._tensor(origin_m[rows])[:, None] + self._tensor(direction[rows])[:, None] * z[:, :, None]
             s, rgb = self._field.decode(points.view(-1, 3).t().contiguous(), self._field.weights[None])
-            weights = bell_weights(s.view(z.shape), z, self.config.field.truncation_m)
+            weights = sdf_to_weight(s.view(z.shape), z, self.config.field.truncation_m)
             rgb_out[rows] = composite(weights, rgb[0].t().reshape(*z.shape, 3)).cpu().numpy()
             depth_out[rows] = (weights * z).sum(dim=1).cpu().numpy()
         return rgb_out, depth_out

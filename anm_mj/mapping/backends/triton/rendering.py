@@ -9,22 +9,22 @@ import triton
 import triton.language as tl
 
 from anm_mj.mapping.backends.triton.sampling import supervision
-from anm_mj.mapping.rendering import BELL_WIDTH
+from anm_mj.mapping.rendering import WEIGHT_SCALE
 
-_BELL_WIDTH = tl.constexpr(BELL_WIDTH)
+_WEIGHT_SCALE = tl.constexpr(WEIGHT_SCALE)
 
 
 @triton.jit
 @no_type_check
-def bell_weights(s, z, used, k, SAMPLES: tl.constexpr, SAMPLES_PAD: tl.constexpr, TRUNCATION: tl.constexpr):
+def sdf_to_weight(s, z, used, k, SAMPLES: tl.constexpr, SAMPLES_PAD: tl.constexpr, TRUNCATION: tl.constexpr):
     """Weights of Eq. 2 that add up to one on each ray, what they were divided by, their slope by s, and where they are.
 
     All but the second "RAYS SAMPLES_PAD"; the slope is that before division, and stands beyond what is visible too.
     """
-    e = tl.exp(-tl.abs(s) / _BELL_WIDTH)
+    e = tl.exp(-tl.abs(s) / _WEIGHT_SCALE)
     inverse = 1.0 / (1.0 + e)
     bell = e * inverse * inverse
-    slope = tl.where(s > 0.0, 1.0, -1.0) * (e - 1.0) * inverse * bell / _BELL_WIDTH
+    slope = tl.where(s > 0.0, 1.0, -1.0) * (e - 1.0) * inverse * bell / _WEIGHT_SCALE
     following = tl.gather(s, tl.minimum(k + 1, SAMPLES_PAD - 1), 1)
     crossing = used & (k + 1 < SAMPLES) & (s * following < 0.0)
     limit = tl.min(tl.where(crossing, z, float("inf")), axis=1) + TRUNCATION
@@ -79,7 +79,7 @@ def loss_gradients(
     measured = tl.load(rays + 9 * capacity + ray, mask=ray_inside, other=0.0)
     hit = (measured > 0.0) & (measured <= max_depth)
     measured = tl.where(hit, measured, 0.0)
-    weight, scale, slope, visible = bell_weights(s, z, used, k, SAMPLES, SAMPLES_PAD, TRUNCATION)
+    weight, scale, slope, visible = sdf_to_weight(s, z, used, k, SAMPLES, SAMPLES_PAD, TRUNCATION)
     factor = tl.where(hit, 1.0, no_depth_rgb)
     red_in = tl.load(rays + 6 * capacity + ray, mask=ray_inside, other=0.0)
     green_in = tl.load(rays + 7 * capacity + ray, mask=ray_inside, other=0.0)

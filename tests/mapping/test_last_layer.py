@@ -5,7 +5,7 @@ import pytest
 
 from anm_mj.evaluation.sparsification import relative_area
 from anm_mj.mapping.config import OccupancyConfig, quick_mapping
-from anm_mj.mapping.evidence import evidence_variance, last_layer_variance, look_density
+from anm_mj.mapping.last_layer import last_layer_variance, leverage, observation_density
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.uncertainty import closed_form_variance
@@ -33,28 +33,28 @@ WALL = np.array([[4.0, 0.5, 1.2], [4.0, 2.7, 1.3], [4.0, 2.6, 1.4]])
 """Points of the wall that the views look at."""
 
 
-EVENNESS = quick_mapping().schedule.evenness
+DENSITY_EXPONENT = quick_mapping().schedule.density_exponent
 
 
-def test_looking_twice_doubles_the_density(room):
+def test_observing_twice_doubles_the_density(room):
     once, twice = _fused(room, (2.0, 0.6)), _fused(room, (2.0, 0.6), (2.0, 0.6))
-    np.testing.assert_allclose(look_density(twice, WALL), 2.0 * look_density(once, WALL))
-    assert look_density(once, WALL)[0] > 0.0
+    np.testing.assert_allclose(observation_density(twice, WALL), 2.0 * observation_density(once, WALL))
+    assert observation_density(once, WALL)[0] > 0.0
 
 
-def test_half_the_distance_gives_four_times_the_looks(room):
+def test_half_the_distance_gives_four_times_the_density(room):
     rng = np.random.default_rng(0)
     patch = np.column_stack([np.full(500, 4.0), rng.uniform(0.3, 0.9, 500), rng.uniform(1.0, 1.4, 500)])
-    near, far = (look_density(_fused(room, (x, 0.6)), patch).mean() for x in (3.0, 2.0))
+    near, far = (observation_density(_fused(room, (x, 0.6)), patch).mean() for x in (3.0, 2.0))
     assert near / far == pytest.approx(4.0, rel=0.1)
 
 
-def test_density_is_nothing_where_nothing_was_seen(room):
-    assert (look_density(OccupancyGrid(OccupancyConfig()), WALL) == 0.0).all()
-    assert (look_density(_fused(room, (2.0, 0.6)), WALL - [10.0, 0.0, 0.0]) == 0.0).all()
+def test_density_is_zero_where_nothing_was_observed(room):
+    assert (observation_density(OccupancyGrid(OccupancyConfig()), WALL) == 0.0).all()
+    assert (observation_density(_fused(room, (2.0, 0.6)), WALL - [10.0, 0.0, 0.0]) == 0.0).all()
 
 
-def test_hidden_features_make_the_sdf_with_the_last_layer(trained_map):
+def test_last_layer_maps_hidden_features_to_the_sdf(trained_map):
     points = np.random.default_rng(0).uniform(0.0, 2.0, (40, 3))
     hidden = trained_map.backend.query_hidden(points)
     assert (hidden >= 0.0).all()
@@ -62,36 +62,37 @@ def test_hidden_features_make_the_sdf_with_the_last_layer(trained_map):
     np.testing.assert_allclose(s, trained_map.backend.query_sdf(points), atol=1e-5)
 
 
-def test_the_last_layers_variance_is_one_per_axis_where_training_was(half_seen):
+def test_mean_leverage_is_the_number_of_axes(half_seen):
     voxels = np.argwhere(half_seen.occupancy.state == OCCUPIED)
     grid = half_seen.occupancy
     places = grid.origin_m + (voxels[:, ::-1] + 0.5) * grid.resolution_m
-    looks = look_density(half_seen._occupancy, places)
-    variance = last_layer_variance(half_seen.backend, half_seen._occupancy, places, EVENNESS)
-    assert np.average(variance, weights=looks ** (1.0 - EVENNESS)) == pytest.approx(32.0, rel=0.1)
+    density = observation_density(half_seen._occupancy, places)
+    variance = leverage(half_seen.backend, half_seen._occupancy, places, DENSITY_EXPONENT)
+    assert np.average(variance, weights=density ** (1.0 - DENSITY_EXPONENT)) == pytest.approx(32.0, rel=0.1)
 
 
-def test_never_seen_surface_stands_out_by_evidence(half_seen, room):
+def test_unobserved_surface_stands_out(half_seen, room):
     rng = np.random.default_rng(0)
     seen = half_seen.surface(np.array([2.0, 1.5]), 5.0).xyz_m
     unseen = np.column_stack([np.zeros(500), rng.uniform(0.0, 3.0, 500), rng.uniform(0.0, 2.4, 500)])
-    evidence = [
-        evidence_variance(half_seen.backend, half_seen._occupancy, points, EVENNESS) for points in (seen, unseen)
-    ]
-    assert np.percentile(evidence[1], 5) > np.percentile(evidence[0], 95)
+    low, high = (
+        last_layer_variance(half_seen.backend, half_seen._occupancy, points, DENSITY_EXPONENT)
+        for points in (seen, unseen)
+    )
+    assert np.percentile(high, 5) > np.percentile(low, 95)
 
 
-def test_evidence_tells_wrong_surface_from_right_better_than_the_closed_form_does(half_seen, room):
+def test_predicts_the_error_better_than_the_closed_form(half_seen, room):
     points = np.random.default_rng(0).uniform([0.0, 0.0, 0.0], [4.0, 3.0, 2.4], (20_000, 3))
     points = points[np.abs(half_seen.sdf(points)) < 0.01]
     error = np.abs(half_seen.sdf(points) - np.clip(room.sdf(points), -0.1, 0.1)).astype(float)
-    by_evidence = evidence_variance(half_seen.backend, half_seen._occupancy, points, EVENNESS)
+    by_last_layer = last_layer_variance(half_seen.backend, half_seen._occupancy, points, DENSITY_EXPONENT)
     by_closed_form = closed_form_variance(half_seen.backend, points, half_seen.config.uncertainty)
-    assert relative_area(error, by_evidence) < 0.7 * relative_area(error, by_closed_form)
+    assert relative_area(error, by_last_layer) < 0.7 * relative_area(error, by_closed_form)
 
 
-def test_a_loaded_map_is_as_unsure_as_the_saved_one(tiny_config, room, tmp_path):
-    config = replace(tiny_config, uncertainty=replace(tiny_config.uncertainty, method="evidence"))
+def test_loaded_map_has_the_uncertainty_of_the_saved_one(tiny_config, room, tmp_path):
+    config = replace(tiny_config, uncertainty=replace(tiny_config.uncertainty, method="last_layer_variance"))
     saved = NeuralMap(config, seed=0, device="cpu")
     saved.integrate(room.observe(1.5, 1.5, 0.0))
     saved.save(tmp_path / "map.pt")
@@ -99,6 +100,6 @@ def test_a_loaded_map_is_as_unsure_as_the_saved_one(tiny_config, room, tmp_path)
     np.testing.assert_array_equal(NeuralMap.load(tmp_path / "map.pt").uncertainty(points), saved.uncertainty(points))
 
 
-def test_an_empty_map_is_unsure_everywhere(tiny_config):
+def test_empty_map_is_uncertain_everywhere(tiny_config):
     empty = NeuralMap(tiny_config, seed=0, device="cpu")
-    assert (evidence_variance(empty.backend, empty._occupancy, np.zeros((3, 3)), EVENNESS) > 0.0).all()
+    assert (last_layer_variance(empty.backend, empty._occupancy, np.zeros((3, 3)), DENSITY_EXPONENT) > 0.0).all()
