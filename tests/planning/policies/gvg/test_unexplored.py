@@ -1,4 +1,3 @@
-
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
