@@ -1,6 +1,6 @@
-"""What a building is before it is furnished: rooms, the passages between them, and the openings in their walls.
+"""The unfurnished building: rooms, passages between them, and openings in their walls.
 
-A generated layout and an imported floor plan both become this, so that all that follows is the same for them.
+Generated layouts and imported floor plans both become a :class:`Building`; all later steps are the same.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Rectangular cells that tile a building: how the rooms of a generated layout lie beside one another."""
+"""Arrangements of rectangular rooms: clusters, and rows of rooms along corridors."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def wings(num_rooms: int, style: str, room_types: list[str], rng: np.random.Gene
 
 
 def _dealt(room_types: list[str], num_rows: int, rng: np.random.Generator) -> list[list[tuple[str, float]]]:
-    """Rooms (room_type, area) dealt to rows so that the rows' areas are about equal, in no fixed order."""
+    """Rooms (type, area) dealt to rows so that the rows' areas are about equal, in no fixed order."""
     rooms = [(room_type, float(rng.uniform(*ROOM_TYPES[room_type].area_m2))) for room_type in room_types]
     rows: list[list[tuple[str, float]]] = [[] for _ in range(num_rows)]
     for room_type, area in sorted(rooms, key=lambda room: -room[1]):

@@ -1,4 +1,4 @@
-"""Furnishes a building: windows, materials and furniture for every room, with all ways kept open."""
+"""Furnishes a building: windows, materials and furniture for every room; every door stays reachable."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
 
 
 def _traversable(grid: RoomGrid, placed: list[Placed]) -> list[Placed]:
-    """The pieces without those that close a way: one if that is enough, else the least important ones."""
+    """Remove pieces that block a path: one if that suffices, else the least important ones."""
     while placed and not grid.is_traversable(placed):
         without = [placed[:k] + placed[k + 1 :] for k in reversed(range(len(placed)))]
         placed = next((rest for rest in without if grid.is_traversable(rest)), placed[:-1])

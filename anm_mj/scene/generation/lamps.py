@@ -1,4 +1,4 @@
-"""Lamps below the ceiling, and the light that they and the windows give."""
+"""Ceiling lamps, and the light sources of lamps and windows."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def lamps(building: Building, furnished: FurnishedRoom) -> list[Quads]:
 
 
 def lights(building: Building, furnished: FurnishedRoom) -> list[Light]:
-    """What lamps and windows give; the larger the floor of a lamp, the brighter it is."""
+    """Light sources of lamps and windows; lamps are brighter the more floor they light."""
     places = lamp_places(furnished.room.floor)
     share_m2 = min(float(furnished.room.floor.area) / len(places), 20.0)
     found = [ceiling_light(x, y, building.ceiling_m - 0.14, 0.35 + 0.07 * share_m2) for x, y in places]

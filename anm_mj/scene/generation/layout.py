@@ -1,4 +1,4 @@
-"""Layouts out of nothing: so many rooms, a door between enough of them, and ways round in circles."""
+"""Generates layouts: rooms, doors that connect them all, and loops."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MAX_ATTEMPTS = 20
 def plan_building(rooms: int, seed: int, style: Style = "apartment") -> Building:
     """The rooms and doors of a building; the same for the same arguments.
 
-    All rooms can be reached; from five rooms on there is at least one way round in a circle.
+    All rooms can be reached; from five rooms on there is at least one loop.
 
     Args:
         rooms: Number of rooms, corridors counted; 1 to 60.

@@ -1,6 +1,6 @@
-"""Pieces of furniture as the placing sees them: an outline on the floor, and how to draw it when it is wanted.
+"""Pieces of furniture: an outline on the floor, and a function that builds the geometry.
 
-Drawing is put off, because a top-down map needs outlines only and thousands of them are made to train on.
+Building is lazy: top-down maps, made by the thousand for training, need outlines only.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Puts pieces into a room: walls to stand at, floor to keep clear, and no door blocked."""
+"""Places furniture in a room: against walls, with clear floor in front, and off the doors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHRINK_M = 0.004
 
 
 class RoomSpace:
-    """What is still free in one room."""
+    """The free floor and walls of one room."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What each type of room holds, the most important first."""
+"""Room templates: the furniture of each room type, the most important first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of rooms: how large they are, and which a building of so many rooms has."""
+"""Room types: their sizes, and which ones a building of a given number of rooms has."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes out of nothing, or out of a floor plan: built, furnished, lit, checked and written."""
+"""Generates scenes from a seed or from a building: furnishes, lights, checks and writes them."""
 
 from __future__ import annotations
 

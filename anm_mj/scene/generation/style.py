@@ -1,4 +1,4 @@
-"""Colours and materials drawn by lot: what makes one room look unlike the next."""
+"""Random colours and materials, so that rooms look different."""
 
 from __future__ import annotations
 

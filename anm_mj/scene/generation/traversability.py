@@ -1,4 +1,4 @@
-"""Whether the robot still gets from every door of a room to every other: on a grid of the room alone."""
+"""Tests on a grid of one room whether the robot can still drive from every door to every other."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class RoomGrid:
         return cells
 
     def is_traversable(self, placed: list[Placed]) -> bool:
-        """True if furniture parts no two doors that were joined, and leaves enough floor within reach."""
+        """True if furniture disconnects no two doors, and leaves enough floor reachable."""
         doors, share = self._reach(self.floor & ~self.solid(placed))
         joined = (doors[:, None] == doors[None, :]) & (doors[:, None] > 0)
         was_joined = (self._empty_doors[:, None] == self._empty_doors[None, :]) & (self._empty_doors[:, None] > 0)

@@ -1,8 +1,8 @@
-"""Finds a scene's unit, up axis and floor from its triangles.
+"""Finds unit, up axis and floor of a scene from its triangles.
 
-Files say little about them: glTF prescribes metres and y up, yet the scans people have are often z up in a .glb, and
-models from CAD come in millimetres. What an indoor scene is tells more: its smallest extent is about a storey, and
-its floor is the largest level surface near the bottom with room for a person above it.
+Files are unreliable here: glTF prescribes metres and y up, yet many scans are z up in a .glb, and CAD models come in
+millimetres. Geometry tells more: the smallest extent of an indoor scene is about a storey, and its floor is the
+largest level surface near the bottom with headroom.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm"}
 """Metres per unit of the source, and the unit's name."""
 _TYPICAL_HEIGHT_M = 2.8
 _HEADROOM_M = 1.2
-"""A level with less room above it is a table, a step or the underside of a slab, not a floor [m]."""
+"""Headroom above a floor; tables, steps and undersides of slabs have less [m]."""
 _FLOOR_ROUGHNESS_M = 0.05
-"""What lies less than this above a level belongs to it: rugs, thresholds, noise of a scan [m]."""
+"""Height above a level that still belongs to it: rugs, thresholds, scan noise [m]."""
 _CELL_M = 0.1
 _BIN_M = 0.02
 _T_WORLD_SOURCE = {
@@ -36,11 +36,11 @@ _T_WORLD_SOURCE = {
 
 @dataclass(frozen=True)
 class Level:
-    """A horizontal surface that one could stand on."""
+    """A horizontal surface."""
 
     z_m: float
     walkable_m2: float
-    """Its area with headroom [m2]."""
+    """Area with headroom [m2]."""
 
 
 def rotation_to_z_up(up: str) -> Float64[np.ndarray, "3 3"]:
@@ -49,7 +49,7 @@ def rotation_to_z_up(up: str) -> Float64[np.ndarray, "3 3"]:
 
 
 def find_scale(extents: Float[np.ndarray, "3"]) -> float:
-    """Metres per unit: the one of m, cm and mm that makes the smallest extent most like the height of a storey."""
+    """Metres per unit: of m, cm and mm the one that brings the smallest extent closest to the height of a storey."""
     smallest = max(float(np.min(extents)), 1e-9)
     if smallest < 1e-6 * float(np.max(extents)):
         return 1.0
@@ -59,11 +59,10 @@ def find_scale(extents: Float[np.ndarray, "3"]) -> float:
 def find_up(
     triangles_m: Float[np.ndarray, "f 3 3"], usual: Literal["x", "y", "z"], certainty: float = 1.25
 ) -> Literal["x", "y", "z"]:
-    """Up axis: the one along which the scene looks more like a storey with a floor, of y, z and the usual one.
+    """Up axis, of y, z and the usual one: the axis along which the scene looks most like a storey with a floor.
 
-    Each axis scores the room to walk on its floor, times how near the extent along it is to the height of a storey. A
-    wall is the floor of a scene that lies on its side, but seldom scores as much; another axis than ``usual`` must
-    score ``certainty`` times as much to be believed.
+    The score of an axis is the walkable area, discounted by how far the extent along the axis is from the height of a
+    storey. Another axis than ``usual`` must score ``certainty`` times as much.
     """
     axes: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z") if usual == "x" else ("y", "z")
     score = {up: _storey_score(triangles_m @ rotation_to_z_up(up).T) for up in axes}
@@ -72,10 +71,9 @@ def find_up(
 
 
 def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
-    """Walkable area of all storeys [m2], discounted by how unusual their height is and, by its root, their number.
+    """Walkable area of all storeys [m2], discounted by unusual heights and by the root of the number of storeys.
 
-    A building on its side has levels too, where its walls are; but they are smaller than its floors, and the more of
-    them there are, the less it looks like one.
+    A building on its side has levels too, its walls, but they are smaller than floors, and there are more of them.
     """
     storeys: list[Level] = []
     for level in sorted(_levels(triangles_m), key=lambda level: -level.walkable_m2):
@@ -90,15 +88,15 @@ def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
 def find_floor(triangles_m: Float[np.ndarray, "f 3 3"]) -> Level | None:
     """The lowest of the large walkable levels of triangles with z up, or None when nothing is level.
 
-    A level is large when it has at least half as much room as the roomiest one: so a cellar slab or the underside of
-    the floor does not count, and of two storeys the lower one is taken.
+    A level is large if it has at least half the area of the largest one. That excludes cellar slabs and undersides, and
+    of two storeys it takes the lower one.
     """
     levels = _levels(triangles_m)
     if not levels:
         return None
     most = max(found.walkable_m2 for found in levels)
     large = [found for found in levels if found.walkable_m2 >= 0.5 * most]
-    # A thin floor slab has two large levels, of which the upper is walked on.
+    # A thin floor slab has two large levels; the robot stands on the upper one.
     return [found for found in large if found.z_m <= large[0].z_m + _FLOOR_ROUGHNESS_M][-1]
 
 
@@ -123,7 +121,7 @@ def _levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
 
 
 def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]) -> float:
-    """The value that half of the weight lies below."""
+    """Weighted median."""
     order = np.argsort(values)
     share = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(share, share[-1] / 2.0)])

@@ -1,4 +1,4 @@
-"""Floor plans in JSON: which there are, and how one becomes a scene."""
+"""Imports floor plans in JSON."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def import_floorplan(
         licence or str(told.get("licence", "unknown")),
     )
     _logger.info("%s: %d rooms, %d passages (%s)", src.name, len(building.rooms), len(building.passages), form)
-    # The furniture follows from the file's content, wherever the file lies.
+    # The content of the file seeds the furniture.
     return write_building(building, zlib.crc32(src.read_bytes()), info, out, furniture)
 
 
@@ -106,5 +106,5 @@ def _read(src: Path) -> tuple[str, Building, dict[str, Any]]:
 
 
 def _refuse(word: str) -> None:
-    """NaN and Infinity are no JSON, though Python reads them, and no coordinates."""
+    """Refuse NaN and Infinity, which Python reads although they are no JSON."""
     raise ValueError(f"it holds {word}")

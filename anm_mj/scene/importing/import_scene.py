@@ -1,4 +1,4 @@
-"""Turns a scene that someone has into a scene folder that MuJoCo can load."""
+"""Imports meshes, worlds, scans and floor plans as scene folders."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FLOOR_AT_ZERO_M = 0.01
 """A floor this near to z = 0 was put there on purpose: coordinates then stay those of the file [m]."""
 
 _MAX_EXTENT_M = 500.0
-"""Larger buildings there are few; larger files are mostly misread units or a part that lies far off [m]."""
+"""Larger extents mostly mean misread units or a stray part [m]."""
 
 UpAxis = Literal["x", "y", "z", "auto"]
 
@@ -48,9 +48,8 @@ def import_scene(
 ) -> Scene:
     """Make the scene folder ``out`` from a mesh file, a Gazebo world, a scene of a known data set or a floor plan.
 
-    The scene is turned to z up, scaled to metres and lowered onto its floor; x and y stay where they are. What was
-    found or given is logged in one line and written into scene.toml; what had to be left out is logged in one sentence
-    for each kind of trouble.
+    The scene is rotated to z up, scaled to metres and lowered onto its floor; x and y stay. One log line and scene.toml
+    say which axes and units were found or given. What cannot be imported is logged, a sentence per problem.
 
     Args:
         src: The file, or the folder of a scene of a known layout.
@@ -114,7 +113,7 @@ def import_scene(
 
 
 def _placed(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None) -> tuple[SceneInfo, list[Submesh]]:
-    """The submeshes in the world, with textures that can be drawn, and how axes and units were found."""
+    """The submeshes in the world, with textures that can be rendered, and how axes and units were found."""
     submeshes = parsed.submeshes
     vertices, faces = merge_geometry(submeshes)
     if not len(faces):

@@ -1,8 +1,8 @@
-"""Light by voxels: quick enough for buildings of forty rooms, and without a ray caster.
+"""Voxel lighting, fast enough for buildings of forty rooms and without a ray caster.
 
-What is solid is marked on a grid and blurred at several scales. How open a place is follows from looking the blurred
-grids up at growing distances off its surface (cone tracing, after Crassin et al., "Interactive indirect illumination
-using voxel cone tracing", 2011); shadows of lamps and windows from stepping through the finest one.
+An occupancy grid is blurred at several scales. Ambient light follows from the blurred grids at growing distances off
+the surface (cone tracing, after Crassin et al., "Interactive indirect illumination using voxel cone tracing", 2011);
+shadows of lamps and windows follow from steps through the finest grid.
 """
 
 from __future__ import annotations

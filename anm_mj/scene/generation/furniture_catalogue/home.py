@@ -1,4 +1,4 @@
-"""What stands in a home."""
+"""Furniture catalogue: homes."""
 
 from __future__ import annotations
 

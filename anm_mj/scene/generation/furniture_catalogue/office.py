@@ -1,4 +1,4 @@
-"""What stands in an office, beside what homes have too."""
+"""Furniture catalogue: offices."""
 
 from __future__ import annotations
 

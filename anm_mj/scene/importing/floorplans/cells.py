@@ -1,4 +1,4 @@
-"""Rooms given as cells of a grid: their outlines, and the passages between them."""
+"""Rooms as labelled cells of a grid: their outlines, and the passages between them."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def grid_axes(
 def fill_nearest(
     labels: Int[np.ndarray, "rows cols"], free: Bool[np.ndarray, "rows cols"]
 ) -> Int[np.ndarray, "rows cols"]:
-    """Free cells without a room go to the nearest one; what is not free goes to none."""
+    """Assign free cells without a room to the nearest room; other cells belong to none."""
     nearest = ndimage.distance_transform_edt(labels < 0, return_distances=False, return_indices=True)
     return np.where(free, labels[tuple(np.asarray(nearest))], -1)
 

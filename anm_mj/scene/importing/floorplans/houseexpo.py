@@ -1,7 +1,7 @@
 """Plans of HouseExpo (Li et al., "HouseExpo", IROS 2020): one outline of all free floor, interior walls folded in.
 
-There is no list of rooms or doors: the floor is parted where it is narrow, as it is at doors, and the parts are named
-by the boxes of ``room_category``.
+It lists no rooms and no doors. A watershed splits the floor where it is narrow, as at doors, and the boxes of
+``room_category`` name the rooms.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def read_houseexpo(plan: Any) -> Building:
 
 
 def _parted(free: Bool[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
-    """Rooms of a floor: its wide parts, each grown until it meets the next (watershed on the distance to walls)."""
+    """Watershed of the distance to the walls, with the wide parts of the floor as seeds."""
     distance = distance_in_walls(free) * _CELL_M
     cores, num = label_components(distance > _NARROW_M / 2)
     sizes = np.bincount(cores.ravel(), minlength=num + 1)
@@ -67,7 +67,7 @@ def _parted(free: Bool[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]
 
 
 def _borders(plan: CellPlan) -> Float64[np.ndarray, "n 2 2"]:
-    """The lines that part two rooms, as segments."""
+    """Borders between two rooms, as segments."""
     labels, found = plan.labels, []
     for axis in (0, 1):
         a, b = (labels[:-1], labels[1:]) if axis == 0 else (labels[:, :-1], labels[:, 1:])
@@ -100,7 +100,7 @@ def _clusters(points: Float64[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " n"]
 
 
 def _room_type(outline: shapely.Polygon, categories: dict[str, list[list[float]]]) -> str:
-    """The room type whose box covers most of a room; what no box covers is a corridor."""
+    """The room type whose box covers most of the room; corridor if no box does."""
     best, most = "corridor", 0.15 * float(outline.area)
     for word, boxes in categories.items():
         for x0, y0, x1, y1 in boxes:

@@ -1,8 +1,7 @@
-"""Reads scenes that are composed of a stage and objects: ReplicaCAD, HSSD and others that Habitat has datasets of.
+"""Reads Habitat scenes of a stage and objects: ReplicaCAD, HSSD and other datasets.
 
-A .scene_instance.json names templates and says where each stands, y up and in metres. A template is a .glb, found by
-its name in the dataset's folder, or a .json beside it that says which .glb to show and how it is turned. Articulated
-objects stand in their rest pose.
+A .scene_instance.json places templates, y up and in metres. A template is a .glb, found by name in the folder of the
+dataset, or a .json beside it that names the .glb and its axes. Articulated objects stand in their rest pose.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What could not be taken over from a source, gathered while it is read and said once at its end."""
+"""Collects what cannot be imported from a source, and logs it once at the end."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import logging
 _logger = logging.getLogger(__name__)
 
 _NAMED = 8
-"""So many names are spelt out; of the others only the number is said."""
+"""Number of names that are written out; the others are counted."""
 
 
 class ImportReport:
-    """Things that are missing or left out, by what that means for the scene."""
+    """Missing and skipped things, by what that means for the scene."""
 
     def __init__(self) -> None:
         self._names: dict[str, dict[str, None]] = {}
@@ -26,7 +26,7 @@ class ImportReport:
         self._names.setdefault(sentence, {})[name] = None
 
     def sentences(self) -> list[str]:
-        """One sentence for each kind of trouble, with the names of all that it befell."""
+        """One sentence per problem, with the names of all that it concerns."""
         spoken = []
         for sentence, names in self._names.items():
             first = ", ".join(list(names)[:_NAMED])
@@ -35,6 +35,6 @@ class ImportReport:
         return spoken
 
     def log(self) -> None:
-        """Warn of everything noted."""
+        """Log every sentence as a warning."""
         for sentence in self.sentences():
             _logger.warning("%s", sentence)

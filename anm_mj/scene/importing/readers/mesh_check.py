@@ -1,4 +1,4 @@
-"""What a mesh file says about itself before it is read: whether it can be, and what will be missing."""
+"""Checks a mesh file before it is read: whether it is readable, and which features will be missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finds and reads the images that mesh files refer to, under whatever path they were written with."""
+"""Finds and reads the images that mesh files refer to."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trimesh.resolvers import FilePathResolver
 from anm_mj.scene.importing.readers.import_report import ImportReport
 
 MAX_TEXTURE_PX = 1024
-"""At the robot's image size, larger textures cost memory and time and look worse (they alias)."""
+"""At the robot's image size, larger textures cost memory and time, and alias."""
 
 MISSING = "Not found: {names}; surfaces that need them come out plain."
 

@@ -1,4 +1,4 @@
-"""Keeps a scene's textures within what a renderer takes and a laptop's memory holds."""
+"""Limits number and size of textures to what the renderer and the memory of a laptop take."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _MIN_SIDE_PX = 64
 
 
 def limit_textures(submeshes: list[Submesh]) -> list[Submesh]:
-    """The same submeshes with fewer and smaller textures, if they are too many or too large together.
+    """The submeshes with fewer and smaller textures, if there are too many or they are too large together.
 
-    Of too many textures, those on the least surface give way to their mean colour. Too large ones are halved, the
-    largest first, until all fit; textures that hold a tile per triangle keep their size. Both are said in the log.
+    The textures with the smallest surface become their mean colour. The largest textures are halved until all fit;
+    those with a tile per triangle keep their size. The log reports both.
     """
     submeshes = _fewest(submeshes)
     side = MAX_TEXTURE_PX

@@ -1,4 +1,4 @@
-"""Reads what a URDF file shows of an object: its visual meshes and shapes with all joints at zero."""
+"""Reads the visual meshes and shapes of a URDF file, with all joints at zero."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _visual_submeshes(visual: ET.Element, path: Path, report: ImportReport) -> l
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...]:
-    """So many numbers of a text."""
+    """The first ``count`` numbers of a text."""
     try:
         values = tuple(float(word) for word in text.split()[:count])
     except ValueError:
