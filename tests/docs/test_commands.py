@@ -98,14 +98,14 @@ def test_command(command, place, monkeypatch, capsys):
 
 @pytest.mark.parametrize("setting", sorted(settings()))
 def test_setting(setting):
-    applied = []
+    applied, refusals = [], []
     for policy in POLICIES:
         try:
             make_config("default", [setting], scene="room", policy=policy)
             applied.append(policy)
         except AnmError as err:
-            refusal = err
-    assert applied, refusal
+            refusals.append(err)
+    assert applied, refusals
 
 
 def test_former_settings():
@@ -146,9 +146,9 @@ def test_own_policy():
     namespace = {}
     exec(compile(own_policy(), "planning.md", "exec"), namespace)
     settings = namespace["MyPolicy"].Config()
-    policy = namespace["MyPolicy"](PolicyContext(Footprint(0.18, 0.05, 1.35), settings))
-    assert isinstance(policy, Policy)
-    assert isinstance(policy.plan(None, None), Plan)
+    own = namespace["MyPolicy"](PolicyContext(Footprint(0.18, 0.05, 1.35), settings))
+    assert isinstance(own.plan(None, None), Plan)
+    assert isinstance(own, Policy)
 
 
 def test_run_folder(place):
