@@ -191,25 +191,8 @@ class VoxelGrid:
     version: int = 0
     """Grows with every change."""
     column_version: Int[np.ndarray, "block_rows block_cols"] | None = None
-    """The version at which a cell of each square block of columns last changed; None where nobody keeps track."""
-
-    def changed_since(self, version: int) -> tuple[slice, slice] | None:
-        """Rows and columns that contain all cells that changed after a version; None when none did.
-
-        Args:
-            version: ``version`` of the grid that the caller read last; -1 = never, which gives the whole grid. The grid
-                may have grown since; cells that growth has added and no view has changed hold UNKNOWN and +inf.
-        """
-        rows, cols = self.state.shape[1:]
-        if self.column_version is None or version < 0:
-            return slice(0, rows), slice(0, cols)
-        changed = self.column_version > version
-        if not changed.any():
-            return None
-        size = rows // len(changed)
-        ends = [np.flatnonzero(changed.any(axis=axis))[[0, -1]] for axis in (1, 0)]
-        first, second = (slice(size * int(low), size * (int(high) + 1)) for low, high in ends)
-        return first, second
+    """The version at which a cell of each square block of columns last changed; None where nobody keeps track. Readers
+    compare it with the version that they read last, see :class:`anm_mj.planning.change_reader.ChangeReader`."""
 
     def layer_of(self, z_m: float) -> int:
         """Index of the layer that contains a height; may lie outside the grid."""

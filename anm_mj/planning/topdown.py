@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 from scipy import ndimage
 
 from anm_mj.planning.borders import BorderPoints
+from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, dilate_mask, relative_to, union
@@ -63,7 +64,9 @@ class TopDownMapper:
         self.footprint = footprint
         self.trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         """Where the robot has been [m]."""
-        self._version = -1
+        self.read_window: Window | None = None
+        """The part of the occupancy grid that the last update read; None for none."""
+        self._changes = ChangeReader()
         self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._origin_xy_m = np.zeros(2)
@@ -91,8 +94,8 @@ class TopDownMapper:
         """
         self.visit(pose.xy_m)
         self._follow_growth(grid)
-        window, self._version = grid.changed_since(self._version), grid.version
-        changed = self._stamp(grid) + self._read_columns(grid, window) + self._ask_sdf(grid, sdf, pose)
+        self.read_window = self._changed_window(grid, pose)
+        changed = self._stamp(grid) + self._read_columns(grid, self.read_window) + self._ask_sdf(grid, sdf, pose)
         if changed:
             self._decide(grid, union(changed))
         layers, resolution, origin = self._layers, grid.resolution_m, self._origin_xy_m
@@ -100,6 +103,14 @@ class TopDownMapper:
             origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)
         )
         return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
+
+    def _changed_window(self, grid: VoxelGrid, pose: Pose2) -> Window | None:
+        """What changed within reach of where the robot has been since the last update; at first in the whole grid."""
+        if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m):
+            return self._changes.take(grid)
+        places = np.array([*self._new_trajectory_xy_m, pose.xy_m])
+        reach_m = self.config.update_reach_m
+        return self._changes.take(grid, np.stack([places.min(axis=0) - reach_m, places.max(axis=0) + reach_m]))
 
     def _decide(self, grid: VoxelGrid, changed: Window) -> None:
         """Derive state, field, clearance and borders again around a window in which what they derive from changed."""

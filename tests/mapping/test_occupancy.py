@@ -7,7 +7,6 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid, footprint_minima
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics
-from anm_mj.utils.arrays import embed
 from tests.mapping.ray_room import LEG, Room, camera_pose
 
 
@@ -211,32 +210,3 @@ def test_whole_layers_lie_in_the_range():
 @pytest.mark.parametrize(("z_m", "layer"), [(0.0, 0), (0.05, 1), (-0.06, -1)])
 def test_layer_of(z_m, layer):
     assert OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid.layer_of(z_m) == layer
-
-
-def test_changed_since_contains_every_change():
-    room, occupancy = Room(), OccupancyGrid(OccupancyConfig())
-    before = {}
-    for step, yaw in enumerate((0.0, 0.3, 1.5, 3.0, 3.0)):
-        view = room.observe(2.0, 1.5, yaw, step=step)
-        occupancy.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
-        grid = occupancy.grid
-        start = occupancy.corner[::-1] + np.array([64, 128, 128])
-        state = embed(grid.state, (128, 256, 256), start, UNKNOWN)
-        for version, old in before.items():
-            outside = np.ones(grid.state.shape[1:], bool)
-            window = grid.changed_since(version)
-            if window is not None:
-                outside[window] = False
-            assert not (state != old)[:, embed(outside, (256, 256), start[1:], True)].any()
-        before[grid.version] = state
-
-
-def test_nothing_changed_since_the_present_version():
-    view = Room().observe(2.0, 1.5, 0.0)
-    grid = _fused([view]).grid
-    assert grid.changed_since(grid.version) is None
-
-
-def test_everything_changed_for_a_first_reader():
-    grid = _fused([Room().observe(2.0, 1.5, 0.0)]).grid
-    assert grid.changed_since(-1) == (slice(0, grid.state.shape[1]), slice(0, grid.state.shape[2]))

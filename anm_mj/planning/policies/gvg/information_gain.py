@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
@@ -78,9 +79,9 @@ class InformationGain:
         """Surface seen so far [m2]."""
         return self.occupancy.seen_m2
 
-    def update(self, grid: VoxelGrid) -> None:
-        """Take over what changed in the occupancy grid; gains in range of changes become stale."""
-        changed = self.occupancy.update(grid)
+    def update(self, grid: VoxelGrid, window: Window | None) -> None:
+        """Take over a window in which the occupancy grid changed; gains in range of changes become stale."""
+        changed = self.occupancy.update(grid, window)
         if changed is not None:
             self._note_change(*changed)
 

@@ -85,7 +85,7 @@ class Gvg:
         """Bring the expected gains up to date with the map and with what this view left unknown."""
         if self._gain is None:
             self._gain = InformationGain(self.config, float(observation.T_world_camera[2, 3]))
-        self._gain.update(mapper.occupancy)
+        self._gain.update(mapper.occupancy, self._stages.topdown.read_window)
         self._gain.suppress_view(observation.pose)
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
-from anm_mj.planning.grid_windows import bounds, dilate_mask
+from anm_mj.planning.grid_windows import Window, bounds, dilate_mask
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from anm_mj.utils.arrays import embed
 
@@ -52,21 +52,25 @@ class PooledOccupancy:
         self._num_surface = np.zeros(0, np.int64)
         self.epoch = 0
         """Changes whenever the array does, so that flat indices into it are no longer valid."""
-        self._version = -1
 
     @property
     def seen_m2(self) -> float:
         """How much surface was seen, each cell counting with one face [m2]: how far exploration is."""
         return float(self._num_surface.sum()) * self.cell_m**2
 
-    def update(self, grid: VoxelGrid) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
-        """Pool what has changed since the last update again.
+    def update(
+        self, grid: VoxelGrid, window: Window | None
+    ) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
+        """Pool the cells of a window again.
+
+        Args:
+            grid: the occupancy.
+            window: rows and columns in which voxels may have changed since the last update; None for none.
 
         Returns:
             Corners of the part in which cells have changed [m]; None when none has.
         """
         self._cover(grid)
-        window, self._version = grid.changed_since(self._version), grid.version
         if window is None:
             return None
         rows, cols = window

@@ -15,7 +15,7 @@ def left_in(world):
     grid.state[1] = grid_below[5]  # The body's lowest heights are free.
     topdown = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)).update(grid, world.sdf, pose)
     occupancy = PooledOccupancy(5.5)
-    occupancy.update(grid)
+    occupancy.update(grid, (slice(0, grid.state.shape[1]), slice(0, grid.state.shape[2])))
     return unexplored_patches(occupancy, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
 
 

@@ -1,0 +1,56 @@
+"""Which part of the occupancy grid a reader has to read again."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int32
+
+from anm_mj.planning.grid_windows import Window, bounds, clamp
+from anm_mj.types import VoxelGrid
+from anm_mj.utils.arrays import embed
+
+
+class ChangeReader:
+    """Keeps, for one reader of an occupancy grid, the version at which it last read each block of columns."""
+
+    def __init__(self) -> None:
+        """Start with nothing read; blocks of version 0 never changed."""
+        self._read: Int32[np.ndarray, "block_rows block_cols"] = np.zeros((0, 0), np.int32)
+        self._origin_xy_m = np.zeros(2)
+
+    def take(self, grid: VoxelGrid, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> Window | None:
+        """The smallest window with all blocks that changed since the reader took them; it takes them now.
+
+        Args:
+            grid: the occupancy; always the same one, as it grows.
+            box_xy_m: lower and upper corner of a box in the world; the reader leaves blocks that do not touch it for
+                later [m]. None = it takes all.
+
+        Returns:
+            Rows and columns; None when nothing has changed. The whole grid where nobody keeps track of changes.
+        """
+        num_rows, num_cols = grid.state.shape[1:]
+        if grid.column_version is None:
+            return slice(0, num_rows), slice(0, num_cols)
+        size = num_rows // len(grid.column_version)
+        self._follow_growth(grid, grid.column_version.shape, size * grid.resolution_m)
+        changed = grid.column_version > self._read
+        if box_xy_m is not None:
+            low, high = ((box_xy_m - self._origin_xy_m) / (size * grid.resolution_m))[:, ::-1]
+            rows, cols = clamp(np.floor(low).astype(int), np.ceil(high).astype(int), changed.shape)
+            near = np.zeros(changed.shape, bool)
+            near[rows, cols] = True
+            changed &= near
+        self._read[changed] = grid.version
+        for rows, cols in bounds(changed, (slice(0, len(changed)), slice(0, changed.shape[1]))):
+            return slice(size * rows.start, size * rows.stop), slice(size * cols.start, size * cols.stop)
+        return None
+
+    def _follow_growth(self, grid: VoxelGrid, shape: tuple[int, ...], block_m: float) -> None:
+        """Keep the versions aligned with a grid that has grown."""
+        if self._read.shape == shape:
+            return
+        origin_xy_m = grid.origin_m[:2].astype(float)
+        start = np.rint((self._origin_xy_m - origin_xy_m) / block_m).astype(int)[::-1]
+        self._read = embed(self._read, shape, start if self._read.size else np.zeros(2, int), 0)
+        self._origin_xy_m = origin_xy_m
