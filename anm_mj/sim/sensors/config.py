@@ -1,0 +1,179 @@
+"""How the robot's sensors differ from perfect ones: settings and presets; light enough for the command line."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+from anm_mj.errors import RobotError
+
+DEPTH_MODELS = ("exact", "stereo", "tof")
+"""What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """Settings of the camera's depth and colour noise and of the wheel odometry's noise.
+
+    ``noise_scale`` multiplies every standard deviation and every probability of a missing pixel at once; 0 leaves
+    quantization and range.
+    """
+
+    depth: str = "exact"
+    """One of ``DEPTH_MODELS``."""
+    noise_scale: float = 1.0
+    """Factor on all noise below."""
+    min_range_m: float = 0.0
+    """No depth is measured nearer than this [m]."""
+    max_range_m: float = 0.0
+    """No depth is measured beyond this [m]; 0 = up to the camera's far plane."""
+    lateral_sigma_px: float = 0.0
+    """Standard deviation of the place in the image that a depth value comes from [px]."""
+    edge_missing: float = 0.0
+    """Probability that a pixel at a depth edge is not measured."""
+    edge_jump: float = 0.05
+    """A step in depth of more than this share of the depth is an edge."""
+    grazing_missing_deg: float = 90.0
+    """From this angle of incidence on pixels go missing; at 90 degrees all are [deg]."""
+    baseline_m: float = 0.05
+    """Distance of the two imagers of a stereo camera [m]."""
+    native_width_px: float = 848.0
+    """Columns of a stereo camera's own image, which sets the focal length that disparity is measured with [px]."""
+    subpixel_sigma_px: float = 0.0
+    """Standard deviation of the disparity of a stereo camera [px of its own image]."""
+    disparity_step_px: float = 0.0
+    """Disparities are multiples of this [px of its own image]; 0 = any."""
+    tof_sigma_m: float = 0.0
+    """Standard deviation of a time-of-flight depth at 1 m on a frontal surface [m]; it grows with the square of the
+    depth and with the inverse of the cosine of incidence, as the returned light falls."""
+    tof_scale_error: float = 0.0
+    """Systematic error of a time-of-flight camera as a share of the depth, one draw for the camera's life."""
+    flying_share: float = 0.0
+    """Share of the pixels at a depth edge that a time-of-flight camera puts between both surfaces."""
+    color_sigma: float = 0.0
+    """Standard deviation of a colour value in the dark [0..255]."""
+    color_gain: float = 0.0
+    """Growth of a colour value's variance with the value (shot noise) [0..255]."""
+    exposure_sigma: float = 0.0
+    """Standard deviation of the logarithm of a frame's exposure."""
+    odometry_alpha: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """Noise of wheel odometry: variance of a rotation from rotation [rad^2/rad^2] and from translation [rad^2/m^2], of
+    a translation from translation [m^2/m^2] and from rotation [m^2/rad^2]. Source: Thrun, Burgard and Fox,
+    Probabilistic Robotics, 2005, table 5.6."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no sensor does.
+
+        Raises:
+            RobotError: a choice is unknown, or a number is negative, not finite or out of its range.
+        """
+        if self.depth not in DEPTH_MODELS:
+            raise RobotError(f"sensor.depth is '{self.depth}'; it must be one of {', '.join(DEPTH_MODELS)}.")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if not isinstance(number, str) and not (math.isfinite(number) and number >= 0.0):
+                    raise RobotError(f"sensor.{field.name} is {value}; it must be finite and not negative.")
+        for name in ("edge_missing", "flying_share"):
+            if getattr(self, name) > 1.0:
+                raise RobotError(f"sensor.{name} is {getattr(self, name):g}; a probability lies within 0 and 1.")
+        if self.grazing_missing_deg > 90.0:
+            raise RobotError(f"sensor.grazing_missing_deg is {self.grazing_missing_deg:g}; it must be at most 90.")
+        if self.depth == "stereo" and not (self.baseline_m > 0.0 and self.native_width_px > 0.0):
+            raise RobotError(
+                f"sensor.baseline_m is {self.baseline_m:g} and sensor.native_width_px is {self.native_width_px:g}; "
+                "a stereo camera needs both above 0."
+            )
+        if 0.0 < self.max_range_m <= self.min_range_m:
+            raise RobotError(
+                f"sensor.max_range_m is {self.max_range_m:g} m and sensor.min_range_m {self.min_range_m:g} m; "
+                "the range must end beyond where it begins."
+            )
+
+    @property
+    def misses(self) -> bool:
+        """Whether a pixel without depth may have looked at something: then it tells nothing about free space."""
+        return self.depth != "exact"
+
+    def scaled(self) -> SensorConfig:
+        """The same with ``noise_scale`` multiplied in and set to 1; probabilities end at 1.
+
+        The angle from which pixels go missing moves from 90 degrees towards the camera's axis with the scale.
+        """
+        k = self.noise_scale
+        rotation_rotation, rotation_translation, translation_translation, translation_rotation = self.odometry_alpha
+        return replace(
+            self,
+            noise_scale=1.0,
+            lateral_sigma_px=k * self.lateral_sigma_px,
+            edge_missing=min(k * self.edge_missing, 1.0),
+            grazing_missing_deg=max(90.0 - k * (90.0 - self.grazing_missing_deg), 0.0),
+            subpixel_sigma_px=k * self.subpixel_sigma_px,
+            tof_sigma_m=k * self.tof_sigma_m,
+            tof_scale_error=k * self.tof_scale_error,
+            flying_share=min(k * self.flying_share, 1.0),
+            color_sigma=k * self.color_sigma,
+            color_gain=k**2 * self.color_gain,
+            exposure_sigma=k * self.exposure_sigma,
+            # Variances.
+            odometry_alpha=(
+                k**2 * rotation_rotation,
+                k**2 * rotation_translation,
+                k**2 * translation_translation,
+                k**2 * translation_rotation,
+            ),
+        )
+
+
+SENSORS: dict[str, SensorConfig] = {
+    "exact": SensorConfig(),
+    # Intel RealSense D435i. Baseline, resolution, field of view and range: Intel RealSense D400 Series Product Family
+    # Datasheet (848 x 480, 50 mm, 0.28 m; nothing beyond 6 m, where the error passes 9 cm). Disparity steps of 1/32 px:
+    # Grunnet-Jepsen et al., Subpixel Linearity Improvement for Intel RealSense Depth Camera D400 Series. A disparity
+    # error of 0.053 px makes 0.0025 z^2 at 90 degrees, within the "0.05 to 0.1 px" of Grunnet-Jepsen, Sweetser and
+    # Woodfill, Best-Known-Methods for Tuning Intel RealSense D400 Depth Cameras, 2018.
+    "d435i": SensorConfig(
+        depth="stereo",
+        min_range_m=0.28,
+        max_range_m=6.0,
+        lateral_sigma_px=0.5,
+        edge_missing=0.5,
+        grazing_missing_deg=80.0,
+        baseline_m=0.05,
+        native_width_px=848.0,
+        subpixel_sigma_px=0.053,
+        disparity_step_px=1.0 / 32.0,
+        color_sigma=2.0,
+        color_gain=0.05,
+        exposure_sigma=0.02,
+    ),
+    # Azure Kinect DK, narrow field of view, 2 x 2 binned. Range 0.5 to 5.46 m, random error of at most 17 mm,
+    # systematic error below 11 mm + 0.1 % of the distance: Azure Kinect DK hardware specification. The spread grows
+    # with distance and at grazing incidence, and pixels fly between both surfaces at edges: Toelgyessy et al.,
+    # Evaluation of the Azure Kinect and Its Comparison to Kinect V1 and Kinect V2, Sensors 21(2), 2021.
+    "azure-kinect": SensorConfig(
+        depth="tof",
+        min_range_m=0.5,
+        max_range_m=5.46,
+        edge_missing=0.3,
+        grazing_missing_deg=80.0,
+        tof_sigma_m=0.0014,
+        tof_scale_error=0.002,
+        flying_share=0.3,
+        color_sigma=2.0,
+        color_gain=0.05,
+        exposure_sigma=0.02,
+    ),
+}
+"""Sensors by name."""
+
+
+def sensor_config(name: str) -> SensorConfig:
+    """The settings of a sensor by its name.
+
+    Raises:
+        RobotError: there is no sensor of that name.
+    """
+    if name not in SENSORS:
+        raise RobotError(f"There is no sensor '{name}'; choose one of {', '.join(SENSORS)}.")
+    return SENSORS[name]

@@ -1,0 +1,52 @@
+"""The robot's camera as its maker would describe it: exact images in, measured ones out."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from anm_mj.sim.sensors.color import measure_color
+from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.depth import measure_depth
+from anm_mj.types import Intrinsics
+
+_FRAME, _CAMERA = 0, 1
+"""Streams of random numbers: one per frame, one for the camera's life."""
+
+
+class Sensor:
+    """Adds a sensor's errors to exact images; the same seed and step always give the same noise."""
+
+    def __init__(self, config: SensorConfig, seed: int) -> None:
+        """Draw what is fixed for the camera's life.
+
+        Args:
+            config: the sensor.
+            seed: of all its noise.
+        """
+        self._config = config.scaled()
+        self._seed = seed
+        drawn = np.random.default_rng([seed, 7, _CAMERA]).standard_normal()
+        self._scale_error = self._config.tof_scale_error * float(drawn)
+
+    def measure(
+        self,
+        rgb: UInt8[np.ndarray, "h w 3"],
+        depth_m: Float32[np.ndarray, "h w"],
+        intrinsics: Intrinsics,
+        step: int,
+    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
+        """What the sensor reports of exact images.
+
+        Args:
+            rgb: colours.
+            depth_m: exact planar depth [m]; not finite where nothing was hit.
+            intrinsics: the camera.
+            step: number of the frame.
+
+        Returns:
+            Colours, and planar depth [m]: ``inf`` = farther than the range, ``nan`` = not measured.
+        """
+        generator = np.random.default_rng([self._seed, 7, _FRAME, step])
+        measured = measure_depth(depth_m, intrinsics, self._config, self._scale_error, generator)
+        return measure_color(rgb, self._config, generator), measured
