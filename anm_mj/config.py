@@ -20,6 +20,7 @@ from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.sim.sensors.config import SensorConfig, sensor_config
 
 _logger = logging.getLogger(__name__)
 
@@ -66,6 +67,8 @@ class RunConfig:
     """Width and height of the camera image [px]."""
     model: RobotConfig = field(default_factory=RobotConfig)
     """Names of the robot's parts, and the noise of its encoders."""
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    """Errors of camera and odometry."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Settings of the planning stages that the policies share."""
@@ -93,19 +96,21 @@ class RunConfig:
             raise ConfigError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
 
 
-def make_config(preset: str, settings: list[str], **options: Any) -> RunConfig:
+def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **options: Any) -> RunConfig:
     """The configuration of a preset with options and single settings laid over it.
 
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
+        sensor: a key of :data:`anm_mj.sim.sensors.config.SENSORS`.
         **options: fields of ``RunConfig``.
 
     Raises:
         ConfigError: there is no such preset or setting, or a setting cannot have its value.
         PlanError: there is no such policy, or a planning setting is out of range.
+        RobotError: there is no such sensor, or a sensor or robot setting is out of range.
     """
-    config = _default_config(preset, **options)
+    config = _default_config(preset, sensor=sensor_config(sensor), **options)
     values = {}
     for text in settings:
         name, equals, value = text.partition("=")

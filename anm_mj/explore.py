@@ -7,6 +7,7 @@ replaced: by a real robot, another map, another policy.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,8 +15,11 @@ from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
 from anm_mj.planning.lookahead import path_is_blocked
 from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
+from anm_mj.sensor_monitor import SensorMonitor
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
+
+_logger = logging.getLogger(__name__)
 
 STUCK_COLLISIONS = 12
 """A robot that collides this often on its path, without a free step in between, is stuck."""
@@ -72,11 +76,13 @@ def explore(
         PlanError: the policy returned a plan that asks for nothing.
     """
     follower = Follower()
+    monitor = SensorMonitor()
     total = Stopwatch()
     collisions = 0
     plan: Plan | None = None
     observation, update = _perceive(robot, mapper, policy, total)
     recorder.observation(observation)
+    monitor.add(observation, moved=False)
 
     def outcome(reason: StopReason, steps: int) -> Outcome:
         return Outcome(reason, steps, sum(total.ms.values()) / 1e3, observation)
@@ -97,7 +103,8 @@ def explore(
             recorder.plan(step - 1, plan)
         if plan.stop is not None:
             total.add(watch)
-            return outcome(plan.stop, step - 1)
+            # What a blind robot says about its surroundings means nothing.
+            return outcome(StopReason.SENSOR_FAULT if monitor.is_blind else plan.stop, step - 1)
         if action is None:
             raise PlanError(f"The policy's plan at step {step} ('{plan.reason}') holds neither an action nor a stop.")
 
@@ -116,6 +123,10 @@ def explore(
         recorder.observation(observation)
         recorder.step(step, result, observation.pose, update, watch.ms)
         on_step(StepReport(step, observation, plan, update, sum(total.ms.values()) / 1e3))
+        monitor.add(observation, moved=not result.collided)
+        if monitor.fault is not None:
+            _logger.error("%s; the run ends at step %d.", monitor.fault, step)
+            return outcome(StopReason.SENSOR_FAULT, step)
         if collisions >= STUCK_COLLISIONS:
             return outcome(StopReason.STUCK, step)
 

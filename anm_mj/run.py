@@ -12,8 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from anm_mj.config import RunConfig, default_steps
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth, reachable_area
 from anm_mj.evaluation.metrics import Metrics
@@ -29,7 +27,7 @@ from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
-from anm_mj.types import Pose2
+from anm_mj.types import Pose2, TrueView
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.viz.viewer import NullViewer
 
@@ -117,6 +115,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
         config=config.model,
         pose=config.pose,
         seed=config.seed,
+        sensor=config.sensor,
     )
 
 
@@ -155,12 +154,13 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         backend.name,
         backend.renderer_string,
         robot.camera_kind,
+        config.sensor.name,
     )
 
 
-def _true_view(config: RunConfig, robot: SimRobot) -> Callable[[], tuple[Pose2, np.ndarray]] | None:
-    """A function that gives the robot's true pose and camera; None when observations are made from the true pose."""
-    return None if config.pose == "true" else lambda: (robot.pose, robot.T_true_camera)
+def _true_view(config: RunConfig, robot: SimRobot) -> Callable[[], TrueView] | None:
+    """A function that gives true poses and depth; None where observations hold them."""
+    return None if config.pose == "true" and not config.sensor.misses else robot.true_view
 
 
 def _what_is_left(

@@ -55,6 +55,8 @@ class StopReason(StrEnum):
     """Something is unexplored, but no path leads to it."""
     STUCK = "STUCK"
     """The robot collided again and again without a free step in between."""
+    SENSOR_FAULT = "SENSOR_FAULT"
+    """The camera stopped measuring: no depth, or the same image again and again."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
 
@@ -119,11 +121,23 @@ class Observation:
     """Simulated time [s]."""
     rgb: UInt8[np.ndarray, "h w 3"]
     depth_m: Float32[np.ndarray, "h w"]
-    """Planar z [m]; NaN where nothing was hit."""
+    """Planar z [m]; +inf where the sensor looked farther than its range, NaN where it measured nothing."""
     intrinsics: Intrinsics
     T_world_camera: Float[np.ndarray, "4 4"]
     """Camera to world; camera axes x right, y down, z forward."""
     pose: Pose2
+
+
+@dataclass(frozen=True)
+class TrueView:
+    """What an observation was truly made of; for the evaluation, never for the robot."""
+
+    pose: Pose2
+    """Where the base stood."""
+    T_world_camera: Float[np.ndarray, "4 4"]
+    """Camera to world; camera axes x right, y down, z forward."""
+    depth_m: Float32[np.ndarray, "h w"]
+    """Exact planar z where the sensor gave a value [m]; not finite elsewhere."""
 
 
 @dataclass(frozen=True)

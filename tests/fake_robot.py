@@ -1,4 +1,4 @@
-"""A robot without a simulator: a point that obeys actions in an analytic world and sees a blank picture."""
+"""A robot without a simulator: a point that obeys actions in an analytic world and looks at a wall far away."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class FakeRobot:
             self.steps,
             0.1 * self.steps,
             np.zeros((4, 4, 3), np.uint8),
-            np.full((4, 4), np.nan, np.float32),
+            # Beyond what any map takes in, and never the same twice.
+            np.full((4, 4), 30.0 + 1e-3 * self.steps, np.float32),
             Intrinsics.from_fov(4, 4, np.pi / 2),
             T_world_camera,
             self.pose,

@@ -41,8 +41,9 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "evaluation.rerender": _BASE | {"io", "scene", "robot", "control", "sim.make_robot"},
     "evaluation.novel_views": _BASE
     | {"io", "scene", "robot", "control", "sim.make_robot", "evaluation", "evaluation.rerender", "mapping"},
+    "sensor_monitor": _BASE,
     # Sees map, recorder, viewer and evaluation only through the protocols.
-    "explore": _BASE | _STAGES,
+    "explore": _BASE | _STAGES | {"sensor_monitor"},
     # Puts everything together for one run.
     "run": _BASE | _STAGES | {"config", "sim.make_robot", "explore", "io", "io.recorder", "viz", "evaluation"},
     # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.

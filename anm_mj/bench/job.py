@@ -29,12 +29,16 @@ class Job:
     preset: str
     settings: tuple[str, ...]
     """Settings as given to ``--set``."""
+    sensor: str = "exact"
+    """Name of the sensor whose errors are simulated."""
 
     @property
     def name(self) -> str:
         """A readable folder name, unique to the job's content."""
         # The path of a scene does not affect the run.
         facts = {key: value for key, value in asdict(self).items() if key != "scene"}
+        if self.sensor == "exact":
+            del facts["sensor"]  # Comparisons made before there were sensors go on.
         digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:8]
         text = f"{self.scene_name}_{self.policy}_start{self.start}_seed{self.seed}"
         return "".join(c if c.isalnum() or c in "-._" else "-" for c in text) + f"_{digest}"
@@ -51,6 +55,7 @@ class Job:
         return make_config(
             self.preset,
             list(self.settings),
+            sensor=self.sensor,
             scene=self.scene,
             policy=self.policy,
             steps=self.steps,

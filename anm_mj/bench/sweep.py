@@ -47,6 +47,8 @@ class Sweep:
     steps: int | None = None
     """Budget of each run; None = the scene's own, which depends on its number of rooms as in the paper."""
     preset: str = "default"
+    sensor: str = "exact"
+    """Name of the sensor whose errors are simulated."""
     settings: tuple[str, ...] = ()
 
 
@@ -57,6 +59,7 @@ FIELDS = {
     "seeds": list,
     "steps": int,
     "preset": str,
+    "sensor": str,
     "settings": list,
 }
 
@@ -129,6 +132,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             seed=seed,
             steps=steps,
             preset=sweep.preset,
+            sensor=sweep.sensor,
             settings=sweep.settings,
         )
         for start, pose in enumerate(scene.starts[: sweep.starts])

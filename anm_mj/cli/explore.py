@@ -13,6 +13,7 @@ from rich.console import Console
 
 from anm_mj.cli.log import log_to
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
+from anm_mj.sim.sensors.config import SENSORS
 
 
 def add_explore(commands: Any) -> None:
@@ -54,6 +55,11 @@ def add_explore(commands: Any) -> None:
         "--pose",
         default="true",
         help="pose in the observations: true, or odometry (from the wheels alone) (default: true)",
+    )
+    explore.add_argument(
+        "--sensor",
+        default="exact",
+        help=f"errors of the camera: {', '.join(SENSORS)}; details with --set sensor.NAME=VALUE (default: exact)",
     )
     ablation = explore.add_argument_group("ablations of the paper: settings of policies that have them")
     ablation.add_argument(
@@ -102,6 +108,7 @@ def _explore(parsed: argparse.Namespace) -> int:
         drive=parsed.drive,
         pose=parsed.pose,
         device=parsed.device,
+        sensor=parsed.sensor,
     )
     console = Console()
     if console.is_terminal:

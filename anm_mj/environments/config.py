@@ -8,6 +8,7 @@ from typing import Any
 
 from anm_mj.config import DRIVES
 from anm_mj.errors import TaskError
+from anm_mj.sim.sensors.config import SENSORS
 from anm_mj.types import FORWARD_STEP_M
 
 REACH_M = 1000.0
@@ -29,6 +30,8 @@ class ExploreConfig:
     image_px: int = 128
     """Width and height of the camera's images [px]. From 128 on the reward equals the evaluation's measure; fewer
     pixels cover slightly less."""
+    sensor: str = "exact"
+    """Name of the sensor whose errors the observations have; the reward counts what it truly saw."""
     topdown: bool = False
     """Whether the observation includes an occupancy map around the robot."""
 
@@ -44,6 +47,8 @@ class ExploreConfig:
             raise TaskError(f'There is no drive "{self.drive}"; choose one of {", ".join(DRIVES)}.')
         if not 16 <= self.image_px <= 2048:
             raise TaskError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
+        if self.sensor not in SENSORS:
+            raise TaskError(f"There is no sensor '{self.sensor}'; choose one of {', '.join(SENSORS)}.")
 
 
 def explore_config(**options: Any) -> ExploreConfig:

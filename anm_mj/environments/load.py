@@ -15,6 +15,7 @@ from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.sim.sensors.config import sensor_config
 
 TASKS = ("explore",)
 
@@ -51,7 +52,7 @@ def load_environment(scene: str | Path, task: str = "explore", *, seed: int = 0,
     Args:
         scene: name from the catalogue, or path of a scene folder.
         task: one of ``TASKS``.
-        seed: of the random starts.
+        seed: of the random starts and the sensor's errors.
         **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
 
     Returns:
@@ -69,7 +70,8 @@ def load_environment(scene: str | Path, task: str = "explore", *, seed: int = 0,
     config = explore_config(**options)
     loaded = load_scene(scene)
     shared = _shared_scene(loaded.folder.resolve(), loaded.hash)
-    physics = RobotPhysics(shared, drive=config.drive, image_px=config.image_px)
+    sensor = sensor_config(config.sensor)
+    physics = RobotPhysics(shared, drive=config.drive, image_px=config.image_px, sensor=sensor, seed=seed)
     return ExploreEnvironment(physics, ExploreTask(shared, config, np.random.default_rng(seed)))
 
 

@@ -10,6 +10,7 @@ from dm_control.rl import control
 from anm_mj.control.motion import MotionLimits, action_profile
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.types import Action, ActionResult, Observation, Pose2
 
 if TYPE_CHECKING:
@@ -23,17 +24,21 @@ class RobotPhysics(control.Physics):
     specifications alone and then fork; such an environment must not hold a GL context.
     """
 
-    def __init__(self, scene: Scene, *, drive: str, image_px: int) -> None:
+    def __init__(self, scene: Scene, *, drive: str, image_px: int, sensor: SensorConfig, seed: int) -> None:
         """Prepare a simulation.
 
         Args:
             scene: the world.
             drive: ``kinematic`` or ``physics``.
             image_px: width and height of the camera's images [px].
+            sensor: errors of camera and odometry.
+            seed: of these errors, which are the same in every episode.
         """
         self._scene = scene
         self._drive = drive
         self._image_px = image_px
+        self._sensor = sensor
+        self._seed = seed
         self._robot: SimRobot | None = None
         self._action = Action.STOP
         self._result: ActionResult | None = None
@@ -66,7 +71,14 @@ class RobotPhysics(control.Physics):
         if self._robot is not None:
             self._robot.restart(pose)
             return
-        robot = make_robot(self._scene, start=pose, drive=self._drive, image_px=self._image_px)
+        robot = make_robot(
+            self._scene,
+            start=pose,
+            drive=self._drive,
+            image_px=self._image_px,
+            sensor=self._sensor,
+            seed=self._seed,
+        )
         # Free GL before the interpreter unloads its modules, also in programs that never call ``close``.
         self._close = weakref.finalize(self, robot.close)
         self._robot = robot

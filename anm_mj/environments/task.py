@@ -101,7 +101,7 @@ class ExploreTask(control.Task):
             self._surfaces = {given: observable_surface(self._scene, FOOTPRINT, self._view, self._start)}
         self._covered = IncrementalCoverage(self._surfaces[given])
         self._map = LocalMap(FOOTPRINT) if self._config.topdown else None
-        self._add_view()
+        self._add_view(physics)
 
     def before_step(self, action: Any, physics: RobotPhysics) -> None:
         """Set the action of the next step.
@@ -120,7 +120,7 @@ class ExploreTask(control.Task):
     def after_step(self, physics: RobotPhysics) -> None:
         """Take a view after the action."""
         self._view = physics.observe()
-        self._add_view()
+        self._add_view(physics)
 
     def get_reward(self, physics: RobotPhysics) -> float:
         """Fraction of the observable surface that the last step newly covered, in [0, 1]."""
@@ -170,8 +170,8 @@ class ExploreTask(control.Task):
             spec["topdown"] = specs.BoundedArray((CELLS, CELLS), np.int8, UNKNOWN, OCCUPIED, name="topdown")
         return spec
 
-    def _add_view(self) -> None:
-        view = self._view
-        self._reward = self._covered.add(view.depth_m, view.intrinsics, view.T_world_camera)
+    def _add_view(self, physics: RobotPhysics) -> None:
+        view, true = self._view, physics.robot.true_view()
+        self._reward = self._covered.add(true.depth_m, view.intrinsics, true.T_world_camera)
         if self._map is not None:
             self._map.add(view)

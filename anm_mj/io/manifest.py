@@ -41,6 +41,8 @@ class RunFacts:
     """GL_RENDERER of the driver."""
     camera: str
     """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
+    sensor: str
+    """Name of the sensor whose errors were simulated."""
 
 
 def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:

@@ -26,7 +26,18 @@ from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
-from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, Region, StopReason, TopDownMap, VoronoiGraph
+from anm_mj.types import (
+    ActionResult,
+    MapUpdate,
+    Observation,
+    Plan,
+    Pose2,
+    Region,
+    StopReason,
+    TopDownMap,
+    TrueView,
+    VoronoiGraph,
+)
 from anm_mj.viz.plots import draw_topdown
 
 MESH_RESOLUTION_M = 0.05
@@ -72,8 +83,8 @@ class RunRecorder:
     Args:
         folder: A new run folder.
         truth: Ground truth, for the metrics only.
-        true_view: Returns the true poses of base and camera, if observations hold believed ones; metrics count frames
-            from the true pose.
+        true_view: Returns true poses and depth, if observations hold only what the robot measures: metrics count what
+            the camera truly saw from where it truly was.
 
     Raises:
         RunFolderError: From every method, if the folder cannot be written.
@@ -83,7 +94,7 @@ class RunRecorder:
         self,
         folder: RunFolder,
         truth: GroundTruth,
-        true_view: Callable[[], tuple[Pose2, Float[np.ndarray, "4 4"]]] | None = None,
+        true_view: Callable[[], TrueView] | None = None,
     ) -> None:
         self._folder = folder
         self._true_view = true_view
@@ -121,7 +132,9 @@ class RunRecorder:
     def _take(self, observation: Observation) -> None:
         if not self._poses:
             _write_camera(self._folder.camera, observation)
-        depth_mm = reduce_depth(observation.depth_m)
+        true = None if self._true_view is None else self._true_view()
+        # Only the truth counts as seen, and only where the sensor gave a value.
+        depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
         path = self._folder.depth(observation.step)
         with writing(path):
             # The lowest compression: a fifth larger than the highest, at a fraction of its time.
@@ -133,8 +146,8 @@ class RunRecorder:
             "time_s": observation.time_s,
             **_where(pose, observation.T_world_camera),
         }
-        if self._true_view is not None:
-            true_pose, T_true_camera = self._true_view()
+        if true is not None:
+            true_pose, T_true_camera = true.pose, true.T_world_camera
             line["true"] = _where(true_pose, T_true_camera)
         self._frames.json(line)
         self._trajectory.line(tum_line(observation.time_s, pose))

@@ -53,7 +53,7 @@ class KeyframeStore:
         """Keep a share of an observation's pixels for replay.
 
         Args:
-            observation: The keyframe.
+            observation: The keyframe; of its pixels there must be one that was measured.
             rng: What the choice of pixels comes from.
             weight: How often pixels are kept, in proportion; none, or several times. None: all equally often, and no
                 pixel twice.
@@ -61,10 +61,13 @@ class KeyframeStore:
         Raises:
             MapError: If not even one pixel of each keyframe fits.
         """
-        size = observation.depth_m.size
-        count = max(1, round(self._share * size))
+        measured = ~np.isnan(observation.depth_m)
+        count = max(1, round(self._share * int(measured.sum())))
         # In random order, so that cutting the tail off is a fair thinning.
-        pixel = rng.permutation(size if weight is None else _drawn(weight, count, rng))[:count]
+        if weight is None:
+            pixel = rng.permutation(np.flatnonzero(measured))[:count]
+        else:
+            pixel = rng.permutation(_drawn(np.where(measured, weight, np.float32(0.0)), count, rng))
         while self._start[-1] + count > len(self._memory) and count > 1:
             self._thin()
             count = max(1, count // 2)

@@ -77,6 +77,9 @@ class NeuralMap:
             MapError: If the training loss is not finite.
         """
         schedule = self.config.schedule
+        observation = _measured(observation)
+        if np.isnan(observation.depth_m).all():
+            return MapUpdate(math.nan, 0, len(self._keyframes))
         self._occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
         self._fit_table()
         first = self._num_frames == 0
@@ -262,6 +265,14 @@ class NeuralMap:
         size = np.array(grid.state.shape[::-1]) * grid.resolution_m
         room = size - (loss.smoothness_points - 1) * loss.smoothness_spacing_m
         return grid.origin_m + np.where(room > 0.0, self._rng.random(3), 0.5) * room
+
+
+def _measured(observation: Observation) -> Observation:
+    """The observation, with NaN wherever its depth is nothing that a camera measures."""
+    measured = observation.depth_m > 0.0
+    if measured.all():
+        return observation
+    return replace(observation, depth_m=np.where(measured, observation.depth_m, np.float32(np.nan)))
 
 
 def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:

@@ -210,10 +210,10 @@ class OccupancyGrid:
     ) -> tuple[Int64[np.ndarray, "3"], Int64[np.ndarray, "3"]]:
         """Lowest and highest voxel of the box about the camera and all ray ends within the carving range.
 
-        Rays without depth end at ``missing_m``.
+        Rays that looked farther than the sensor's range end at ``missing_m``.
         """
         # Every fourth pixel tells the box to within a voxel or two, and what sticks out is carved by another frame.
-        reach = np.nan_to_num(depth_m[::4, ::4], nan=missing_m, posinf=missing_m).clip(0.0, self.config.carve_range_m)
+        reach = np.nan_to_num(depth_m[::4, ::4], nan=0.0, posinf=missing_m).clip(0.0, self.config.carve_range_m)
         ends = (rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ rotation.T
         low = np.minimum(ends.min(axis=0), 0.0) + position
         high = np.maximum(ends.max(axis=0), 0.0) + position
@@ -356,6 +356,17 @@ def _spread(image: Float32[np.ndarray, "h w"], shift: int) -> Float32[np.ndarray
 
 
 def _carve_limit(depth_m: Float32[np.ndarray, "h w"], config: OccupancyConfig) -> Float32[np.ndarray, "h w"]:
-    """Depth up to which each pixel vouches for free space [m]."""
-    missing = np.float32(np.inf if config.no_depth_is_free else 0.0)
-    return np.where(depth_m > 0.0, depth_m, missing).astype(np.float32)
+    """Depth up to which each pixel vouches for free space [m].
+
+    A pixel that was not measured vouches as far as the nearest of the measured ones beside it, and for nothing where
+    there is none: what is missing at an edge belongs to the near or to the far surface.
+    """
+    measured = depth_m > 0.0
+    limit = np.where(measured, depth_m, np.float32(np.inf))
+    if not config.no_depth_is_free:
+        limit[np.isposinf(depth_m)] = 0.0
+    if not measured.all():
+        nearest = _spread(limit, 1)
+        beside = _spread(np.where(measured, np.float32(0.0), np.float32(1.0)), 1) == 0.0
+        limit = np.where(measured, limit, np.where(beside, nearest, np.float32(0.0)))
+    return limit

@@ -45,8 +45,9 @@ def concatenate(a: RayBatch, b: RayBatch) -> RayBatch:
 
 
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
-    """Draw ``count`` pixels of one observation."""
-    pixel = rng.integers(observation.depth_m.size, size=count)
+    """Draw ``count`` pixels of one observation among those that were measured, of which there must be one."""
+    measured = np.flatnonzero(~np.isnan(observation.depth_m))
+    pixel = measured[rng.integers(len(measured), size=count)]
     return rays_of_pixels(
         pixel,
         observation.rgb.reshape(-1, 3)[pixel],

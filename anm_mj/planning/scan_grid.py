@@ -76,7 +76,7 @@ class ScanGrid:
 
     def _beams(self, observation: Observation) -> tuple[Float[np.ndarray, " w"], Bool[np.ndarray, " w"]]:
         """Where each column's beam ends [m], and whether it hits a surface there."""
-        depth_m = observation.depth_m
+        depth_m = np.where(np.isfinite(observation.depth_m), observation.depth_m, np.float32(np.nan))
         rays = pixel_directions(observation.intrinsics)
         height_m = observation.T_world_camera[2, 3] + depth_m * (rays @ observation.T_world_camera[2, :3])
         distance_m = depth_m * np.hypot(rays[..., 0], 1.0)

@@ -19,6 +19,7 @@ from anm_mj.types import Footprint, Pose2
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sensors.config import SensorConfig
 
 FOOTPRINT = DEFAULT_FOOTPRINT
 """Of the robot in ``models/diff_drive``."""
@@ -35,6 +36,7 @@ def make_robot(
     config: RobotConfig | None = None,
     pose: str = "true",
     seed: int = 0,
+    sensor: SensorConfig | None = None,
 ) -> SimRobot:
     """A simulated robot in a scene, at its start pose.
 
@@ -46,14 +48,16 @@ def make_robot(
         robot: name of a builtin robot, or an MJCF file.
         config: names of the robot's parts, noise of its encoders; None = the defaults.
         pose: one of ``POSES``: source of the poses in observations.
-        seed: of the encoders' noise.
+        seed: of all noise.
+        sensor: errors of camera and odometry; None = none.
 
     Returns:
         The robot; close it when done.
 
     Raises:
         SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
-        RobotError: if there is no such drive or robot, or the robot lacks a part.
+        RobotError: if there is no such drive or robot, the robot lacks a part, or the sensor's range exceeds the
+            camera's far plane.
         RenderError: if the user's GL back-end does not work.
     """
     if drive not in DRIVES:
@@ -80,6 +84,7 @@ def make_robot(
     model = build_model(
         scene, description.spec, robot_name=description.name, robot_hash=description.hash, prefix=_PREFIX
     )
+    _require_range(sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)
     odometer = Odometer(RobotKinematics.of(description), noise=config.wheel_noise, seed=seed)
     if drive == "kinematic":
@@ -91,7 +96,25 @@ def make_robot(
     camera_name = _PREFIX + description.camera
     camera = make_camera(model, camera_name, image_px, image_px, cull_face=scene.cull_face, backend=backend)
     T_base_camera = description.T_base_camera if pose == "odometry" else None
-    return SimRobot(model, data, camera, wheels, description.footprint, T_base_camera, robot_hash=description.hash)
+    return SimRobot(
+        model,
+        data,
+        camera,
+        wheels,
+        description.footprint,
+        T_base_camera,
+        robot_hash=description.hash,
+        sensor=sensor,
+        seed=seed,
+    )
+
+
+def _require_range(sensor: SensorConfig | None, far_m: float) -> None:
+    if sensor is not None and sensor.max_range_m > far_m:
+        raise RobotError(
+            f"sensor.max_range_m is {sensor.max_range_m:g} m, but the camera's far plane lies at {far_m:.3g} m; "
+            "give a shorter range."
+        )
 
 
 def _start_pose(scene: Scene, start: Pose2 | None, footprint: Footprint) -> Pose2:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
+from anm_mj.errors import RobotError
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
 from anm_mj.sim.camera import Camera
-from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, Twist
+from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.odometry import NoisyOdometry
+from anm_mj.sim.sensors.sensor import Sensor
+from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
 
 
 class SimRobot:
@@ -27,6 +31,8 @@ class SimRobot:
         footprint: Footprint,
         T_base_camera: Float[np.ndarray, "4 4"] | None = None,
         robot_hash: str = "",
+        sensor: SensorConfig | None = None,
+        seed: int = 0,
     ):
         """Combine the parts.
 
@@ -39,6 +45,8 @@ class SimRobot:
             T_base_camera: camera to base (camera axes x right, y down, z forward). Given, observations report poses by
                 wheel odometry; None, true poses.
             robot_hash: identifies the robot.
+            sensor: errors of camera and odometry; None = none.
+            seed: of these errors.
         """
         self._model = model
         self._data = data
@@ -47,6 +55,9 @@ class SimRobot:
         self._footprint = footprint
         self._T_base_camera = T_base_camera
         self._robot_hash = robot_hash
+        self._sensor = Sensor(sensor or SensorConfig(), seed)
+        self._odometry = NoisyOdometry(sensor or SensorConfig(), seed)
+        self._true_depth_m: Float32[np.ndarray, "h w"] | None = None
         self._step = 0
 
     @property
@@ -59,10 +70,15 @@ class SimRobot:
         """True pose of the base."""
         return self._drive.pose
 
-    @property
-    def T_true_camera(self) -> Float[np.ndarray, "4 4"]:
-        """True pose of the camera at the last observation: camera to world, CV axes."""
-        return self._camera.T_world_camera(self._data)
+    def true_view(self) -> TrueView:
+        """What the last observation was truly made of: poses, and exact depth where the sensor gave a value.
+
+        Raises:
+            RobotError: before the first observation.
+        """
+        if self._true_depth_m is None:
+            raise RobotError("There is no view yet; call observe first.")
+        return TrueView(self._drive.pose, self._camera.T_world_camera(self._data), self._true_depth_m)
 
     @property
     def camera_kind(self) -> str:
@@ -71,8 +87,8 @@ class SimRobot:
 
     @property
     def odometry(self) -> Pose2:
-        """Pose of the base by wheel odometry."""
-        return self._drive.odometry
+        """Pose of the base by wheel odometry, with the errors of the sensor."""
+        return self._odometry.read(self._drive.odometry)
 
     @property
     def robot_hash(self) -> str:
@@ -104,10 +120,12 @@ class SimRobot:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        rgb, depth_m = self._camera.render(self._data)
+        rgb, exact_m = self._camera.render(self._data)
+        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, self._step)
+        self._true_depth_m = np.where(np.isnan(depth_m), np.float32(np.nan), exact_m)
         pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
         if self._T_base_camera is not None:
-            pose = self._drive.odometry
+            pose = self.odometry
             T_world_camera = pose_matrix(pose) @ self._T_base_camera
         return Observation(
             step=self._step,
@@ -128,7 +146,7 @@ class SimRobot:
     def restart(self, pose: Pose2) -> None:
         """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state."""
         mujoco.mj_resetData(self._model, self._data)
-        self._drive.place(pose)
+        self.place(pose)
         self._step = 0
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
@@ -146,13 +164,14 @@ class SimRobot:
         equivalent number of steps.
         """
         if self._T_base_camera is not None:
-            T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self._drive.odometry))
+            T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self.odometry))
             point_m = T_true_believed[:3, :3] @ point_m + T_true_believed[:3, 3]
         return self._drive.look_at(point_m)
 
     def place(self, pose: Pose2) -> None:
         """Move the robot to a pose without driving, at rest and without a collision test."""
         self._drive.place(pose)
+        self._odometry.restart()
 
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""

@@ -63,7 +63,7 @@ class Room:
         hit = np.isfinite(t)
         rgb = np.full((size * size, 3), 200, np.uint8)
         rgb[hit] = np.rint(255.0 * self.color(T_world_camera[:3, 3] + t[hit, None] * direction[hit])).astype(np.uint8)
-        depth = np.where(hit, t, np.nan).astype(np.float32)
+        depth = np.where(hit, t, np.inf).astype(np.float32)
         return Observation(
             step,
             0.1 * step,

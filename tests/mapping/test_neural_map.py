@@ -191,21 +191,25 @@ def test_a_grown_map_is_saved_and_loaded_at_its_size(tiny_config, room, tmp_path
     np.testing.assert_array_equal(loaded.sdf(points), neural_map.sdf(points))
 
 
-def test_frames_that_lost_all_depth_do_no_harm_where_none_says_nothing(tiny_config, room):
-    config = replace(
-        tiny_config,
-        loss=replace(tiny_config.loss, no_depth_is_free=False),
-        occupancy=replace(tiny_config.occupancy, no_depth_is_free=False),
-    )
-    neural_map = NeuralMap(config, seed=0, device="cpu")
+@pytest.mark.parametrize("value", [np.nan, 0.0, -1.0])
+def test_blind_frames_do_no_harm(tiny_config, room, value):
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
     for observation in room.turn(1.5, 1.5, 12):
         neural_map.integrate(observation)
-        neural_map.integrate(replace(observation, depth_m=np.full_like(observation.depth_m, np.nan)))
+        neural_map.integrate(replace(observation, depth_m=np.full_like(observation.depth_m, value)))
     points = _near_surface(room, np.random.default_rng(0))
     assert np.abs(neural_map.sdf(points) - room.sdf(points)).mean() < 0.02
     vertices = neural_map.mesh(0.05).vertices
     assert (np.abs(room.sdf(vertices)) < 0.05).mean() > 0.9
     assert (np.abs(vertices[:, 0]) < 0.05).sum() > 500
+
+
+def test_first_frame_may_be_blind(tiny_config, room):
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    first, second = room.turn(1.5, 1.5, 2)
+    update = neural_map.integrate(replace(first, depth_m=np.full_like(first.depth_m, np.nan)))
+    assert (update.num_iterations, update.num_keyframes) == (0, 0)
+    assert neural_map.integrate(second).num_keyframes == 1
 
 
 def test_every_iteration_gets_the_rays_that_the_schedule_asks_for(tiny_config, room, monkeypatch):

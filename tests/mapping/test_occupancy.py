@@ -120,11 +120,29 @@ def test_surfaces_beyond_the_carving_range_are_marked_but_the_way_there_stays_un
 
 @pytest.mark.parametrize(("is_free", "state"), [(True, FREE), (False, UNKNOWN)])
 def test_pixels_without_depth_carve_only_if_asked_to(is_free, state):
-    sky = np.full((64, 64), np.nan, np.float32)
+    sky = np.full((64, 64), np.inf, np.float32)
     occupancy = OccupancyGrid(OccupancyConfig(no_depth_is_free=is_free))
     occupancy.integrate(sky, Intrinsics.from_fov(64, 64, 1.5), camera_pose(0.0, 0.0, 1.0, 0.0))
     assert occupancy.state_at(np.array([[2.0, 0.0, 1.0]]))[0] == state
     assert (occupancy.grid.state != OCCUPIED).all()
+
+
+def test_pixels_that_were_not_measured_carve_nothing():
+    occupancy = OccupancyGrid(OccupancyConfig())
+    depth = np.full((64, 64), np.nan, np.float32)
+    depth[:, :8] = 2.0
+    occupancy.integrate(depth, Intrinsics.from_fov(64, 64, 1.5), camera_pose(0.0, 0.0, 1.0, 0.0))
+    assert occupancy.state_at(np.array([[1.5, 0.0, 1.0], [1.5, -1.0, 1.0]])).tolist() == [UNKNOWN, UNKNOWN]
+    assert (occupancy.grid.state == FREE).any()
+
+
+def test_single_pixels_that_were_not_measured_hide_no_free_space():
+    depth = np.full((64, 64), 2.0, np.float32)
+    depth[np.random.default_rng(0).random((64, 64)) < 0.1] = np.nan
+    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy.integrate(depth, Intrinsics.from_fov(64, 64, 1.5), camera_pose(0.0, 0.0, 1.0, 0.0))
+    ahead = np.stack([np.linspace(0.5, 1.7, 20), np.zeros(20), np.ones(20)], axis=1)
+    assert (occupancy.state_at(ahead) == FREE).all()
 
 
 def test_a_pitched_and_rolled_camera_carves_the_same_truth(room):

@@ -19,6 +19,8 @@ class SensorConfig:
     quantization and range.
     """
 
+    name: str = "exact"
+    """Name of the sensor in ``SENSORS`` that the settings were taken from."""
     depth: str = "exact"
     """One of ``DEPTH_MODELS``."""
     noise_scale: float = 1.0
@@ -133,6 +135,7 @@ SENSORS: dict[str, SensorConfig] = {
     # error of 0.053 px makes 0.0025 z^2 at 90 degrees, within the "0.05 to 0.1 px" of Grunnet-Jepsen, Sweetser and
     # Woodfill, Best-Known-Methods for Tuning Intel RealSense D400 Depth Cameras, 2018.
     "d435i": SensorConfig(
+        name="d435i",
         depth="stereo",
         min_range_m=0.28,
         max_range_m=6.0,
@@ -152,6 +155,7 @@ SENSORS: dict[str, SensorConfig] = {
     # with distance and at grazing incidence, and pixels fly between both surfaces at edges: Toelgyessy et al.,
     # Evaluation of the Azure Kinect and Its Comparison to Kinect V1 and Kinect V2, Sensors 21(2), 2021.
     "azure-kinect": SensorConfig(
+        name="azure-kinect",
         depth="tof",
         min_range_m=0.5,
         max_range_m=5.46,

@@ -46,6 +46,8 @@ def view_box(view: Observation) -> tuple[Float[np.ndarray, "2"], Float[np.ndarra
     """Lower and upper corner of all that a view shows, in world x and y [m]."""
     rays = pixel_directions(view.intrinsics)[::PIXEL_STEP, ::PIXEL_STEP]
     depth = view.depth_m[::PIXEL_STEP, ::PIXEL_STEP, None]
+    # A pixel that looked beyond the range has no place.
+    depth = np.where(np.isfinite(depth), depth, np.float32(np.nan))
     points = (rays * depth) @ view.T_world_camera[:2, :3].T
     points = points[np.isfinite(points).all(axis=-1)]
     here = view.T_world_camera[:2, 3]
