@@ -91,7 +91,7 @@ class Interrupt:
         if self._requested:
             signal.default_int_handler(number, frame)
         self._requested = True
-        self._console.print("RunSummary after this step and writing everything; Ctrl-C again to quit at once.")
+        self._console.print("Ending after this step and writing everything; Ctrl-C again to quit at once.")
 
 
 def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
