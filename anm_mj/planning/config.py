@@ -24,9 +24,8 @@ class PlanningConfig:
     hole_area_m2: float = 0.15
     """Unknown patches that known space encloses count as free below this area [m2]."""
     update_reach_m: float = 5.2
-    """The map takes in what changed within this distance of the robot along world x and y, and what lies beyond when
-    the robot comes nearer [m]. Views free space up to 5 m and see surface up to 8 m: beyond the free space, surface
-    without anything known before it misleads policies."""
+    """Views change the map up to this depth; the map takes in what lies beyond when the robot comes nearer [m]. Views
+    free space up to 5 m and mark surface up to 8 m: surface with unknown space before it misleads policies."""
     horizon_m: float = 5.0
     """Side of the local horizon, a square that moves with the robot, inside which the graph is fine [m]."""
     fine_spacing_m: float = 0.1

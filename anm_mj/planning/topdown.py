@@ -109,7 +109,7 @@ class TopDownMapper:
         if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m):
             return self._changes.take(grid)
         places = np.array([*self._new_trajectory_xy_m, pose.xy_m])
-        reach_m = self.config.update_reach_m
+        reach_m = math.sqrt(2.0) * self.config.update_reach_m  # To the corners of views of 90 degrees.
         return self._changes.take(grid, np.stack([places.min(axis=0) - reach_m, places.max(axis=0) + reach_m]))
 
     def _decide(self, grid: VoxelGrid, changed: Window) -> None:
