@@ -100,7 +100,12 @@ def _make_mapper(config: RunConfig) -> NeuralMap:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from anm_mj.mapping.neural_map import NeuralMap
 
-    return NeuralMap(config.mapping, seed=config.seed, device=config.device)
+    return NeuralMap(
+        config.mapping,
+        seed=config.seed,
+        device=config.device,
+        field_is_geometry=config.planning.geometry == "field",
+    )
 
 
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:

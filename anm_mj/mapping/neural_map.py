@@ -19,6 +19,7 @@ from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig, config_from_dict
 from anm_mj.mapping.encoding import doubled_table
+from anm_mj.mapping.field_geometry import FieldGeometry
 from anm_mj.mapping.keyframes import KeyframeStore
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
@@ -41,13 +42,16 @@ class NeuralMap:
     parameters are the same bit for bit on a CPU.
     """
 
-    def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
+    def __init__(
+        self, config: MappingConfig, *, seed: int, device: str = "auto", field_is_geometry: bool = True
+    ) -> None:
         """An empty map.
 
         Args:
             config: Settings of the stage.
             seed: Start values, choice of rays, jitter and perturbations all derive from it.
             device: "auto" (CUDA where there is one), "cpu" or "cuda".
+            field_is_geometry: Whether the field decides what is free and what is occupied, or the depth alone.
 
         Raises:
             MapError: If the device or the engine that the configuration names is unknown or absent.
@@ -61,6 +65,7 @@ class NeuralMap:
             config.schedule.replay_bytes, config.schedule.pixel_share, self.backend.pixel_memory
         )
         self._occupancy = OccupancyGrid(config.occupancy)
+        self._geometry = FieldGeometry(self._occupancy) if field_is_geometry else None
         self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
         self._mesh = MeshExtractor(self._occupancy)
         self._num_frames = 0
@@ -140,7 +145,7 @@ class NeuralMap:
     @property
     def occupancy(self) -> VoxelGrid:
         """Free, occupied and unknown space as fused from depth so far; views of the arrays within."""
-        return self._occupancy.grid
+        return self._occupancy.grid if self._geometry is None else self._geometry.grid(self.sdf)
 
     def mesh(self, resolution_m: float = 0.05, *, reuse: bool = False) -> trimesh.Trimesh:
         """The observed surface in the world [m], with vertex colours; faces look into free space.
