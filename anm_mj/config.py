@@ -20,7 +20,8 @@ from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.sim.sensors.config import SensorConfig, sensor_config
+from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.presets import sensor_config
 
 _logger = logging.getLogger(__name__)
 
@@ -102,7 +103,7 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
-        sensor: a key of :data:`anm_mj.sim.sensors.config.SENSORS`.
+        sensor: a key of :data:`anm_mj.sim.sensors.presets.SENSORS`.
         **options: fields of ``RunConfig``.
 
     Raises:

@@ -22,7 +22,7 @@ import trimesh
 import tyro
 
 from anm_mj.control.motion import action_motion
-from anm_mj.evaluation.curve import CompletionCurve
+from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.frames import move_pose, wrap_angle

@@ -20,7 +20,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float, Float32
 
-from anm_mj.evaluation.curve import CompletionCurve
+from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics

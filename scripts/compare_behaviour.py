@@ -38,6 +38,7 @@ def record(
     program: Path | None = None,
     steps: int = 80,
     only: tuple[str, ...] = (),
+    settings: tuple[str, ...] = (),
 ) -> None:
     """Make the runs.
 
@@ -46,6 +47,7 @@ def record(
         program: the ``anm-mj`` of the checkout to be recorded; by default the one beside this Python.
         steps: budget of each run.
         only: names of the runs to make, such as ``home-gvg-physics``; all by default.
+        settings: settings of every run, such as ``planning.geometry=occupancy``.
     """
     for k, (scene, policy) in enumerate(itertools.product(SCENES, POLICIES)):
         # Shifted by one from scene to scene, so that every policy meets both drives.
@@ -54,6 +56,7 @@ def record(
         if only and folder.name not in only:
             continue
         options = ["--policy", policy, "--drive", drive, "--steps", str(steps), "--out", str(folder)]
+        options += [text for setting in settings for text in ("--set", setting)]
         explore = [program or Path(sys.executable).with_name("anm-mj"), "explore", scene, *options]
         subprocess.run(explore, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         print(folder.name)

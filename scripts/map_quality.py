@@ -28,7 +28,7 @@ from jaxtyping import Float
 from rich.console import Console
 from rich.table import Table
 
-from anm_mj.evaluation.coverage import COVERED_M, Coverage
+from anm_mj.evaluation.completion import COVERED_M, Coverage
 from anm_mj.evaluation.depth import MAX_DEPTH_M, back_project_reduced
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.evaluation.mesh import surface_distance

@@ -50,11 +50,23 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "environments": _BASE | {"config", "sim.make_robot", "scene", "sim", "control", "mapping", "evaluation"},
     # Many runs, each in a process of its own, and their tables.
     "bench": _BASE | {"scene", "planning", "config", "run", "io", "viz", "evaluation", "evaluation.novel_views"},
+    "cli.metrics_table": _BASE | {"evaluation"},
     "cli.progress": _BASE | {"explore", "io.recorder", "evaluation"},
     "cli.doctor": _BASE | {"sim", "io", "viz"},
     "cli": _BASE
     | _STAGES
-    | {"config", "run", "bench", "cli.progress", "cli.doctor", "io", "viz", "evaluation", "evaluation.novel_views"},
+    | {
+        "config",
+        "run",
+        "bench",
+        "cli.metrics_table",
+        "cli.progress",
+        "cli.doctor",
+        "io",
+        "viz",
+        "evaluation",
+        "evaluation.novel_views",
+    },
 }
 """What each module or folder of the package may import from the package, beside itself."""
 

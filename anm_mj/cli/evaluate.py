@@ -27,7 +27,8 @@ def add_evaluate(commands: Any) -> None:
 
 
 def _evaluate(parsed: argparse.Namespace) -> int:
-    from anm_mj.cli.progress import ProgressLine, print_metrics
+    from anm_mj.cli.metrics_table import print_metrics
+    from anm_mj.cli.progress import ProgressLine
     from anm_mj.evaluation.evaluate import evaluate_run
 
     console = Console()

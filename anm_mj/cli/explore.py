@@ -13,7 +13,7 @@ from rich.console import Console
 
 from anm_mj.cli.log import log_to
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
-from anm_mj.sim.sensors.config import SENSORS
+from anm_mj.sim.sensors.presets import SENSORS
 
 
 def add_explore(commands: Any) -> None:
@@ -90,7 +90,8 @@ def add_explore(commands: Any) -> None:
 
 
 def _explore(parsed: argparse.Namespace) -> int:
-    from anm_mj.cli.progress import Interrupt, ProgressLine, print_metrics
+    from anm_mj.cli.metrics_table import print_metrics
+    from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.config import make_config
     from anm_mj.run import run
 

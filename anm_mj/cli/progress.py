@@ -1,18 +1,15 @@
-"""A run in the terminal: one live line during the run, a table of metrics at its end."""
+"""A run in the terminal: one live line while it goes on, and a well-ordered end at Ctrl-C."""
 
 from __future__ import annotations
 
 import math
 import signal
-from pathlib import Path
 from types import FrameType
 
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
-from anm_mj.evaluation.metrics import Metrics
 from anm_mj.explore import StepReport
 from anm_mj.io.recorder import RunRecorder
 
@@ -92,28 +89,3 @@ class Interrupt:
             signal.default_int_handler(number, frame)
         self._requested = True
         self._console.print("Ending after this step and writing everything; Ctrl-C again to quit at once.")
-
-
-def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
-    """Print the metrics of a run and where its folder lies."""
-    table = Table(box=None, show_header=False)
-    for label, value, unit in (
-        ("completion ratio (< 5 cm)", metrics.completion_ratio, "%"),
-        ("completion ratio, observable", metrics.observable_ratio, "%"),
-        ("completion (capped at 1 m)", metrics.completion_cm, "cm"),
-        ("mesh accuracy", metrics.accuracy_cm, "cm"),
-        ("mesh completion ratio (< 5 cm)", metrics.mesh_completion_ratio, "%"),
-        ("mesh F-score, observed", metrics.observed_f_score, "%"),
-        ("novel-view PSNR", metrics.novel_view_psnr_db, "dB"),
-        ("novel-view SSIM", metrics.novel_view_ssim, ""),
-        ("novel-view depth L1", metrics.novel_view_depth_l1_cm, "cm"),
-        ("steps", metrics.steps, f"({metrics.turns} turns, {metrics.blocked} blocked)"),
-        ("path length", metrics.path_m, "m"),
-        ("rate", metrics.hz, "steps/s"),
-        ("peak RSS", metrics.peak_rss_mib, "MiB"),
-    ):
-        if value is not None:
-            table.add_row(label, f"{value:.2f}" if isinstance(value, float) else str(value), unit)
-    table.add_row("stop reason", metrics.stop_reason or "killed", "")
-    console.print(table)
-    console.print(f"Run folder: {folder}", highlight=False, soft_wrap=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from anm_mj.config import DRIVES
 from anm_mj.errors import TaskError
-from anm_mj.sim.sensors.config import SENSORS
+from anm_mj.sim.sensors.presets import SENSORS
 from anm_mj.types import FORWARD_STEP_M
 
 REACH_M = 1000.0

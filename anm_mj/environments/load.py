@@ -15,7 +15,7 @@ from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
 from anm_mj.scene.folder import Scene, load_scene
-from anm_mj.sim.sensors.config import sensor_config
+from anm_mj.sim.sensors.presets import sensor_config
 
 TASKS = ("explore",)
 

@@ -1,6 +1,6 @@
 """Incremental surface coverage: the new fraction of the true surface per frame, by the evaluation's measure.
 
-:class:`~anm_mj.evaluation.coverage.Coverage` keeps the distance of every sample and processes frames in batches. A
+:class:`~anm_mj.evaluation.completion.Coverage` keeps the distance of every sample and processes frames in batches. A
 reward is due after every frame and only needs to know which samples are closer than 5 cm; covered samples drop out.
 Both count the same samples (a test compares them).
 """
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.coverage import BOUND_SLACK, COVERED_M
+from anm_mj.evaluation.completion import BOUND_SLACK, COVERED_M
 from anm_mj.evaluation.depth import back_project_reduced, reduce_depth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import SceneError
-from anm_mj.evaluation.coverage import COVERED_M, uncapped_completion_cm
-from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve
+from anm_mj.evaluation.completion import COVERED_M, uncapped_completion_cm
+from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth

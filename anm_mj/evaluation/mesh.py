@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.coverage import COVERED_M, DistanceBound
+from anm_mj.evaluation.completion import COVERED_M, DistanceBound
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 
 ANCHOR_SPACING_M = 0.05

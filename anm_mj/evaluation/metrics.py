@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from anm_mj.evaluation.curve import CurveRow
+from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import MeshQuality
 from anm_mj.evaluation.view_quality import NovelViewResult, ViewQuality

@@ -1,6 +1,6 @@
 """The observable surface: samples of the true surface that the robot's camera can cover at all.
 
-A sample is observable if the protocol of :mod:`anm_mj.evaluation.coverage` covers it by a depth frame from any
+A sample is observable if the protocol of :mod:`anm_mj.evaluation.completion` covers it by a depth frame from any
 reachable place, at any of the 36 yaws. Rendering all frames would take hours. Instead, for a sample and a pose, one ray
 is cast through the pixel whose ray passes nearest to the sample; all samples within 5 cm of the hit are observable. So
 a pixel of a reachable pose certifies every sample found: none is counted that no frame could cover.
@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int32
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.coverage import COVERED_M
+from anm_mj.evaluation.completion import COVERED_M
 from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics, PixelRays
 from anm_mj.geometry.polyline import NUM_HEADINGS

@@ -16,7 +16,7 @@ import trimesh
 from jaxtyping import Float
 from PIL import Image
 
-from anm_mj.evaluation.curve import CURVE_HEADER, CompletionCurve, CurveRow
+from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import write_results
 from anm_mj.evaluation.ground_truth import GroundTruth

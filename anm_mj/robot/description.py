@@ -19,7 +19,7 @@ from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, rigid_transform
 from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.geom_extent import height_range_m, radius_about_axis_m
-from anm_mj.robot.parts import RobotParts, find_parts, isolate_robot, unused_name
+from anm_mj.robot.part_names import RobotParts, find_parts, isolate_robot, unused_name
 from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
 from anm_mj.robot.wheels import Wheel, base_frame, disable_caster_friction, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.robot.geom_extent import height_range_m, support_m
-from anm_mj.robot.parts import unused_name
+from anm_mj.robot.part_names import unused_name
 
 ALIKE_M = 1e-3
 """Largest difference between the radii of the wheels and between the heights of their axles [m]."""

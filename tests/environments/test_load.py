@@ -13,7 +13,7 @@ from anm_mj.config import DRIVES
 from anm_mj.environments.load import ExploreEnvironment
 from anm_mj.environments.task import sensed_depth
 from anm_mj.errors import SceneError, TaskError
-from anm_mj.evaluation.coverage import Coverage
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from anm_mj.environments.reward import IncrementalCoverage, SampleGrid
-from anm_mj.evaluation.coverage import Coverage
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import CAMERA, observe, room_truth

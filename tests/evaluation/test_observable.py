@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.evaluation.coverage import COVERED_M, Coverage
+from anm_mj.evaluation.completion import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import sample_surface
 from anm_mj.evaluation.observable import ReachableArea, observable_samples

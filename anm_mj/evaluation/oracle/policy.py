@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from anm_mj.errors import PlanError
-from anm_mj.evaluation.coverage import COVERED_M, Coverage
+from anm_mj.evaluation.completion import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.oracle.discretize import shorter_side, turn
 from anm_mj.evaluation.oracle.planner import TourPlanner

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Float32, Int, UInt64
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.coverage import COVERED_M
+from anm_mj.evaluation.completion import COVERED_M
 from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.roadmap import spread_places
 from anm_mj.evaluation.oracle.visibility import FAR_M, OFFSETS_M, WORD, covered_by_rays, pack

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, UInt64
 
-from anm_mj.evaluation.coverage import COVERED_M
+from anm_mj.evaluation.completion import COVERED_M
 from anm_mj.evaluation.pixel_rays import PixelRays
 from anm_mj.geometry.polyline import NUM_HEADINGS
 

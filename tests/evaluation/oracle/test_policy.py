@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
-from anm_mj.evaluation.coverage import COVERED_M, Coverage
+from anm_mj.evaluation.completion import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.oracle.planner import TourPlanner

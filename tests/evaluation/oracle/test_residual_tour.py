@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.evaluation.coverage import COVERED_M, Coverage
+from anm_mj.evaluation.completion import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 
-from anm_mj.evaluation.coverage import COVERED_M, Coverage
+from anm_mj.evaluation.completion import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.oracle.visibility import count, pack, unpack
 from anm_mj.geometry.polyline import NUM_HEADINGS

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.sim.sensors.config import SENSORS, SensorConfig
+from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.sim.sensors.depth import depth_edges, incidence_cosine
+from anm_mj.sim.sensors.presets import SENSORS
 from anm_mj.sim.sensors.sensor import Sensor
 from anm_mj.types import Intrinsics
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt16
 
-from anm_mj.evaluation.coverage import Coverage
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.types import Intrinsics, Pose2
 

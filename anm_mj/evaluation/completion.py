@@ -164,7 +164,7 @@ def uncapped_completion_cm(
 
     Args:
         samples: Samples of the true surface, world [m].
-        distance_m: Their distances below 1 m, infinite elsewhere, as :class:`~anm_mj.evaluation.coverage.Coverage`
+        distance_m: Their distances below 1 m, infinite elsewhere, as :class:`~anm_mj.evaluation.completion.Coverage`
             has them.
         clouds: The depth points of every frame, world [m].
     """
