@@ -1,0 +1,123 @@
+"""What the field says about free and occupied, against an exact field and depth with noise."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.field_geometry import FieldGeometry
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN
+from tests.mapping.ray_room import Room
+
+VOXEL_M = 0.05
+
+
+def noisy(observations, sigma_m=0.05):
+    rng = np.random.default_rng(0)
+    for seen in observations:
+        noise = rng.normal(0.0, sigma_m, seen.depth_m.shape).astype(np.float32)
+        yield replace(seen, depth_m=seen.depth_m + noise)
+
+
+def fuse(occupancy, observations):
+    for seen in observations:
+        occupancy.integrate(seen.depth_m, seen.intrinsics, seen.T_world_camera)
+    return occupancy
+
+
+def centres(grid, state):
+    return grid.origin_m + (np.argwhere(grid.state == state)[:, ::-1] + 0.5) * grid.resolution_m
+
+
+@pytest.fixture
+def occupancy(room: Room) -> OccupancyGrid:
+    return fuse(OccupancyGrid(OccupancyConfig()), noisy(room.turn(1.5, 1.5, 12, size=128)))
+
+
+def test_noise_leaves_no_obstacle_in_free_space(room, occupancy):
+    before = np.abs(room.sdf(centres(occupancy.grid, OCCUPIED)))
+    after = room.sdf(centres(FieldGeometry(occupancy).grid(room.sdf), OCCUPIED))
+    assert (before > 0.06).mean() > 0.2
+    assert after.max() <= VOXEL_M / 2 + 1e-6
+
+
+def test_surface_stays_occupied(room, occupancy):
+    grid = FieldGeometry(occupancy).grid(room.sdf)
+    wall = np.stack([np.zeros(40), np.linspace(0.5, 2.5, 40), np.full(40, 1.2)], axis=1)
+    cell = np.floor((wall - grid.origin_m) / grid.resolution_m).astype(int)
+    assert (grid.state[cell[:, 2], cell[:, 1], cell[:, 0]] == OCCUPIED).all()
+
+
+def test_field_decides_nothing_that_was_not_observed(occupancy):
+    grid = FieldGeometry(occupancy).grid(lambda points: np.full(len(points), -0.1, np.float32))
+    assert ((grid.state == UNKNOWN) == (occupancy.grid.state == UNKNOWN)).all()
+
+
+def test_field_frees_nothing_without_a_hit_beside_it(occupancy):
+    solid = FieldGeometry(occupancy).grid(lambda points: np.full(len(points), -0.1, np.float32))
+    far = (occupancy.grid.state == FREE) & (solid.state == FREE)
+    assert far.sum() > 1000
+
+
+def test_reading_again_reads_what_came_in(room, occupancy):
+    geometry = FieldGeometry(occupancy)
+    geometry.grid(room.sdf)
+    asked = []
+
+    def counted(points):
+        asked.append(len(points))
+        return room.sdf(points)
+
+    geometry.grid(counted)
+    assert not asked
+    fuse(occupancy, noisy([room.observe(1.5, 1.5, 0.0, size=128)]))
+    geometry.grid(counted)
+    everything = FieldGeometry(occupancy)
+    everything.grid(counted)
+    assert 0 < asked[0] < asked[1]
+
+
+def test_bit_by_bit_is_as_good_as_at_once(room):
+    occupancy = OccupancyGrid(OccupancyConfig())
+    geometry = FieldGeometry(occupancy)
+    for seen in noisy(room.turn(1.0, 1.0, 6, size=96) + room.turn(3.5, 2.5, 6, size=96)):
+        fuse(occupancy, [seen])
+        kept = geometry.grid(room.sdf)
+    at_once = FieldGeometry(occupancy).grid(room.sdf)
+    assert np.array_equal(kept.state, at_once.state)
+
+
+def test_changes_are_reported_by_block(room, occupancy):
+    geometry = FieldGeometry(occupancy)
+    before = geometry.grid(room.sdf)
+    old_state, old_version = before.state.copy(), before.version
+    fuse(occupancy, noisy([room.observe(1.5, 0.5, 1.2, size=128)]))
+    after = geometry.grid(room.sdf)
+    assert after.column_version is not None
+    assert after.state.shape == old_state.shape
+    moved = (after.state != old_state).any(axis=0)
+    rows, cols = (n // BLOCK for n in moved.shape)
+    blocks = moved.reshape(rows, BLOCK, cols, BLOCK).any(axis=(1, 3))
+    assert blocks.any()
+    assert (after.column_version[blocks] > old_version).all()
+    assert (after.column_version <= old_version).any()
+
+
+def test_learned_field_clears_the_floor_that_noise_blocks(tiny_config, room):
+    maps = [NeuralMap(tiny_config, seed=0, device="cpu", field_is_geometry=flag) for flag in (False, True)]
+    for seen in noisy(room.turn(1.5, 1.5, 16, size=96), sigma_m=0.03):
+        for neural_map in maps:
+            neural_map.integrate(seen)
+    blocked = []
+    for neural_map in maps:
+        grid = neural_map.occupancy
+        low, high = grid.layer_of(0.075), grid.layer_of(0.275)
+        points = np.array([[1.5 + 0.9 * math.cos(a), 1.5 + 0.9 * math.sin(a), 0.0] for a in np.linspace(0, 6.28, 200)])
+        points = points[room.sdf(points + np.array([0.0, 0.0, 0.3])) > 0.2]
+        cell = np.floor((points - grid.origin_m) / grid.resolution_m).astype(int)
+        blocked.append(float((grid.state[low:high, cell[:, 1], cell[:, 0]] == OCCUPIED).any(axis=0).mean()))
+    assert blocked[1] <= 0.5 * blocked[0]
