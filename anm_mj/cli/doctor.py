@@ -44,7 +44,7 @@ print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda e
 ENGINE_PROGRAM = """
 import json, torch
 from anm_mj.mapping.backends.select import choose_engine
-from anm_mj.mapping.backends.torch_backend import resolve_device
+from anm_mj.mapping.backends.tensor_backend import resolve_device
 choice = choose_engine()
 name, device = choice.name, "cpu"
 if name == "native":

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.mlp_backend import MlpBackend
 from anm_mj.mapping.config import MappingConfig, UncertaintyConfig, anm_mapping
 from anm_mj.mapping.neural_map import NeuralMap
@@ -22,10 +21,6 @@ def config() -> MappingConfig:
 @pytest.fixture
 def rays(room: Room) -> RayBatch:
     return sample_frame(room.observe(1.5, 1.5, 0.4), 64, np.random.default_rng(0))
-
-
-def test_it_stands_where_the_engines_stand(config):
-    assert isinstance(MlpBackend(config, seed=0, device="cpu"), MapperBackend)
 
 
 def test_one_turn_in_a_room_teaches_its_distances(config, room):

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field import DECODER_NAMES, decoder_shapes
@@ -20,10 +19,6 @@ def rays(room: Room) -> RayBatch:
 
 def _backend(config: MappingConfig, seed: int = 0) -> TorchBackend:
     return TorchBackend(config, seed=seed, device="cpu")
-
-
-def test_the_engine_implements_the_protocol(tiny_config):
-    assert isinstance(_backend(tiny_config), MapperBackend)
 
 
 def test_one_step_lowers_the_loss_on_its_own_batch(tiny_config, rays):

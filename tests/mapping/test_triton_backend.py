@@ -38,11 +38,6 @@ all_configs = pytest.mark.parametrize("config", CONFIGS)
 
 
 @all_configs
-def test_the_engine_implements_the_protocol(config, found):
-    assert found[config]["protocol"]
-
-
-@all_configs
 def test_sample_depths_are_those_of_the_torch_engine_bit_for_bit(config, found):
     assert found[config]["same_samples"]
 

@@ -19,7 +19,6 @@ import tests.typechecker  # noqa: F401  The hook finds it by name, as an attribu
 install_import_hook("anm_mj", "tests.typechecker.check")
 
 from anm_mj.errors import MapError  # noqa: E402
-from anm_mj.mapping.backends.backend import MapperBackend  # noqa: E402
 from anm_mj.mapping.backends.select import choose_engine, make_backend, triton_fault  # noqa: E402
 from anm_mj.mapping.backends.torch_backend import TorchBackend  # noqa: E402
 from anm_mj.mapping.backends.triton import field, training_step  # noqa: E402
@@ -74,7 +73,6 @@ def compare(config, rays):
     corner = CORNER_M if config.loss.smoothness > 0.0 else None
     ours = TritonBackend(config, seed=0)
     reference = TorchBackend(config, seed=1, device="cpu")
-    found["protocol"] = isinstance(ours, MapperBackend)
 
     depth = np.concatenate((rays.depth_m, np.float32([0.05, 0.1, 9.99, 10.0, 10.01, 0.0, -1.0, np.inf])))
     z = sample_depths(torch.from_numpy(depth), config.sampling, config.field.truncation_m, 2**40 + 7)

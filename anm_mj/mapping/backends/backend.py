@@ -7,12 +7,14 @@ seed, all engines draw the same samples (:func:`anm_mj.mapping.sampling.counter_
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32
 
-from anm_mj.mapping.pixel_memory import PixelMemory
+from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.pixel_memory import HostPixels, PixelMemory
 from anm_mj.mapping.rays import RayBatch
 
 
@@ -27,24 +29,20 @@ class StepLosses(NamedTuple):
     smoothness: float
 
 
-@runtime_checkable
-class MapperBackend(Protocol):
+class MapperBackend(ABC):
     """An engine: holds the parameters and the optimiser's state, trains and answers queries."""
 
-    @property
-    def name(self) -> str:
-        """Which engine it is, for the log: "torch", "triton", or "native" with its instruction set."""
-        ...
-
-    @property
-    def device(self) -> str:
-        """Where it computes, for the log: "cpu" or "cuda"."""
-        ...
+    config: MappingConfig
+    name: str
+    """Which engine it is, for the log: "torch", "triton", "mlp", or "native" with its instruction set."""
+    device: str
+    """Where it computes, for the log: "cpu" or "cuda"."""
 
     def pixel_memory(self, count: int) -> PixelMemory:
         """Room for so many pixels to replay, where the engine reads them from."""
-        ...
+        return HostPixels(count)
 
+    @abstractmethod
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam.
 
@@ -56,16 +54,16 @@ class MapperBackend(Protocol):
         Returns:
             The losses before the update.
         """
-        ...
 
+    @abstractmethod
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """The SDF s at world points [m], in fractions of the truncation, not clipped."""
-        ...
 
+    @abstractmethod
     def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
         """Colours in [0, 1] at world points [m]."""
-        ...
 
+    @abstractmethod
     def query_perturbed(
         self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
     ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
@@ -75,18 +73,18 @@ class MapperBackend(Protocol):
             points_m: World points [m].
             decoders: Each row holds all decoder weights, in the order of the parameter layout, C-contiguous.
         """
-        ...
 
+    @abstractmethod
     def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
         """What the SDF decoder's hidden layer gives at world points [m], after its activation."""
-        ...
 
+    @abstractmethod
     def query_sensitivity(
         self, points_m: Float[np.ndarray, "n 3"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
         """Squared norm of the gradient by all decoder weights, of s and of the colour (mean of the three channels)."""
-        ...
 
+    @abstractmethod
     def render(
         self,
         origin_m: Float32[np.ndarray, "n 3"],
@@ -94,16 +92,15 @@ class MapperBackend(Protocol):
         z_m: Float32[np.ndarray, "n samples"],
     ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
         """Rendered colour in [0, 1] and planar depth [m] of rays, from samples at the given depths (Eq. 1)."""
-        ...
 
+    @abstractmethod
     def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
         """Copies of all parameters by name."""
-        ...
 
+    @abstractmethod
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
         """Take over parameters by name and start the optimiser afresh.
 
         Raises:
             MapError: If a name is missing or a shape differs from the configuration's.
         """
-        ...

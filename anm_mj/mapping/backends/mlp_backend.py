@@ -22,10 +22,9 @@ from torch import Tensor
 
 from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import StepLosses
-from anm_mj.mapping.backends.torch_backend import resolve_device
+from anm_mj.mapping.backends.tensor_backend import CPU_CHUNK, TensorBackend
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field import check_state
-from anm_mj.mapping.pixel_memory import HostPixels
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.rendering import sdf_to_weight
 from anm_mj.mapping.sampling import counter_uniform
@@ -54,11 +53,12 @@ NEAREST_M = 0.07
 WEIGHT_DECAY = 0.012
 GREY = 0.5
 """The colour of a map without colours."""
-_CHUNK = 8192
 
 
-class MlpBackend:
+class MlpBackend(TensorBackend):
     """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` by a network of its own."""
+
+    name = "mlp"
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
         """Start values are drawn from ``seed``.
@@ -66,8 +66,7 @@ class MlpBackend:
         Raises:
             MapError: if the device is unknown or absent.
         """
-        self.config = config
-        self._device = resolve_device(device)
+        super().__init__(config, device, CPU_CHUNK)
         # Half of the 42 vertices of a subdivided icosahedron: the other half are their opposites.
         sphere = np.asarray(trimesh.creation.icosphere(subdivisions=1).vertices)
         order = np.lexsort(np.round(sphere, 6).T)
@@ -79,22 +78,8 @@ class MlpBackend:
         ]
         self._optimizer = Adam(config.optimizer, [], self._weights)
 
-    @property
-    def name(self) -> str:
-        """Which engine it is: "mlp"."""
-        return "mlp"
-
-    @property
-    def device(self) -> str:
-        """Where it computes: "cpu" or "cuda"."""
-        return self._device.type
-
-    def pixel_memory(self, count: int) -> HostPixels:
-        """Room for so many pixels to replay; see the protocol."""
-        return HostPixels(count)
-
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
-        """One iteration on the rays that have depth; see the protocol. There are no colours and no smoothness term."""
+        """One iteration on the rays that have depth, without colours and a smoothness term; see the base class."""
         del smoothness_corner_m
         depth = self._tensor(rays.depth_m)
         valid = (depth > NEAREST_M) & (depth <= self.config.sampling.max_depth_m)
@@ -129,11 +114,8 @@ class MlpBackend:
 
     @torch.no_grad()
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """The SDF s at world points, in fractions of the configuration's truncation; see the protocol."""
-        out = np.empty(len(points_m), np.float32)
-        for rows, points in self._chunks(points_m):
-            out[rows] = self._s(points, self._weights).cpu().numpy()
-        return out
+        """The SDF s at world points, in fractions of the configuration's truncation; see the base class."""
+        return self._ask(points_m, lambda points: self._s(points, self._weights))
 
     def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
         """Grey everywhere."""
@@ -143,7 +125,7 @@ class MlpBackend:
     def query_perturbed(
         self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
     ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
-        """The SDF s under ``k`` sets of all the network's weights, and grey; see the protocol."""
+        """The SDF s under ``k`` sets of all the network's weights, and grey; see the base class."""
         s = np.empty((len(decoders), len(points_m)), np.float32)
         for k, row in enumerate(decoders):
             ends = np.cumsum([weight.numel() for weight in self._weights])[:-1]
@@ -155,13 +137,8 @@ class MlpBackend:
 
     @torch.no_grad()
     def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
-        """What the last layer is given at world points; see the protocol."""
-        out = np.empty((len(points_m), WIDTH), np.float32)
-        for rows, points in self._chunks(points_m):
-            inputs: list[Tensor] = []
-            self._s(points, self._weights, inputs, [])
-            out[rows] = inputs[-1].cpu().numpy()
-        return out
+        """What the last layer is given at world points; see the base class."""
+        return self._ask(points_m, self._last_input, WIDTH)
 
     def query_sensitivity(
         self, points_m: Float[np.ndarray, "n 3"]
@@ -185,7 +162,7 @@ class MlpBackend:
         direction: Float32[np.ndarray, "n 3"],
         z_m: Float32[np.ndarray, "n samples"],
     ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
-        """Grey, and the rendered planar depth of rays; see the protocol."""
+        """Grey, and the rendered planar depth of rays; see the base class."""
         points = origin_m[:, None] + direction[:, None] * z_m[:, :, None]
         s = self._tensor(self.query_sdf(points.reshape(-1, 3))).view(z_m.shape)
         z = self._tensor(z_m)
@@ -198,12 +175,17 @@ class MlpBackend:
 
     @torch.no_grad()
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
-        """Take over weights by name and start the optimiser afresh; see the protocol."""
+        """Take over weights by name and start the optimiser afresh; see the base class."""
         weights = dict(zip(_names(), self._weights, strict=True))
         check_state(state, {name: tuple(weight.shape) for name, weight in weights.items()})
         for name, weight in weights.items():
             weight.copy_(torch.from_numpy(state[name]))
         self._optimizer = Adam(self.config.optimizer, [], self._weights)
+
+    def _last_input(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n width"]:
+        inputs: list[Tensor] = []
+        self._s(points, self._weights, inputs, [])
+        return inputs[-1]
 
     def _s(
         self,
@@ -235,14 +217,6 @@ class MlpBackend:
                 sums.append(summed)
             hidden = summed if layer == NUM_HIDDEN else torch.nn.functional.softplus(summed, beta=SOFTPLUS_BETA)
         return hidden[:, 0] * OUTPUT_SCALE
-
-    def _chunks(self, points_m: Float[np.ndarray, "n 3"]) -> Iterator[tuple[slice, Float[Tensor, "m 3"]]]:
-        for start in range(0, len(points_m), _CHUNK):
-            rows = slice(start, start + _CHUNK)
-            yield rows, self._tensor(points_m[rows])
-
-    def _tensor(self, array: Float[np.ndarray, "..."]) -> Float[Tensor, "..."]:
-        return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self._device)
 
 
 def _shapes(code: int) -> Iterator[tuple[int, tuple[int, ...]]]:

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends import _native
-from anm_mj.mapping.backends.backend import StepLosses
+from anm_mj.mapping.backends.backend import MapperBackend, StepLosses
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.encoding import bins_per_m, cells_per_m, index_factors
 from anm_mj.mapping.field import (
@@ -23,7 +23,6 @@ from anm_mj.mapping.field import (
     parameter_shapes,
     split_flat,
 )
-from anm_mj.mapping.pixel_memory import HostPixels
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.sampling import spaced_depths
 
@@ -31,8 +30,10 @@ _MAX_WIDTH = 1024
 """Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
 
 
-class NativeBackend:
+class NativeBackend(MapperBackend):
     """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` on the CPU."""
+
+    device = "cpu"
 
     def __init__(self, config: MappingConfig, *, seed: int, num_threads: int | None = None, kernel: str = "") -> None:
         """Start from the parameters that ``seed`` gives.
@@ -67,29 +68,13 @@ class NativeBackend:
             num_threads or torch.get_num_threads(),
             kernel,
         )
+        self.kernel: str = self._engine.kernel
+        """The instruction set in use: "v2", "v3" or "v4" (levels of x86-64) or "generic"."""
+        self.name = f"native-{self.kernel}"
         self.set_state(initial_parameters(field, seed))
 
-    @property
-    def name(self) -> str:
-        """Which engine it is: "native" with its instruction set, such as "native-v4"."""
-        return f"native-{self.kernel}"
-
-    @property
-    def device(self) -> str:
-        """Where it computes: "cpu"."""
-        return "cpu"
-
-    @property
-    def kernel(self) -> str:
-        """The instruction set in use: "v2", "v3" or "v4" (levels of x86-64) or "generic"."""
-        return self._engine.kernel
-
-    def pixel_memory(self, count: int) -> HostPixels:
-        """Room for so many pixels to replay; see the protocol."""
-        return HostPixels(count)
-
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
-        """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
+        """One iteration: sample, render, losses, gradients, Adam; see the base class."""
         return StepLosses(*self._engine.step(*_ray_arrays(rays), seed & 0xFFFFFFFF, _optional(smoothness_corner_m)))
 
     def sample_depths(self, depth_m: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, "n samples"]:
@@ -112,27 +97,27 @@ class NativeBackend:
         return StepLosses(*losses), {"table": table, **self._split(decoders)}
 
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """The SDF s at world points, in fractions of the truncation; see the protocol."""
+        """The SDF s at world points, in fractions of the truncation; see the base class."""
         return self._engine.query_sdf(_floats(points_m))
 
     def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-        """Colours in [0, 1] at world points; see the protocol."""
+        """Colours in [0, 1] at world points; see the base class."""
         return self._engine.query_rgb(_floats(points_m))
 
     def query_perturbed(
         self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
     ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
-        """The SDF s and colours under ``k`` sets of decoder weights; see the protocol."""
+        """The SDF s and colours under ``k`` sets of decoder weights; see the base class."""
         return self._engine.query_perturbed(_floats(points_m), _floats(decoders))
 
     def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
-        """The SDF decoder's hidden layer at world points; see the protocol."""
+        """The SDF decoder's hidden layer at world points; see the base class."""
         return self._engine.query_hidden(_floats(points_m))
 
     def query_sensitivity(
         self, points_m: Float[np.ndarray, "n 3"]
     ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Squared gradient norms by all decoder weights; see the protocol."""
+        """Squared gradient norms by all decoder weights; see the base class."""
         return self._engine.query_sensitivity(_floats(points_m))
 
     def render(
@@ -141,7 +126,7 @@ class NativeBackend:
         direction: Float32[np.ndarray, "n 3"],
         z_m: Float32[np.ndarray, "n samples"],
     ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
-        """Rendered colour and planar depth of rays; see the protocol."""
+        """Rendered colour and planar depth of rays; see the base class."""
         return self._engine.render(_floats(origin_m), _floats(direction), _floats(z_m))
 
     def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
@@ -150,7 +135,7 @@ class NativeBackend:
         return {"table": table, **self._split(decoders)}
 
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
-        """Take over parameters by name and start the optimiser afresh; see the protocol."""
+        """Take over parameters by name and start the optimiser afresh; see the base class."""
         check_state(state, parameter_shapes(self.config.field))
         decoders = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
         self._engine.set_state(_floats(state["table"]), _floats(decoders))

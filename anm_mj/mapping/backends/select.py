@@ -20,7 +20,8 @@ import torch
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.mlp_backend import MlpBackend
-from anm_mj.mapping.backends.torch_backend import TorchBackend, resolve_device
+from anm_mj.mapping.backends.tensor_backend import resolve_device
+from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import ENGINES, MappingConfig
 
 _LOG = logging.getLogger(__name__)

@@ -13,8 +13,6 @@ interchangeable. Atomics sum the table's gradient, so two runs differ in the las
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import torch
 from jaxtyping import Float, Float32
@@ -22,7 +20,7 @@ from torch import Tensor
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import StepLosses
-from anm_mj.mapping.backends.torch_backend import resolve_device, sensitivity
+from anm_mj.mapping.backends.tensor_backend import CUDA_CHUNK, HashGridBackend
 from anm_mj.mapping.backends.triton.batch import capacity_for
 from anm_mj.mapping.backends.triton.field import TritonField
 from anm_mj.mapping.backends.triton.launch import INTERPRETED
@@ -30,16 +28,14 @@ from anm_mj.mapping.backends.triton.pixels import DevicePixels
 from anm_mj.mapping.backends.triton.training_step import TrainingStep
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.encoding import one_blob
-from anm_mj.mapping.field import initial_parameters, sdf_hidden
+from anm_mj.mapping.field import initial_parameters
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import composite, sdf_to_weight
-
-_CHUNK = 1 << 18
-"""Points per query."""
 
 
-class TritonBackend:
+class TritonBackend(HashGridBackend):
     """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` on a CUDA device, or in the interpreter."""
+
+    name = "triton"
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
         """Start from the parameters that ``seed`` gives.
@@ -53,9 +49,8 @@ class TritonBackend:
             MapError: If a layer or a ray's samples are too many for the kernels, or the device is a CPU and the
                 kernels are not interpreted.
         """
-        self.config = config
-        self._device = resolve_device(device)
-        if self._device.type == "cpu" and not INTERPRETED:
+        super().__init__(config, device, CUDA_CHUNK)
+        if self.device == "cpu" and not INTERPRETED:
             raise MapError("The Triton engine needs a CUDA device, and there is none; use engine 'auto' or 'torch'.")
         self._field = TritonField(config, self._device)
         self._period_m = torch.tensor(config.field.blob_period_m, device=self._device)
@@ -63,22 +58,12 @@ class TritonBackend:
         self._num_steps = 0
         self.set_state(initial_parameters(config.field, seed))
 
-    @property
-    def name(self) -> str:
-        """Which engine it is: "triton"."""
-        return "triton"
-
-    @property
-    def device(self) -> str:
-        """Where it computes: "cuda", or "cpu" in the interpreter."""
-        return self._device.type
-
     def pixel_memory(self, count: int) -> DevicePixels:
-        """Room for so many pixels to replay, on the device; see the protocol."""
+        """Room for so many pixels to replay, on the device; see the base class."""
         return DevicePixels(count, self._device)
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
-        """One iteration: sample, render, losses, gradients, Adam; see the protocol."""
+        """One iteration: sample, render, losses, gradients, Adam; see the base class."""
         self._num_steps += 1
         training = self._loaded(rays, seed, smoothness_corner_m)
         training.run()
@@ -105,81 +90,29 @@ class TritonBackend:
         return training.losses(len(rays)), gradients
 
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """The SDF s at world points, in fractions of the truncation; see the protocol."""
-        out = np.empty(len(points_m), np.float32)
-        for rows, points in self._chunks(points_m):
-            out[rows] = self._field.decode(points, self._field.weights[None], color=False)[0][0].cpu().numpy()
-        return out
-
-    def query_rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-        """Colours in [0, 1] at world points; see the protocol."""
-        out = np.empty((len(points_m), 3), np.float32)
-        for rows, points in self._chunks(points_m):
-            out[rows] = self._field.decode(points, self._field.weights[None])[1][0].t().cpu().numpy()
-        return out
+        """The SDF s at world points, in fractions of the truncation; see the base class."""
+        weights = self._field.weights[None]
+        return self._ask(points_m, lambda points: self._field.decode(_columns(points), weights, color=False)[0][0])
 
     def query_perturbed(
         self, points_m: Float[np.ndarray, "n 3"], decoders: Float32[np.ndarray, "k weights"]
     ) -> tuple[Float32[np.ndarray, "k n"], Float32[np.ndarray, "k n 3"]]:
-        """The SDF s and colours under ``k`` sets of decoder weights; see the protocol."""
+        """The SDF s and colours under ``k`` sets of decoder weights; see the base class."""
         s_out = np.empty((len(decoders), len(points_m)), np.float32)
         rgb_out = np.empty((len(decoders), len(points_m), 3), np.float32)
         weights = self._tensor(decoders)
-        for rows, points in self._chunks(points_m, max(1, _CHUNK // len(decoders))):
-            s, rgb = self._field.decode(points, weights)
+        for rows, points in self._chunks(points_m, max(1, self._chunk // len(decoders))):
+            s, rgb = self._field.decode(_columns(points), weights)
             s_out[:, rows] = s.cpu().numpy()
             rgb_out[:, rows] = rgb.transpose(1, 2).cpu().numpy()
         return s_out, rgb_out
-
-    @torch.no_grad()
-    def query_hidden(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n hidden"]:
-        """The SDF decoder's hidden layer at world points; see the protocol."""
-        weights = self._field.split_weights()[0]
-        out = np.empty((len(points_m), len(weights)), np.float32)
-        for rows, points in self._chunks(points_m):
-            blob = one_blob(points.t(), self._period_m, self.config.field.blob_bins)
-            out[rows] = sdf_hidden(weights, self._field.features(points).t(), blob).cpu().numpy()
-        return out
-
-    @torch.no_grad()
-    def query_sensitivity(
-        self, points_m: Float[np.ndarray, "n 3"]
-    ) -> tuple[Float32[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-        """Squared gradient norms by all decoder weights; see the protocol."""
-        s_out = np.empty(len(points_m), np.float32)
-        rgb_out = np.empty(len(points_m), np.float32)
-        for rows, points in self._chunks(points_m):
-            blob = one_blob(points.t(), self._period_m, self.config.field.blob_bins)
-            s, rgb = sensitivity(self._field.split_weights(), self._field.features(points).t(), blob)
-            s_out[rows], rgb_out[rows] = s.cpu().numpy(), rgb.cpu().numpy()
-        return s_out, rgb_out
-
-    def render(
-        self,
-        origin_m: Float32[np.ndarray, "n 3"],
-        direction: Float32[np.ndarray, "n 3"],
-        z_m: Float32[np.ndarray, "n samples"],
-    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
-        """Rendered colour and planar depth of rays; see the protocol."""
-        rgb_out = np.empty((len(z_m), 3), np.float32)
-        depth_out = np.empty(len(z_m), np.float32)
-        chunk = max(1, _CHUNK // z_m.shape[1])
-        for start in range(0, len(z_m), chunk):
-            rows = slice(start, start + chunk)
-            z = self._tensor(z_m[rows])
-            points = self._tensor(origin_m[rows])[:, None] + self._tensor(direction[rows])[:, None] * z[:, :, None]
-            s, rgb = self._field.decode(points.view(-1, 3).t().contiguous(), self._field.weights[None])
-            weights = sdf_to_weight(s.view(z.shape), z, self.config.field.truncation_m)
-            rgb_out[rows] = composite(weights, rgb[0].t().reshape(*z.shape, 3)).cpu().numpy()
-            depth_out[rows] = (weights * z).sum(dim=1).cpu().numpy()
-        return rgb_out, depth_out
 
     def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
         """Copies of all parameters by name."""
         return self._field.get_state()
 
     def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
-        """Take over parameters by name and start the optimiser afresh; see the protocol."""
+        """Take over parameters by name and start the optimiser afresh; see the base class."""
         self._field.set_state(state)
         self._num_steps = 0
 
@@ -195,12 +128,18 @@ class TritonBackend:
         training.load(rays, seed, corner_m, max(1, self._num_steps))
         return training
 
-    def _chunks(
-        self, points_m: Float[np.ndarray, "n 3"], chunk: int = _CHUNK
-    ) -> Iterator[tuple[slice, Float[Tensor, "3 m"]]]:
-        for start in range(0, len(points_m), chunk):
-            rows = slice(start, start + chunk)
-            yield rows, self._tensor(points_m[rows].T)
+    def _encode(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n features"], Float[Tensor, "n blob"]]:
+        columns = _columns(points)
+        return self._field.features(columns).t(), one_blob(columns.t(), self._period_m, self.config.field.blob_bins)
 
-    def _tensor(self, array: Float[np.ndarray, "..."]) -> Float[Tensor, "..."]:
-        return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self._device)
+    def _decode(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n 3"]]:
+        s, rgb = self._field.decode(_columns(points), self._field.weights[None])
+        return s[0], rgb[0].t()
+
+    def _decoders(self) -> list[Float[Tensor, "_ _"]]:
+        return self._field.split_weights()
+
+
+def _columns(points: Float[Tensor, "n 3"]) -> Float[Tensor, "3 n"]:
+    """Points as the kernels read them, coordinate by coordinate."""
+    return points.t().contiguous()
