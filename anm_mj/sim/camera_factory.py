@@ -6,7 +6,7 @@ import logging
 
 import mujoco
 
-from anm_mj.sim.camera import VISIBLE_GROUPS, Camera
+from anm_mj.sim.camera import Camera
 from anm_mj.sim.gl import GlBackend, require_unforked
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.ray_camera import EmbreeCamera, MujocoRayCamera
@@ -56,7 +56,7 @@ def camera_kind(model: mujoco.MjModel, backend: GlBackend) -> str:
 
     The speed of the machine has no influence, so the same run gets the same images.
     """
-    geoms = visible_geoms(model, VISIBLE_GROUPS)
+    geoms = visible_geoms(model)
     embree = embree_installed() and len(geoms) > 0 and bool(are_static_meshes(model, geoms).all())
     if backend.name == "off":
         return EmbreeCamera.kind if embree else MujocoRayCamera.kind

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
 from anm_mj.scene.chunks import MIN_TRIANGLES
+from anm_mj.sim.camera import VISIBLE_GROUPS
 from anm_mj.types import Intrinsics
 
 _BLOCK_PX = 8
@@ -34,17 +35,16 @@ def is_worth_culling(model: mujoco.MjModel) -> bool:
 class Culling:
     """Selects the meshes that a camera must render."""
 
-    def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics, groups: tuple[int, ...], *, znear_m: float):
+    def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics, *, znear_m: float):
         """Compute bounding boxes of the static meshes; all other geoms are always rendered.
 
         Args:
             model: its meshes and their poses must not change.
             intrinsics: of the camera.
-            groups: visible geom groups.
             znear_m: distance of the near plane [m].
         """
         still = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & (model.body_weldid[model.geom_bodyid] == 0)
-        self._geoms = np.flatnonzero(still & np.isin(model.geom_group, groups))
+        self._geoms = np.flatnonzero(still & np.isin(model.geom_group, VISIBLE_GROUPS))
         self._corners_m = _box_corners(model, self._geoms)
         self._intrinsics = intrinsics
         self._znear_m = znear_m

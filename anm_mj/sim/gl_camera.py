@@ -39,7 +39,6 @@ class GlCamera(Camera):
         height: int,
         *,
         cull_face: bool = True,
-        visible_groups: tuple[int, ...] = VISIBLE_GROUPS,
         cull_hidden: bool | None = None,
     ):
         """Upload the model's meshes and textures to GL.
@@ -50,7 +49,6 @@ class GlCamera(Camera):
             width: columns [px].
             height: rows [px].
             cull_face: skip back faces: a third faster, but single-sided walls become transparent from behind.
-            visible_groups: visible geom groups.
             cull_hidden: skip meshes that are out of view or occluded, with bit-identical images. None: only for models
                 with enough triangles to save time.
 
@@ -65,8 +63,8 @@ class GlCamera(Camera):
             self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{name}")] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = int(cull_face)
         self._option = mujoco.MjvOption()
-        self._option.geomgroup[:] = [group in visible_groups for group in range(mujoco.mjNGROUP)]
-        self._hidden_group = next(group for group in range(mujoco.mjNGROUP) if group not in visible_groups)
+        self._option.geomgroup[:] = [group in VISIBLE_GROUPS for group in range(mujoco.mjNGROUP)]
+        self._hidden_group = next(group for group in range(mujoco.mjNGROUP) if group not in VISIBLE_GROUPS)
         self._option.sitegroup[:] = 0
         self._viewpoint = mujoco.MjvCamera()
         self._viewpoint.type = mujoco.mjtCamera.mjCAMERA_FIXED
@@ -75,7 +73,7 @@ class GlCamera(Camera):
         self._culling = None
         if is_worth_culling(model) if cull_hidden is None else cull_hidden:
             znear_m = model.vis.map.znear * model.stat.extent
-            self._culling = Culling(model, self._intrinsics, visible_groups, znear_m=znear_m)
+            self._culling = Culling(model, self._intrinsics, znear_m=znear_m)
         self._rgb = np.empty((height, width, 3), np.uint8)
         self._depth = np.empty((height, width), np.float32)
 

@@ -39,15 +39,7 @@ class EmbreeCamera(_RayCamera):
 
     kind = "embree"
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        camera_name: str,
-        width: int,
-        height: int,
-        *,
-        visible_groups: tuple[int, ...] = VISIBLE_GROUPS,
-    ):
+    def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
         """Build Embree's tree over all visible triangles; takes a second per million.
 
         Raises:
@@ -55,7 +47,7 @@ class EmbreeCamera(_RayCamera):
             RayCastError: if Embree is not installed.
         """
         super().__init__(model, camera_name, width, height)
-        geoms = visible_geoms(model, visible_groups)
+        geoms = visible_geoms(model)
         if not len(geoms) or not are_static_meshes(model, geoms).all():
             raise RenderError("Embree sees static meshes only; use MujocoRayCamera or GlCamera for this model.")
         mesh = render_mesh(model, geoms)
@@ -98,22 +90,14 @@ class MujocoRayCamera(_RayCamera):
 
     kind = "mujoco rays"
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        camera_name: str,
-        width: int,
-        height: int,
-        *,
-        visible_groups: tuple[int, ...] = VISIBLE_GROUPS,
-    ):
+    def __init__(self, model: mujoco.MjModel, camera_name: str, width: int, height: int):
         """Compute one colour per geom.
 
         Raises:
             RenderError: if there is no such camera.
         """
         super().__init__(model, camera_name, width, height)
-        self._groups = np.array([group in visible_groups for group in range(mujoco.mjNGROUP)], np.uint8)
+        self._groups = np.array([group in VISIBLE_GROUPS for group in range(mujoco.mjNGROUP)], np.uint8)
         self._colours = 255.0 * mean_colours(model)
 
     def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:

@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32, UInt8
 
+from anm_mj.sim.camera import VISIBLE_GROUPS
+
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
 _NO_MATERIAL_RGB = (0.5, 0.5, 0.5)
 """MuJoCo's colour for geoms without one."""
@@ -28,9 +30,9 @@ class RenderMesh:
     textures: tuple[UInt8[np.ndarray, "_ _ 3"], ...]
 
 
-def visible_geoms(model: mujoco.MjModel, groups: tuple[int, ...]) -> Int[np.ndarray, " n"]:
-    """Ids of the geoms in these groups that are not fully transparent."""
-    return np.flatnonzero(np.isin(model.geom_group, groups) & (_rgba(model)[:, 3] > 0.0))
+def visible_geoms(model: mujoco.MjModel) -> Int[np.ndarray, " n"]:
+    """Ids of the geoms in :data:`VISIBLE_GROUPS` that are not fully transparent."""
+    return np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS) & (_rgba(model)[:, 3] > 0.0))
 
 
 def are_static_meshes(model: mujoco.MjModel, geoms: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

@@ -8,14 +8,11 @@ import pytest
 
 from anm_mj.sim.culling import Culling, is_worth_culling
 from anm_mj.sim.gl_camera import GlCamera
+from tests.sim.evenly_lit import HEADER
 
 _SCENE = """
 <mujoco>
-  <statistic extent="1"/>
-  <visual>
-    <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/>
-    <map znear="0.02" zfar="50"/>
-  </visual>
+  {header}
   <asset>
     <mesh name="crate" vertex="-.3 -.3 0  .3 -.3 0  .3 .3 0  -.3 .3 0  -.3 -.3 .9  .3 -.3 .9  .3 .3 .9  -.3 .3 .9"/>
     <mesh name="wall" vertex="-2 -.1 0  2 -.1 0  2 .1 0  -2 .1 0  -2 -.1 2.5  2 -.1 2.5  2 .1 2.5  -2 .1 2.5"/>
@@ -45,7 +42,7 @@ def _maze() -> str:
 
 
 def _model(geoms: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = mujoco.MjModel.from_xml_string(_SCENE.format(geoms=geoms))
+    model = mujoco.MjModel.from_xml_string(_SCENE.format(header=HEADER, geoms=geoms))
     return model, mujoco.MjData(model)
 
 

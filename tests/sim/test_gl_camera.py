@@ -10,14 +10,11 @@ from anm_mj.errors import RenderError
 from anm_mj.frames import back_project, transform_points
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.types import Intrinsics
+from tests.sim.evenly_lit import HEADER
 
 _SCENE = """
 <mujoco>
-  <statistic extent="1"/>
-  <visual>
-    <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/>
-    <map znear="0.02" zfar="50"/>
-  </visual>
+  {header}
   <worldbody>
     <camera name="camera" pos="0.3 -0.2 1.25" xyaxes="{axes}" fovy="{fovy}"/>
     {geoms}
@@ -28,7 +25,7 @@ _LOOKING_ALONG_X = "0 -1 0 0 0 1"
 
 
 def _compile(geoms: str, axes: str = _LOOKING_ALONG_X, fovy: float = 90.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = mujoco.MjModel.from_xml_string(_SCENE.format(geoms=geoms, axes=axes, fovy=fovy))
+    model = mujoco.MjModel.from_xml_string(_SCENE.format(header=HEADER, geoms=geoms, axes=axes, fovy=fovy))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return model, data

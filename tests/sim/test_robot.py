@@ -10,14 +10,11 @@ from anm_mj.errors import RenderError
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.robot import SimRobot
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Pose2, Twist, WheelSpeeds
+from tests.sim.evenly_lit import HEADER
 
-_SCENE = """
+_SCENE = f"""
 <mujoco>
-  <statistic extent="1"/>
-  <visual>
-    <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/>
-    <map znear="0.02" zfar="50"/>
-  </visual>
+  {HEADER}
   <worldbody>
     <geom type="box" pos="3.5 0 0" size="0.5 9 9"/>
     <body name="base">
