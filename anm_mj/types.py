@@ -1,9 +1,10 @@
 """The values that cross a stage border: frozen, numpy only, each with shape, unit and frame.
 
 Conventions, once for the whole project: the world is right-handed with z up and the floor at z = 0; ``T_a_b`` maps
-coordinates of frame ``b`` to frame ``a``; camera axes are x right, y down, z forward; depth is planar z in metres with
-NaN where nothing was hit; pixel centres lie at +0.5; two-dimensional grids are indexed ``[row, col]`` with row along
-world y and col along world x, three-dimensional ones ``[layer, row, col]`` with layer along world z.
+coordinates of frame ``b`` to frame ``a``; camera axes are x right, y down, z forward; depth is planar z in metres, in
+observations +inf where the sensor looked farther than its range and NaN where it measured nothing; pixel centres lie at
++0.5; two-dimensional grids are indexed ``[row, col]`` with row along world y and col along world x, three-dimensional
+ones ``[layer, row, col]`` with layer along world z.
 """
 
 from __future__ import annotations

@@ -74,7 +74,8 @@ def evaluate_novel_views(
     """
     record = read_run(path)
     world = explored_scene(record, scene)
-    neural_map = NeuralMap.load(record.folder.map)
+    # What was observed is a matter of depth alone, or the quality of a map would decide on which views it is evaluated.
+    neural_map = NeuralMap.load(record.folder.map, field_is_geometry=False)
     found, pictures = list[NovelView](), []
     for pose, seen, observed in islice(_observed_views(record, world, neural_map.occupancy, seed), views):
         rgb, depth_m = neural_map.render(seen.intrinsics, seen.T_world_camera)

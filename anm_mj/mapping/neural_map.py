@@ -83,9 +83,10 @@ class NeuralMap:
         """
         schedule = self.config.schedule
         observation = _measured(observation)
+        # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
+        self._occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
         if np.isnan(observation.depth_m).all():
             return MapUpdate(math.nan, 0, len(self._keyframes))
-        self._occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
         self._fit_table()
         first = self._num_frames == 0
         if self._num_frames % schedule.keyframe_every == 0:
@@ -144,7 +145,10 @@ class NeuralMap:
 
     @property
     def occupancy(self) -> VoxelGrid:
-        """Free, occupied and unknown space as fused from depth so far; views of the arrays within."""
+        """Free, occupied and unknown space as of now; views of the arrays within.
+
+        Depth decides what was observed; between free and occupied the field decides, or the depth, as set at the start.
+        """
         return self._occupancy.grid if self._geometry is None else self._geometry.grid(self.sdf)
 
     def mesh(self, resolution_m: float = 0.05, *, reuse: bool = False) -> trimesh.Trimesh:
@@ -199,8 +203,13 @@ class NeuralMap:
         )
 
     @classmethod
-    def load(cls, path: Path, *, device: str = "auto") -> NeuralMap:
+    def load(cls, path: Path, *, device: str = "auto", field_is_geometry: bool = True) -> NeuralMap:
         """The map that was saved at ``path``.
+
+        Args:
+            path: The file, ``map.pt`` of a run folder.
+            device: As of a new map.
+            field_is_geometry: As of a new map; the file does not say.
 
         Raises:
             MapError: If the file is missing or is not such a map.
@@ -215,7 +224,7 @@ class NeuralMap:
             found = saved.get("format") if isinstance(saved, dict) else type(saved).__name__
             raise MapError(f"{path} holds {found!r}, not {_FORMAT!r}; it was written by another program or version.")
         config = with_available_engine(config_from_dict(saved["config"]))
-        loaded = cls(config, seed=saved["seed"], device=device)
+        loaded = cls(config, seed=saved["seed"], device=device, field_is_geometry=field_is_geometry)
         arrays = {name: value.numpy() for name, value in saved["arrays"].items()}
         loaded.backend.set_state(_part(arrays, "field."))
         loaded._occupancy.set_state(_part(arrays, "occupancy."))

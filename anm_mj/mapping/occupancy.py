@@ -100,7 +100,8 @@ class OccupancyGrid:
         """Fuse one depth image: carve what was looked through, then mark what was hit.
 
         Args:
-            depth_m: Planar depth [m]; NaN where nothing was hit.
+            depth_m: Planar depth [m]; +inf where the sensor looked farther than its range, NaN where it measured
+                nothing.
             intrinsics: The camera.
             T_world_camera: Camera to world.
         """

@@ -8,7 +8,7 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.config import FieldConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.types import FREE, OCCUPIED
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from tests.mapping.ray_room import Room
 
 
@@ -209,6 +209,8 @@ def test_first_frame_may_be_blind(tiny_config, room):
     first, second = room.turn(1.5, 1.5, 2)
     update = neural_map.integrate(replace(first, depth_m=np.full_like(first.depth_m, np.nan)))
     assert (update.num_iterations, update.num_keyframes) == (0, 0)
+    assert neural_map.occupancy.state.size > 0
+    assert (neural_map.occupancy.state == UNKNOWN).all()
     assert neural_map.integrate(second).num_keyframes == 1
 
 
