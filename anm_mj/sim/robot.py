@@ -122,7 +122,7 @@ class SimRobot:
         mujoco.mj_camlight(self._model, self._data)
         rgb, exact_m = self._camera.render(self._data)
         rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, self._step)
-        self._true_depth_m = np.where(np.isnan(depth_m), np.float32(np.nan), exact_m)
+        self._true_depth_m = np.where(np.isfinite(depth_m), exact_m, np.float32(np.nan))
         pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
         if self._T_base_camera is not None:
             pose = self.odometry

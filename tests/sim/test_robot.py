@@ -9,6 +9,7 @@ import pytest
 from anm_mj.errors import RenderError
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.robot import SimRobot
+from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Pose2, Twist, WheelSpeeds
 from tests.sim.evenly_lit import HEADER
 
@@ -78,6 +79,16 @@ def test_observation_after_a_motion(robot):
     assert (before.pose, after.pose) == (Pose2(0.0, 0.0, 0.0), Pose2(1.0, 0.0, 0.0))
     np.testing.assert_allclose(after.T_world_camera[:3, 3], [1.0, 0.0, 1.25])
     np.testing.assert_allclose(after.T_world_camera[:3, :3], [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize(("limits", "seen_m"), [({}, 3.0), ({"max_range_m": 2.0}, None), ({"min_range_m": 4.0}, None)])
+def test_true_view_holds_what_the_sensor_gave(robot, limits, seen_m):
+    camera = GlCamera(robot.model, "camera", 64, 64)
+    sensor = SensorConfig(**limits)
+    with SimRobot(robot.model, robot.data, camera, _Slide(robot.data), _FOOTPRINT, sensor=sensor) as limited:
+        limited.observe()
+        true_m = limited.true_view().depth_m
+    np.testing.assert_allclose(true_m, np.nan if seen_m is None else seen_m, atol=1e-4)
 
 
 def test_steps_count_every_action_but_stop(robot):

@@ -57,13 +57,13 @@ class NoisyOdometry:
             return self._believed
         a1, a2, a3, a4 = self._alpha
         noise = self._generator.standard_normal(3)
-        first += math.sqrt(a1 * first**2 + a2 * distance**2) * noise[0]
+        noisy_first = first + math.sqrt(a1 * first**2 + a2 * distance**2) * noise[0]
         noisy_distance = distance + math.sqrt(a3 * distance**2 + a4 * (first**2 + second**2)) * noise[1]
-        second += math.sqrt(a1 * second**2 + a2 * distance**2) * noise[2]
-        yaw = self._believed.yaw_rad + first
+        noisy_second = second + math.sqrt(a1 * second**2 + a2 * distance**2) * noise[2]
+        yaw = self._believed.yaw_rad + noisy_first
         self._believed = Pose2(
             self._believed.x_m + noisy_distance * math.cos(yaw),
             self._believed.y_m + noisy_distance * math.sin(yaw),
-            wrap_angle(yaw + second),
+            wrap_angle(yaw + noisy_second),
         )
         return self._believed
