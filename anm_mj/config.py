@@ -117,8 +117,8 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
         name, equals, value = text.partition("=")
         if not equals:
             raise ConfigError(f"--set {text} has no '='; write it as group.name=value, as in planning.margin_m=0.06.")
-        if name in OPTIONS:
-            raise ConfigError(f"--set {name} is not how it is given; use --{name} {value}.")
+        if name in OPTIONS or name in ("sensor", "sensor.name"):
+            raise ConfigError(f"--set {name} is not how it is given; use --{name.partition('.')[0]} {value}.")
         keys = _present_name(config, name)
         default = _setting(config, keys)
         if default is None:

@@ -64,12 +64,14 @@ def test_a_former_name_of_a_setting_is_accepted(policy, former, present):
         ("planning.margin=0.1", "did you mean planning.margin_m"),
         ("tour_depht=3", "did you mean policy.tour_depth"),
         ("margin_m=0.1", "did you mean planning.margin_m"),
-        ("planning.xyz=1", "there are planning.margin_m, planning.sdf"),
+        ("planning.xyz=1", "there are planning.geometry, planning.margin_m, planning.sdf"),
         ("planning=1", "no such setting"),
         ("policy_settings=1", "no such setting"),
         ("planning.margin_m.x=1", "no such setting"),
         ("policy.bootstrap_turns=all", "not of type int"),
         ("policy=random", "use --policy random"),
+        ("sensor=d435i", "use --sensor d435i"),
+        ("sensor.name=d435i", "use --sensor d435i"),
     ],
 )
 def test_a_wrong_setting_is_refused_with_what_would_be_right(setting, said):

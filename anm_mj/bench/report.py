@@ -88,7 +88,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
 
 def _variant(row: dict[str, Any]) -> str:
     """Variant of a row of the results table."""
-    return variant(row["policy"], row["preset"], row["settings"])
+    return variant(row["policy"], row["preset"], row["sensor"], row["settings"])
 
 
 def _mean_row(rows: Sequence[dict[str, Any]], scene: str, name: str) -> dict[str, Any]:

@@ -21,8 +21,8 @@ from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.utils.files import atomic_write
 
-USUAL_PRESET = "default"
-"""Preset that variant names leave out."""
+USUAL_PRESET, USUAL_SENSOR = "default", "exact"
+"""Preset and sensor that variant names leave out."""
 COMPLETION, OBSERVABLE = 1, 3
 """Columns of a curve: completion ratio, and completion ratio of the observable surface."""
 LEVELS = (90, 95, 99)
@@ -45,8 +45,13 @@ class Result:
 
     @property
     def variant(self) -> str:
-        """Policy, with preset and settings if these are not the defaults."""
-        return variant(self.job["policy"], self.job["preset"], " ".join(self.job["settings"]))
+        """Policy, with preset, sensor and settings if these are not the defaults."""
+        return variant(self.job["policy"], self.job["preset"], self.sensor, " ".join(self.job["settings"]))
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor; runs made before there were sensors had the exact one."""
+        return self.job.get("sensor", USUAL_SENSOR)
 
     def steps_to(self, level: float) -> float:
         """First step of the curve at which the observable completion ratio reaches a level [%]; NaN if none."""
@@ -60,15 +65,17 @@ class Result:
         return float(np.trapezoid(values, steps) / budget)
 
 
-def variant(policy: str, preset: str, settings: str) -> str:
+def variant(policy: str, preset: str, sensor: str, settings: str) -> str:
     """Name of a variant, such as ``anm-s (policy.target=random)``; its runs differ by start and seed.
 
     Args:
         policy: Name of the policy.
         preset: Mapping preset.
+        sensor: Name of the sensor.
         settings: Settings, as in the results table.
     """
-    special = " ".join(text for text in ("" if preset == USUAL_PRESET else preset, settings) if text)
+    usual = ("", USUAL_PRESET, USUAL_SENSOR)
+    special = " ".join(text for text in (preset, sensor, settings) if text not in usual)
     return f"{policy} ({special})" if special else policy
 
 
@@ -118,6 +125,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             "seed": job["seed"],
             "revision": result.revision,
             "preset": job["preset"],
+            "sensor": result.sensor,
             "settings": " ".join(job["settings"]),
             "budget": job["steps"],
             **metrics,

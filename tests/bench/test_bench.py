@@ -56,13 +56,15 @@ def test_every_run_is_a_row(file, tmp_path):
 def test_a_policy_with_other_settings_is_another_row(tmp_path):
     sweep = '[[sweep]]\nscenes = ["home"]\npolicies = ["anm-s"]\nsteps = 300\n'
     file = tmp_path / "ablation.toml"
-    file.write_text(f'{sweep}{sweep}settings = ["planning.target=random"]\n{sweep}preset = "paper"\n')
+    file.write_text(
+        f'{sweep}{sweep}settings = ["planning.target=random"]\n{sweep}preset = "paper"\n{sweep}sensor = "d435i"\n'
+    )
 
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
 
     text = (tmp_path / "out" / "table.md").read_text()
     names = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| anm-s")]
-    assert names == ["anm-s", "anm-s (planning.target=random)", "anm-s (paper)"]
+    assert names == ["anm-s", "anm-s (planning.target=random)", "anm-s (paper)", "anm-s (d435i)"]
 
 
 def test_existing_runs_are_skipped(file, tmp_path):
