@@ -47,7 +47,8 @@ def measure_depth(
         measured = _stereo(inverse, spread, intrinsics, config)
     else:
         measured = _time_of_flight(sampled, spread, cos_incidence, edge, scale_error, config, generator)
-    measured[missing] = np.nan
+    # A pixel between a surface and the sky is no measurement either.
+    measured[missing | ~np.isfinite(measured)] = np.nan
     return _in_range(measured, sampled, config, np.float32(np.nan))
 
 
@@ -125,8 +126,8 @@ def _time_of_flight(
     generator: np.random.Generator,
 ) -> Float32[np.ndarray, "h w"]:
     """Depth with a spread that grows as the returned light falls, and flying pixels at edges."""
-    sigma = np.float32(config.tof_sigma_m) * depth_m**2 / np.maximum(cos_incidence, np.float32(0.1))
     with np.errstate(invalid="ignore"):
+        sigma = np.float32(config.tof_sigma_m) * depth_m**2 / np.maximum(cos_incidence, np.float32(0.1))
         measured = depth_m * np.float32(1.0 + scale_error) + sigma * spread
     flying = edge & (generator.random(edge.shape, np.float32) < config.flying_share)
     flying[:, 0] = False

@@ -38,6 +38,14 @@ def test_exact_sensor_says_farther():
     assert np.isposinf(measured(np.full((96, 128), np.nan, np.float32), SENSORS["exact"])).all()
 
 
+def test_flying_pixels_before_the_sky_are_missing():
+    depth = np.full((96, 128), 1.0, np.float32)
+    depth[:, 64:] = np.inf
+    flown = measured(depth, SensorConfig(depth="tof", flying_share=1.0))
+    assert np.isnan(flown[:, 64:]).all()
+    assert not np.isinf(flown).any()
+
+
 @pytest.mark.parametrize("name", ["d435i", "azure-kinect"])
 def test_real_sensor_does_not_say_farther(name: str):
     assert np.isnan(measured(np.full((96, 128), np.inf, np.float32), SENSORS[name])).all()
