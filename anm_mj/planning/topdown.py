@@ -176,6 +176,8 @@ class TopDownMapper:
         start = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
         old.grow(shape, start if old.state.size else np.zeros(2, int))
         self._origin_xy_m = grid.origin_m[:2].astype(float)
+        # Borders are counted from the corner, which has moved even if nothing within reach has changed.
+        self._borders.update(old.state, old.field_m, slice(0, 0))
 
     def _stamp(self, grid: VoxelGrid) -> list[Window]:
         """Draw new places of the trajectory and new obstacles into their layers, and return where those are."""

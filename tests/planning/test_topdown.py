@@ -78,6 +78,27 @@ def test_remembered_sdf_stays_in_place_when_the_grid_grows():
     assert len(before.surface_xy_m) > 0
 
 
+def test_borders_stay_in_place_when_the_grid_grows_and_nothing_else_changes():
+    block, more = 8, 64
+    grid, pose = room(12, 12).occupancy, Pose2(6.2, 6.2, 0)
+    version = np.ones(np.array(grid.state.shape[1:]) // block, np.int32)
+    mapper = TopDownMapper(PlanningConfig(), BODY)
+    far = lambda points: np.full(len(points), 0.1, np.float32)  # noqa: E731
+    before = mapper.update(replace(grid, column_version=version, version=1), far, pose)
+    pad = ((0, 0), (more, 0), (more, 0))
+    grown = replace(
+        grid,
+        state=np.pad(grid.state, pad, constant_values=UNKNOWN),
+        seen_range_m=np.pad(grid.seen_range_m, pad, constant_values=np.inf),
+        origin_m=grid.origin_m - np.array([more, more, 0]) * RESOLUTION_M,
+        column_version=np.pad(version, ((more // block, 0), (more // block, 0))),
+        version=2,
+    )
+    after = mapper.update(grown, far, pose)
+    assert len(before.surface_xy_m) > 100
+    assert np.allclose(np.sort(after.surface_xy_m, axis=0), np.sort(before.surface_xy_m, axis=0))
+
+
 def test_a_place_that_blocked_the_robot_is_an_obstacle_from_then_on():
     world = room(4, 3)
     mapper = TopDownMapper(PlanningConfig(), BODY)
