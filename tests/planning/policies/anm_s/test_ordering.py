@@ -17,7 +17,7 @@ def situation(room, distance_m):
     return PlanningState(pose, topdown, graph, paths, (), 1.25, room=np.array(room, np.int64))
 
 
-def test_the_robotsown_room_is_the_one_it_reaches_first_and_no_other_is_nearer():
+def test_the_robots_own_room_is_the_one_it_reaches_first_and_no_other_is_nearer():
     now = situation([0, 1, 1, -1], [5.0, 1.0, 9.0, 2.0])
     assert own_room(now) == 1
     assert room_distance(now, np.arange(4)).tolist() == [5.0, 0.0, 0.0, 2.0]
