@@ -4,9 +4,11 @@
 
 Each folder is one of a finished run. Its map's zero-crossings are taken twice: "surface", near occupied voxels, where
 the planner asks, and "everywhere" in the scene's bounding box, with what the field has made up where nothing was seen.
-The error of a point is its distance to the true surface. A number is the area under the sparsification error curve as
-a share of what chance leaves: 0 is a perfect ranking, 1 is no better than chance. The time is that of one call for all
-points of the row.
+The error of a point is its distance to the true surface. Points are removed from the most uncertain on; the mean error
+of those that remain is the sparsification curve. A number is the area between it and the curve of a perfect ranking, as
+a share of what chance leaves (AUSE; Ilg et al., Uncertainty Estimates and Multi-Hypotheses Networks for Optical Flow,
+ECCV 2018, section 4): 0 is a perfect ranking, 1 is no better than chance. The time is that of one call for all points
+of the row.
 """
 
 import json
@@ -19,10 +21,10 @@ from typing import Annotated
 import numpy as np
 import tyro
 from jaxtyping import Float
+from scipy.stats import rankdata
 
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import surface_distance
-from anm_mj.evaluation.sparsification import rank_correlation, relative_area
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.last_layer import PRIOR_OBSERVATIONS, last_layer_variance, leverage, observation_density
 from anm_mj.mapping.neural_map import NeuralMap
@@ -109,6 +111,42 @@ def everywhere(neural_map: NeuralMap, vertices: Float[np.ndarray, "v 3"]) -> Flo
     last = np.floor(vertices.max(axis=0) / LATTICE_M).astype(np.int64)
     cells = np.ones(last - first, bool)
     return crossings(neural_map.backend.query_sdf, cells, first, LATTICE_M).astype(float)
+
+
+def sparsification_curve(
+    error: Float[np.ndarray, " n"], removed_first: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Mean error of what remains after removing 0, 1, ..., n - 1 points.
+
+    Args:
+        error: Error of each point, in any unit.
+        removed_first: The larger, the earlier a point goes. Equal ones are each given their group's mean error, so that
+            the curve is the mean over all orders within the group.
+    """
+    order = np.argsort(removed_first, kind="stable")
+    _, group = np.unique(removed_first[order], return_inverse=True)
+    group_mean = np.bincount(group, error[order]) / np.bincount(group)
+    remaining = np.cumsum(group_mean[group]) / np.arange(1, len(error) + 1)
+    return remaining[::-1]
+
+
+def relative_area(error: Float[np.ndarray, " n"], uncertainty: Float[np.ndarray, " n"]) -> float:
+    """Area between the sparsification curves of an uncertainty and of the error itself, relative to chance (AUSE).
+
+    0 for a perfect ranking and where all errors are equal, 1 for a random one, above 1 for a worse one.
+    """
+    best = sparsification_curve(error, error)
+    by_chance = float(np.mean(error) - np.mean(best))
+    area = float(np.mean(sparsification_curve(error, uncertainty) - best))
+    return area / by_chance if by_chance > 0.0 else 0.0
+
+
+def rank_correlation(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
+    """Spearman's rank correlation, in [-1, 1]; NaN where either is constant."""
+    ranks = np.stack([rankdata(a), rankdata(b)])
+    if (np.ptp(ranks, axis=1) == 0.0).any():
+        return float("nan")
+    return float(np.corrcoef(ranks)[0, 1])
 
 
 def table(rows: list[Row]) -> str:

@@ -27,8 +27,6 @@ COMPLETION, OBSERVABLE = 1, 3
 """Columns of a curve: completion ratio, and completion ratio of the observable surface."""
 LEVELS = (90, 95, 99)
 """Levels of the observable completion ratio; the table has the steps to each [%]."""
-TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
-"""Columns that differ between machines and times, besides those that begin with ``hz_``."""
 
 
 @dataclass(frozen=True)

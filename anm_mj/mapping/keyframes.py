@@ -38,11 +38,6 @@ class KeyframeStore:
         return len(self._start) - 1
 
     @property
-    def num_bytes(self) -> int:
-        """Memory that pixels take [bytes]."""
-        return int(self._start[-1]) * PIXEL.itemsize
-
-    @property
     def num_pixels(self) -> Int64[np.ndarray, " k"]:
         """Pixels kept of each keyframe, oldest first."""
         return np.diff(self._start)

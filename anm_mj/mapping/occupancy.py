@@ -64,11 +64,6 @@ class OccupancyGrid:
         )
 
     @property
-    def num_frames(self) -> int:
-        """Observations fused so far."""
-        return self._num_frames
-
-    @property
     def corner(self) -> Int64[np.ndarray, "3"]:
         """x, y, z index of cell [0, 0, 0]: its centre in the world in voxel edges; a multiple of ``BLOCK``."""
         return self._corner

@@ -51,7 +51,6 @@ class Rooms:
     """Known floor of each room [m2]; rather too large among furniture."""
     door_xy_m: Float[np.ndarray, "d 2"]
     """The bottlenecks between rooms [m]."""
-    door_half_width_m: Float[np.ndarray, " d"]
 
 
 def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, 2]) -> Rooms:
@@ -74,7 +73,7 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
     number = np.full(num, -1)
     number[order] = np.arange(len(order))
     door = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
-    return Rooms(number[part], floor_m2[order], places.xy_m[door], places.clearance_m[door])
+    return Rooms(number[part], floor_m2[order], places.xy_m[door])
 
 
 def _parts(graph: VoronoiGraph, places: Bottlenecks, topdown: TopDownMap) -> Int[np.ndarray, " n"]:

@@ -73,10 +73,10 @@ class Stages:
         """Add the robot's place to its trajectory; to be told of every observation."""
         self.topdown.visit(observation.pose.xy_m)
 
-    def read(self, mapper: Mapper, observation: Observation, *, with_regions: bool = True) -> PlanningState:
-        """Top-down map, graph, shortest paths and, if asked for, regions as of now."""
+    def read(self, mapper: Mapper, observation: Observation) -> PlanningState:
+        """Top-down map, graph, shortest paths and regions as of now."""
         watch = Stopwatch()
-        return self.update_graph(mapper, observation, self.update_map(mapper, observation, watch), watch, with_regions)
+        return self.update_graph(mapper, observation, self.update_map(mapper, observation, watch), watch)
 
     def update_map(self, mapper: Mapper, observation: Observation, watch: Stopwatch) -> TopDownMap:
         """The first stage alone: the top-down map as of now."""
@@ -84,7 +84,13 @@ class Stages:
             return self.topdown.update(mapper.occupancy, mapper.sdf, observation.pose)
 
     def update_graph(
-        self, mapper: Mapper, observation: Observation, topdown: TopDownMap, watch: Stopwatch, with_regions: bool
+        self,
+        mapper: Mapper,
+        observation: Observation,
+        topdown: TopDownMap,
+        watch: Stopwatch,
+        *,
+        with_regions: bool = True,
     ) -> PlanningState:
         """The other stages, on the top-down map that :meth:`update_map` gave."""
         pose = observation.pose

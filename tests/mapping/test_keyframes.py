@@ -3,6 +3,7 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.keyframes import KeyframeStore
+from anm_mj.mapping.pixel_memory import PIXEL
 from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame
 from tests.mapping.ray_room import Room
 
@@ -32,7 +33,7 @@ def test_rays_lead_from_the_camera_to_the_surface_they_saw(room: Room, stored: b
 def test_missing_and_far_depth_come_back_as_nan():
     rng = np.random.default_rng(0)
     observation = Room(ceiling=False).observe(1.5, 1.2, 0.7)
-    assert np.isnan(observation.depth_m).any()
+    assert np.isinf(observation.depth_m).any()
     observation.depth_m[:, :10] = 40.0
     store = KeyframeStore(10_000_000, 1.0)
     store.add(observation, rng)
@@ -43,11 +44,10 @@ def test_missing_and_far_depth_come_back_as_nan():
 
 def test_memory_stays_bounded_and_every_keyframe_keeps_being_replayed(room: Room):
     rng = np.random.default_rng(0)
-    limit = 64 * 64 * 9 * 3
-    store = KeyframeStore(limit, 1.0)
+    store = KeyframeStore(64 * 64 * 3 * PIXEL.itemsize, 1.0)
     for observation in room.turn(1.5, 1.5, 10):
         store.add(observation, rng)
-        assert store.num_bytes <= limit
+        assert store.num_pixels.sum() <= 64 * 64 * 3
     assert len(store) == 10
     headings = {tuple(np.round(d, 4)) for d in drawn(store, 4000, rng).direction}
     yaws = np.arctan2([d[1] for d in headings], [d[0] for d in headings])
@@ -98,7 +98,7 @@ def test_a_share_of_the_pixels_can_be_kept(room: Room):
     rng = np.random.default_rng(0)
     store = KeyframeStore(10_000_000, 0.05)
     store.add(room.observe(1.5, 1.2, 0.0), rng)
-    assert store.num_bytes == round(0.05 * 64 * 64) * 9
+    assert store.num_pixels.tolist() == [round(0.05 * 64 * 64)]
 
 
 def test_pixels_are_kept_as_often_as_their_weight_says(room: Room):

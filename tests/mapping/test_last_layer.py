@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.evaluation.sparsification import relative_area
 from anm_mj.mapping.config import OccupancyConfig, quick_mapping
 from anm_mj.mapping.last_layer import last_layer_variance, leverage, observation_density
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.uncertainty import closed_form_variance
 from anm_mj.types import OCCUPIED
+from scripts.bench_uncertainty import relative_area
 
 
 @pytest.fixture(scope="module")

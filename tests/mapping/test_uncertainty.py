@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.evaluation.sparsification import rank_correlation
 from anm_mj.mapping.config import UncertaintyConfig, paper_mapping
 from anm_mj.mapping.uncertainty import closed_form_variance, perturbed_variance, uncertainty_at
+from scripts.bench_uncertainty import rank_correlation
 
 
 def _surface(rng, count=300):

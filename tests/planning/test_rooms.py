@@ -62,7 +62,6 @@ def test_two_rooms_meet_at_their_door():
     found, graph = rooms_of(room(8, 3, boxes=DOOR))
     assert len(found.floor_m2) == 2
     assert found.door_xy_m == pytest.approx(np.array([[4.25, 1.65]]), abs=0.08)
-    assert found.door_half_width_m == pytest.approx([0.45], abs=0.03)
     # Every vertex is in the room that it lies in; the door itself may be counted to either.
     x = graph.vertex_xy_m[:, 0]
     assert set(found.room[x < 4.1]) == {0}

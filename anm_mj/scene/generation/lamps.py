@@ -8,7 +8,7 @@ import shapely
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom
 from anm_mj.scene.generation.furniture.decor import ceiling_lamp
-from anm_mj.scene.generation.furniture.light import Light, ceiling_light, window_light
+from anm_mj.scene.generation.furniture.light import Light
 from anm_mj.scene.generation.furniture.quads import Quads, box
 from anm_mj.scene.generation.furniture.textures import glow, rgb
 
@@ -44,11 +44,13 @@ def lights(building: Building, furnished: FurnishedRoom) -> list[Light]:
     """Light sources of lamps and windows; lamps are brighter the more floor they light."""
     places = lamp_places(furnished.room.floor)
     share_m2 = min(float(furnished.room.floor.area) / len(places), 20.0)
-    found = [ceiling_light(x, y, building.ceiling_m - 0.14, 0.35 + 0.07 * share_m2) for x, y in places]
+    z = building.ceiling_m - 0.14
+    found = [Light((x, y, z), (0.0, 0.0, -1.0), 0.35 + 0.07 * share_m2) for x, y in places]
     for wall in furnished.walls:
         for window in wall.windows:
             width, height = window.end_m - window.start_m, window.z_high_m - window.z_low_m
             centre = wall.wall.point((window.start_m + window.end_m) / 2, 0.02, (window.z_low_m + window.z_high_m) / 2)
             along = np.subtract(wall.wall.right_m, wall.wall.left_m) / wall.wall.length_m
-            found.append(window_light(centre, (float(along[0]), float(along[1])), width, height, 0.9 * width * height))
+            # The room lies to the right of its walls' direction.
+            found.append(Light(centre, (float(along[1]), -float(along[0]), 0.0), 0.9 * width * height))
     return found

@@ -39,13 +39,28 @@ def is_floorplan(src: Path) -> bool:
     return any(matches(plan) for _, matches, _ in _FORMATS)
 
 
-def read_floorplan(src: Path) -> Building:
-    """The rooms, passages and windows of a floor plan.
+def read_floorplan(src: Path) -> tuple[str, Building, dict[str, Any]]:
+    """Format, building and document of a floor plan.
 
     Raises:
         SceneError: if the file cannot be read, is no floor plan of a known format, or is damaged.
     """
-    return _read(src)[1]
+    try:
+        plan = json.loads(src.read_bytes(), parse_constant=_refuse)
+    except OSError as err:
+        raise SceneError(f"{src} cannot be read ({err.strerror}): give the path of a floor plan in JSON.") from err
+    except ValueError as err:
+        raise SceneError(f"{src} is not a JSON document ({err}): give a floor plan in JSON.") from err
+    for form, matches, read in _FORMATS:
+        if matches(plan):
+            try:
+                return form, read(plan), plan
+            except (KeyError, IndexError, TypeError, ValueError, ShapelyError) as err:
+                raise SceneError(
+                    f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): fix or replace it."
+                ) from err
+    names = ", ".join(form for form, _, _ in _FORMATS)
+    raise SceneError(f"{src} is no floor plan of a known format: give one of {names}.")
 
 
 def import_floorplan(
@@ -71,7 +86,7 @@ def import_floorplan(
         SceneError: if the plan cannot be used or the folder cannot be written.
     """
     check_destination(out)
-    form, building, plan = _read(src)
+    form, building, plan = read_floorplan(src)
     told = plan.get("source")
     told = told if isinstance(told, dict) else {}
     repo = f", {told['repo']}" if "repo" in told else ""
@@ -83,26 +98,6 @@ def import_floorplan(
     _logger.info("%s: %d rooms, %d passages (%s)", src.name, len(building.rooms), len(building.passages), form)
     # The content of the file seeds the furniture.
     return write_building(building, zlib.crc32(src.read_bytes()), info, out, furniture)
-
-
-def _read(src: Path) -> tuple[str, Building, dict[str, Any]]:
-    """Format, building and document."""
-    try:
-        plan = json.loads(src.read_bytes(), parse_constant=_refuse)
-    except OSError as err:
-        raise SceneError(f"{src} cannot be read ({err.strerror}): give the path of a floor plan in JSON.") from err
-    except ValueError as err:
-        raise SceneError(f"{src} is not a JSON document ({err}): give a floor plan in JSON.") from err
-    for form, matches, read in _FORMATS:
-        if matches(plan):
-            try:
-                return form, read(plan), plan
-            except (KeyError, IndexError, TypeError, ValueError, ShapelyError) as err:
-                raise SceneError(
-                    f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): fix or replace it."
-                ) from err
-    names = ", ".join(form for form, _, _ in _FORMATS)
-    raise SceneError(f"{src} is no floor plan of a known format: give one of {names}.")
 
 
 def _refuse(word: str) -> None:

@@ -121,7 +121,7 @@ def _written(plan: dict, path: Path) -> Path:
 )
 def test_every_format_gives_its_rooms_and_the_door_between_them(plan, area_m2, kinds, tmp_path):
     src = _written(plan, tmp_path / "plan.json")
-    building = read_floorplan(src)
+    _, building, _ = read_floorplan(src)
 
     assert is_floorplan(src)
     assert len(building.rooms) == 2
@@ -134,7 +134,7 @@ def test_every_format_gives_its_rooms_and_the_door_between_them(plan, area_m2, k
 
 
 def test_a_houses_windows_are_those_of_the_file(tmp_path):
-    building = read_floorplan(_written(_procthor(), tmp_path / "plan.json"))
+    _, building, _ = read_floorplan(_written(_procthor(), tmp_path / "plan.json"))
 
     assert building.windows is not None
     (window,) = building.windows
@@ -203,7 +203,7 @@ def test_what_is_no_plan_is_refused_in_a_sentence(text, said, tmp_path):
 def test_real_plans_keep_their_rooms_doors_and_area(number):
     src = _DEV / f"kth_dev_{number:03d}.json"
     plan = json.loads(src.read_text())
-    building = read_floorplan(src)
+    _, building, _ = read_floorplan(src)
 
     assert len(building.rooms) == plan["n_rooms"]
     assert len(building.passages) == len(plan["doors"])
