@@ -27,8 +27,8 @@ from anm_mj.types import OCCUPIED, UNKNOWN, Action, Observation, Pose2
 
 
 def sensed_depth(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
-    """Depth in the convention of depth cameras [m]: 0, not NaN, without a hit within the sensor's range."""
-    # NaN fails the comparison.
+    """Depth in the convention of depth cameras [m]: 0, not NaN or infinite, where nothing was measured in range."""
+    # NaN and infinity fail the comparison.
     return np.where(depth_m <= MAX_DEPTH_M, depth_m, np.float32(0.0))
 
 
@@ -153,7 +153,7 @@ class ExploreTask(control.Task):
     def observation_spec(self, physics: RobotPhysics) -> OrderedDict[str, specs.BoundedArray]:
         """Shapes and bounds of the learner's observation.
 
-        rgb: (px, px, 3) uint8. depth: (px, px) float32, planar z [m], 0 without a hit within 10 m.
+        rgb: (px, px, 3) uint8. depth: (px, px) float32, planar z [m], 0 where nothing was measured within 10 m.
         pose: (3,) float32, x forward [m], y left [m] and yaw [rad] relative to the start of the episode.
         topdown: (192, 192) int8, cells of 5 cm around the robot, row 0 ahead, column 0 to the left; -1 unknown, 0 free,
         1 occupied.

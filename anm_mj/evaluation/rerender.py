@@ -56,7 +56,7 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int) -> Iterator[
 
 
 def observations_of(record: Run, world: Scene) -> Iterator[Observation]:
-    """All observations of a run with exact drives, in order: the same images as in the run.
+    """All observations of a run, in order: the same images as in a run with an exact drive, true poses and no sensor.
 
     Raises:
         RenderError: No GL back-end works.
