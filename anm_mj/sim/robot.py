@@ -121,7 +121,8 @@ class SimRobot:
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         rgb, exact_m = self._camera.render(self._data)
-        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, self._step)
+        # Frames are told apart by their time: velocities do not count as steps.
+        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
         self._true_depth_m = np.where(np.isfinite(depth_m), exact_m, np.float32(np.nan))
         pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
         if self._T_base_camera is not None:

@@ -10,6 +10,7 @@ from anm_mj.errors import RenderError
 from anm_mj.sim.gl_camera import GlCamera
 from anm_mj.sim.robot import SimRobot
 from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.presets import SENSORS
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Pose2, Twist, WheelSpeeds
 from tests.sim.evenly_lit import HEADER
 
@@ -89,6 +90,17 @@ def test_true_view_holds_what_the_sensor_gave(robot, limits, seen_m):
         limited.observe()
         true_m = limited.true_view().depth_m
     np.testing.assert_allclose(true_m, np.nan if seen_m is None else seen_m, atol=1e-4)
+
+
+def test_noise_differs_between_frames_of_one_step(robot):
+    camera = GlCamera(robot.model, "camera", 64, 64)
+    with SimRobot(robot.model, robot.data, camera, _Slide(robot.data), _FOOTPRINT, sensor=SENSORS["d435i"]) as noisy:
+        first, again = noisy.observe(), noisy.observe()
+        robot.data.time += 0.1  # As after a velocity.
+        later = noisy.observe()
+    assert first.step == later.step
+    assert np.array_equal(first.depth_m, again.depth_m, equal_nan=True)
+    assert not np.array_equal(first.depth_m, later.depth_m, equal_nan=True)
 
 
 def test_steps_count_every_action_but_stop(robot):

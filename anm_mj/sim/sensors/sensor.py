@@ -15,7 +15,7 @@ _FRAME, _CAMERA = 0, 1
 
 
 class Sensor:
-    """Adds a sensor's errors to exact images; the same seed and step always give the same noise."""
+    """Adds a sensor's errors to exact images; the same seed and frame always give the same noise."""
 
     def __init__(self, config: SensorConfig, seed: int) -> None:
         """Draw what is fixed for the camera's life.
@@ -34,7 +34,7 @@ class Sensor:
         rgb: UInt8[np.ndarray, "h w 3"],
         depth_m: Float32[np.ndarray, "h w"],
         intrinsics: Intrinsics,
-        step: int,
+        frame: int,
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
         """What the sensor reports of exact images.
 
@@ -42,11 +42,11 @@ class Sensor:
             rgb: colours.
             depth_m: exact planar depth [m]; not finite where nothing was hit.
             intrinsics: the camera.
-            step: number of the frame.
+            frame: a number of the frame's own, not negative.
 
         Returns:
             Colours, and planar depth [m]: ``inf`` = farther than the range, ``nan`` = not measured.
         """
-        generator = np.random.default_rng([self._seed, 7, _FRAME, step])
+        generator = np.random.default_rng([self._seed, 7, _FRAME, frame])
         measured = measure_depth(depth_m, intrinsics, self._config, self._scale_error, generator)
         return measure_color(rgb, self._config, generator), measured
