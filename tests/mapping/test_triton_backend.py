@@ -17,14 +17,10 @@ CONFIGS = ("guided", "uniform")
 TRUNCATION_SHARE = 1e-4
 
 
-@pytest.fixture(scope="module")
-def found() -> dict:
-    """What a process of its own found: pytest's may have rendered in software, after which Triton crashes."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    if not torch.cuda.is_available():
-        environment["TRITON_INTERPRET"] = "1"
+def _run(module: str, environment: dict[str, str]) -> dict:
+    """The JSON that a module prints."""
     done = subprocess.run(
-        [sys.executable, "-m", "tests.mapping.triton_parity"],
+        [sys.executable, "-m", module],
         cwd=Path(__file__).resolve().parents[2],
         env=environment,
         capture_output=True,
@@ -32,6 +28,15 @@ def found() -> dict:
     )
     assert done.returncode == 0, done.stderr[-4000:]
     return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def found() -> dict:
+    """What a process of its own found: pytest's may have rendered in software, after which Triton crashes."""
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    if not torch.cuda.is_available():
+        environment["TRITON_INTERPRET"] = "1"
+    return _run("tests.mapping.triton_parity", environment)
 
 
 all_configs = pytest.mark.parametrize("config", CONFIGS)
@@ -116,15 +121,7 @@ def test_the_engine_is_found_fit_and_made(found):
 def test_kernels_compile_for_a_gpu_that_is_not_there():
     """The interpreter takes much that the compiler does not."""
     environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.mapping.triton_compile"],
-        cwd=Path(__file__).resolve().parents[2],
-        env=environment,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr[-4000:]
-    kernels = json.loads(done.stdout)
+    kernels = _run("tests.mapping.triton_compile", environment)
     assert set(kernels) == {
         f"{name}_kernel" for name in ("sample", "encode", "scatter", "train", "decode", "adam_table", "adam_decoders")
     }

@@ -17,6 +17,13 @@ from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.pixel_memory import HostPixels, PixelMemory
 from anm_mj.mapping.rays import RayBatch
 
+Vectors = Float32[np.ndarray, "n 3"]
+"""One vector for each of n rays."""
+SampleDepths = Float32[np.ndarray, "n samples"]
+"""Planar depths of the samples on each of n rays [m]."""
+RenderedRays = tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]
+"""Colour in [0, 1] and planar depth [m] of n rays."""
+
 
 class StepLosses(NamedTuple):
     """Losses of one training step: the weighted total, then the terms before weighting."""
@@ -85,12 +92,7 @@ class MapperBackend(ABC):
         """Squared norm of the gradient by all decoder weights, of s and of the colour (mean of the three channels)."""
 
     @abstractmethod
-    def render(
-        self,
-        origin_m: Float32[np.ndarray, "n 3"],
-        direction: Float32[np.ndarray, "n 3"],
-        z_m: Float32[np.ndarray, "n samples"],
-    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+    def render(self, origin_m: Vectors, direction: Vectors, z_m: SampleDepths) -> RenderedRays:
         """Rendered colour in [0, 1] and planar depth [m] of rays, from samples at the given depths (Eq. 1)."""
 
     @abstractmethod

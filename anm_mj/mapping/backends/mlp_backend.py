@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
 from anm_mj.mapping.backends.adam import Adam
-from anm_mj.mapping.backends.backend import StepLosses
+from anm_mj.mapping.backends.backend import RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.backends.tensor_backend import CPU_CHUNK, TensorBackend
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field import check_state
@@ -53,6 +54,14 @@ NEAREST_M = 0.07
 WEIGHT_DECAY = 0.012
 GREY = 0.5
 """The colour of a map without colours."""
+
+
+@dataclass
+class _Layers:
+    """What each layer is given, and what it sums up to."""
+
+    inputs: list[Tensor] = field(default_factory=list)
+    sums: list[Tensor] = field(default_factory=list)
 
 
 class MlpBackend(TensorBackend):
@@ -146,22 +155,19 @@ class MlpBackend(TensorBackend):
         """Squared norm of the gradient of s by all weights, and zero for the colour it does not have."""
         out = np.empty(len(points_m), np.float32)
         for rows, points in self._chunks(points_m):
-            inputs: list[Tensor] = []
-            sums: list[Tensor] = []
-            s = self._s(points, self._weights, inputs, sums)
-            back = torch.autograd.grad(s.sum(), sums)
+            layers = _Layers()
+            s = self._s(points, self._weights, layers)
+            back = torch.autograd.grad(s.sum(), layers.sums)
             # A layer's gradient is the outer product of what it is given and what comes back; the one is its bias.
-            norms = [(b.square().sum(dim=1) * (i.square().sum(dim=1) + 1.0)) for b, i in zip(back, inputs, strict=True)]
+            norms = [
+                (b.square().sum(dim=1) * (i.square().sum(dim=1) + 1.0))
+                for b, i in zip(back, layers.inputs, strict=True)
+            ]
             out[rows] = torch.stack(norms).sum(dim=0).detach().cpu().numpy()
         return out, np.zeros(len(points_m), np.float32)
 
     @torch.no_grad()
-    def render(
-        self,
-        origin_m: Float32[np.ndarray, "n 3"],
-        direction: Float32[np.ndarray, "n 3"],
-        z_m: Float32[np.ndarray, "n samples"],
-    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+    def render(self, origin_m: Vectors, direction: Vectors, z_m: SampleDepths) -> RenderedRays:
         """Grey, and the rendered planar depth of rays; see the base class."""
         points = origin_m[:, None] + direction[:, None] * z_m[:, :, None]
         s = self._tensor(self.query_sdf(points.reshape(-1, 3))).view(z_m.shape)
@@ -183,27 +189,19 @@ class MlpBackend(TensorBackend):
         self._optimizer = Adam(self.config.optimizer, [], self._weights)
 
     def _last_input(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n width"]:
-        inputs: list[Tensor] = []
-        self._s(points, self._weights, inputs, [])
-        return inputs[-1]
+        layers = _Layers()
+        self._s(points, self._weights, layers)
+        return layers.inputs[-1]
 
     def _s(
-        self,
-        points: Float[Tensor, "n 3"],
-        weights: list[Tensor],
-        inputs: list[Tensor] | None = None,
-        sums: list[Tensor] | None = None,
+        self, points: Float[Tensor, "n 3"], weights: list[Tensor], layers: _Layers | None = None
     ) -> Float[Tensor, " n"]:
-        return self._distance(points, weights, inputs, sums) / self.config.field.truncation_m
+        return self._distance(points, weights, layers) / self.config.field.truncation_m
 
     def _distance(
-        self,
-        points: Float[Tensor, "n 3"],
-        weights: list[Tensor],
-        inputs: list[Tensor] | None = None,
-        sums: list[Tensor] | None = None,
+        self, points: Float[Tensor, "n 3"], weights: list[Tensor], layers: _Layers | None = None
     ) -> Float[Tensor, " n"]:
-        """The signed distance [m]; appends what each layer is given and what it sums up to, where lists are passed."""
+        """The signed distance [m]; records what happens in the layers, if asked to."""
         scaled = points * POSITION_SCALE
         octaves = 2.0 ** torch.arange(NUM_OCTAVES, device=points.device)
         angles = (scaled @ self._directions)[:, :, None] * octaves
@@ -212,9 +210,9 @@ class MlpBackend(TensorBackend):
         for layer in range(NUM_HIDDEN + 1):
             given = torch.cat((hidden, code), dim=1) if layer == NUM_HIDDEN // 2 else hidden
             summed = torch.addmm(weights[2 * layer + 1], given, weights[2 * layer].t())
-            if inputs is not None and sums is not None:
-                inputs.append(given)
-                sums.append(summed)
+            if layers is not None:
+                layers.inputs.append(given)
+                layers.sums.append(summed)
             hidden = summed if layer == NUM_HIDDEN else torch.nn.functional.softplus(summed, beta=SOFTPLUS_BETA)
         return hidden[:, 0] * OUTPUT_SCALE
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends import _native
-from anm_mj.mapping.backends.backend import MapperBackend, StepLosses
+from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.encoding import bins_per_m, cells_per_m, index_factors
 from anm_mj.mapping.field import (
@@ -120,12 +120,7 @@ class NativeBackend(MapperBackend):
         """Squared gradient norms by all decoder weights; see the base class."""
         return self._engine.query_sensitivity(_floats(points_m))
 
-    def render(
-        self,
-        origin_m: Float32[np.ndarray, "n 3"],
-        direction: Float32[np.ndarray, "n 3"],
-        z_m: Float32[np.ndarray, "n samples"],
-    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+    def render(self, origin_m: Vectors, direction: Vectors, z_m: SampleDepths) -> RenderedRays:
         """Rendered colour and planar depth of rays; see the base class."""
         return self._engine.render(_floats(origin_m), _floats(direction), _floats(z_m))
 

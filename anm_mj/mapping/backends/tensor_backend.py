@@ -11,7 +11,7 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, Vectors
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field import sdf_hidden
 from anm_mj.mapping.rendering import composite, sdf_to_weight
@@ -114,12 +114,7 @@ class HashGridBackend(TensorBackend):
         return both[:, 0].copy(), both[:, 1].copy()
 
     @torch.no_grad()
-    def render(
-        self,
-        origin_m: Float32[np.ndarray, "n 3"],
-        direction: Float32[np.ndarray, "n 3"],
-        z_m: Float32[np.ndarray, "n samples"],
-    ) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
+    def render(self, origin_m: Vectors, direction: Vectors, z_m: SampleDepths) -> RenderedRays:
         """Rendered colour and planar depth of rays; see the base class."""
         rgb_out = np.empty((len(z_m), 3), np.float32)
         depth_out = np.empty(len(z_m), np.float32)

@@ -101,18 +101,23 @@ def test_end_of_the_floor_has_no_gain():
     assert gain_at(cliff, 2.0, 1.7)[0] == 0.0
 
 
+def padded(grid, rows, cols):
+    """The same map in a larger box of the unknown: cells added before and after."""
+    pad = ((0, 0), rows, cols)
+    return VoxelGrid(
+        np.pad(grid.state, pad, constant_values=UNKNOWN),
+        np.pad(grid.seen_range_m, pad, constant_values=np.inf),
+        grid.origin_m - np.array([cols[0], rows[0], 0]) * RESOLUTION_M,
+        RESOLUTION_M,
+    )
+
+
 def test_gain_depends_on_the_place_alone():
     grid = with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))
     place = np.array([[1.01, 1.71]])
     alone = gain_in(grid).sector_gains(place)[0]
     together = gain_in(grid).sector_gains(np.array([[3.0, 0.8], [1.01, 1.71]]))[1]
-    pad = ((0, 0), (30, 8), (12, 2))
-    larger = VoxelGrid(
-        np.pad(grid.state, pad, constant_values=UNKNOWN),
-        np.pad(grid.seen_range_m, pad, constant_values=np.inf),
-        grid.origin_m - np.array([12, 30, 0]) * RESOLUTION_M,
-        RESOLUTION_M,
-    )
+    larger = padded(grid, (30, 8), (12, 2))
     assert np.allclose(alone, together)
     assert np.allclose(alone, gain_in(larger).sector_gains(place)[0])
 
@@ -123,13 +128,7 @@ def test_gain_follows_a_map_that_changes_and_grows():
     places = np.array([[1.02, 1.72], [2.63, 1.04]])
     gain.sector_gains(places)
     grid.state[2:-2, 6:-6, 60:80] = FREE
-    pad = ((0, 0), (16, 48), (32, 0))
-    larger = VoxelGrid(
-        np.pad(grid.state, pad, constant_values=UNKNOWN),
-        np.pad(grid.seen_range_m, pad, constant_values=np.inf),
-        grid.origin_m - np.array([32, 16, 0]) * RESOLUTION_M,
-        RESOLUTION_M,
-    )
+    larger = padded(grid, (16, 48), (32, 0))
     for now in (grid, larger):
         gain.update(now, everywhere(now))
         assert np.allclose(gain.sector_gains(places), gain_in(now).sector_gains(places))
