@@ -119,6 +119,8 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
             raise ConfigError(f"--set {text} has no '='; write it as group.name=value, as in planning.margin_m=0.06.")
         if name in OPTIONS or name in ("sensor", "sensor.name"):
             raise ConfigError(f"--set {name} is not how it is given; use --{name.partition('.')[0]} {value}.")
+        if name == "scene":
+            raise ConfigError(f"--set scene is not how it is given; name the scene first: anm-mj explore {value}.")
         keys = _present_name(config, name)
         default = _setting(config, keys)
         if default is None:

@@ -22,7 +22,7 @@ from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.registry import make_policy, needs_truth
+from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_entry
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
 from anm_mj.scene.folder import Scene, load_scene
@@ -104,7 +104,8 @@ def _make_mapper(config: RunConfig) -> NeuralMap:
         config.mapping,
         seed=config.seed,
         device=config.device,
-        field_is_geometry=config.planning.geometry == "field",
+        # A policy with a map of its own kind reads no geometry out of it.
+        field_is_geometry=config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None,
     )
 
 

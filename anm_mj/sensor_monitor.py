@@ -12,6 +12,8 @@ _logger = logging.getLogger(__name__)
 
 PATIENCE_FRAMES = 12
 """This many faulty frames in a row make a fault."""
+FEW_FRAMES = 3
+"""One frame without depth may show a wall that is too near; after this many, nothing is known of the surroundings."""
 
 
 class SensorMonitor:
@@ -21,12 +23,13 @@ class SensorMonitor:
         """Start before the first frame."""
         self._num_blind = 0
         self._num_repeated = 0
+        self._has_measured = False
         self._last: Observation | None = None
 
     @property
     def is_blind(self) -> bool:
-        """Whether the last frame holds no depth at all."""
-        return self._num_blind > 0
+        """Whether the camera has measured nothing yet, or nothing in the last few frames."""
+        return not self._has_measured or self._num_blind >= FEW_FRAMES
 
     @property
     def fault(self) -> str | None:
@@ -46,6 +49,7 @@ class SensorMonitor:
         """
         measured = np.isfinite(observation.depth_m) & (observation.depth_m > 0.0)
         self._num_blind = 0 if measured.any() else self._num_blind + 1
+        self._has_measured |= self._num_blind == 0
         if moved and self._last is not None:
             self._num_repeated = self._num_repeated + 1 if _is_same_image(self._last, observation) else 0
         self._last = observation

@@ -70,6 +70,7 @@ def test_a_former_name_of_a_setting_is_accepted(policy, former, present):
         ("planning.margin_m.x=1", "no such setting"),
         ("policy.bootstrap_turns=all", "not of type int"),
         ("policy=random", "use --policy random"),
+        ("scene=office", "name the scene first"),
         ("sensor=d435i", "use --sensor d435i"),
         ("sensor.name=d435i", "use --sensor d435i"),
     ],

@@ -5,7 +5,7 @@ import pytest
 
 from anm_mj.explore import explore
 from anm_mj.sensor_monitor import PATIENCE_FRAMES, SensorMonitor
-from anm_mj.types import Plan, Pose2, StopReason
+from anm_mj.types import Action, Plan, Pose2, StopReason
 from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import FakeRobot, ListRecorder
 from tests.planning.worlds import room
@@ -44,6 +44,15 @@ def test_blind_camera_ends_the_run(value: float):
 def test_blind_robot_is_never_complete():
     done = Plan("all seen", np.zeros((0, 2)), stop=StopReason.COMPLETE)
     assert outcome_of(with_depth(np.nan), 0, done).stop_reason is StopReason.SENSOR_FAULT
+
+
+def test_one_frame_without_depth_hides_no_end():
+    done = Plan("all seen", np.zeros((0, 2)), stop=StopReason.COMPLETE)
+    turn = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
+    world = room(5, 4)
+    robot = FaultyRobot(world, Pose2(1.0, 1.5, 0.0), with_depth(np.nan), 1)
+    outcome = explore(robot, world, Scripted(turn, done), num_steps=100, recorder=ListRecorder(), viewer=NullViewer())
+    assert outcome.stop_reason is StopReason.COMPLETE
 
 
 def test_frozen_image_ends_the_run():

@@ -106,7 +106,7 @@ def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
 def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
     """A row per run, in the order of the results; every row has every column."""
     oracle_steps = {
-        (r.job["scene_name"], r.job["start"], level): r.steps_to(level)
+        (r.job["scene_name"], r.job["start"], r.sensor, level): r.steps_to(level)
         for r in results
         if needs_truth(r.job["policy"])
         for level in LEVELS
@@ -132,7 +132,8 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
         for level in LEVELS:
             steps = result.steps_to(level)
             row[f"steps_to_{level}"] = steps
-            row[f"oracle_ratio_{level}"] = steps / oracle_steps.get((job["scene_name"], job["start"], level), np.nan)
+            oracle = oracle_steps.get((job["scene_name"], job["start"], result.sensor, level), np.nan)
+            row[f"oracle_ratio_{level}"] = steps / oracle
         row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
         rows.append(row)
     columns = list(dict.fromkeys(key for row in rows for key in row))

@@ -26,6 +26,8 @@ def explored_scene(record: Run, scene: str | None = None) -> Scene:
         SceneError: There is no such scene.
         RunFolderError: The run explored another scene.
     """
+    if not {"scene", "scene_hash"} <= record.manifest.keys():
+        raise RunFolderError(f"The manifest of {record.folder.path} names no scene; give the folder of a whole run.")
     world = load_scene(scene or record.manifest["scene"])
     if world.hash != record.manifest["scene_hash"]:
         raise RunFolderError(

@@ -48,10 +48,11 @@ def sample_frame(observation: Observation, count: int, rng: np.random.Generator)
     """Draw ``count`` pixels of one observation among those that were measured, of which there must be one."""
     measured = np.flatnonzero(~np.isnan(observation.depth_m))
     pixel = measured[rng.integers(len(measured), size=count)]
+    depth_m = observation.depth_m.reshape(-1)[pixel]
     return rays_of_pixels(
         pixel,
         observation.rgb.reshape(-1, 3)[pixel],
-        observation.depth_m.reshape(-1)[pixel],
+        np.where(np.isfinite(depth_m), depth_m, np.float32(np.nan)),
         np.broadcast_to(camera_row(observation), (count, CAMERA_NUMBERS)),
     )
 

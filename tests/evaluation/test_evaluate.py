@@ -10,7 +10,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.evaluate import add_novel_views, evaluate_run
 from anm_mj.evaluation.view_quality import NovelViewResult, ViewQuality
 from anm_mj.frames import pose_matrix
-from anm_mj.types import Pose2, StopReason
+from anm_mj.types import Pose2, StopReason, TrueView
 from tests.box_room import FakeMap, new_recorder, observe, record_steps, room_plan
 
 
@@ -125,7 +125,7 @@ def test_frames_count_from_the_true_pose(tmp_path, finished):
     rows = []
     for name, seen, options in (
         ("knows", view, {}),
-        ("believes", told, {"true_view": lambda: (true, view.T_world_camera)}),
+        ("believes", told, {"true_view": lambda: TrueView(true, view.T_world_camera, view.depth_m)}),
         ("lost", told, {}),
     ):
         recorder = new_recorder(tmp_path / name, **options)
