@@ -10,6 +10,7 @@ ones ``[layer, row, col]`` with layer along world z.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 
@@ -34,6 +35,10 @@ ARRIVED_M = 1.5 * FORWARD_STEP_M
 """The robot has reached a place that is nearer than this [m]."""
 NEAR_TARGET_M = 2 * ARRIVED_M
 """From nearer than this the robot sees what it came to a target for, even where its path ended early [m]."""
+
+
+SdfQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, " n"]]
+"""World points [m] to signed distance."""
 
 
 class Action(IntEnum):

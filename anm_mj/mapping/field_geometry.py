@@ -8,19 +8,15 @@ before it. What no depth ever hit stays free or unknown, because a field extrapo
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, Int32, Int64
+from jaxtyping import Int8, Int32, Int64
 
 from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from anm_mj.utils.arrays import embed
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SdfQuery, VoxelGrid
+from anm_mj.utils.arrays import dilate_mask, embed
 
 SURFACE_SHARE = 0.5
 """A voxel is occupied where the signed distance at its centre is at most this share of its edge."""
-
-SdfQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, " n"]]
 
 
 class FieldGeometry:
@@ -59,7 +55,7 @@ class FieldGeometry:
         changed_columns = raw.column_version > self._read_frame
         blocks = (self._occupancy.block_stamp > self._read_frame) | changed_columns
         state = _in_blocks(raw.state)[blocks]
-        beside = _with_neighbours(state == OCCUPIED) & (state != UNKNOWN)
+        beside = dilate_mask(state == OCCUPIED, first_axis=1) & (state != UNKNOWN)
         block, layer, row, col = np.nonzero(beside)
         corner = np.argwhere(blocks)[block] * BLOCK + np.stack([layer, row, col], axis=1)
         points_m = (corner[:, ::-1] + self._corner) * raw.resolution_m
@@ -89,13 +85,3 @@ def _in_blocks(state: Int8[np.ndarray, "layers rows cols"]) -> Int8[np.ndarray, 
     """A view of voxels by block: ``[block layer, block row, block col, layer, row, col]``."""
     layers, rows, cols = (n // BLOCK for n in state.shape)
     return state.reshape(layers, BLOCK, rows, BLOCK, cols, BLOCK).transpose(0, 2, 4, 1, 3, 5)
-
-
-def _with_neighbours(mask: Bool[np.ndarray, "n b b b"]) -> Bool[np.ndarray, "n b b b"]:
-    """Voxels in a mask, or with a face neighbour of the same block in it."""
-    near = mask.copy()
-    for axis in (1, 2, 3):
-        ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(1, None), slice(None, -1)))
-        near[ahead] |= mask[behind]
-        near[behind] |= mask[ahead]
-    return near

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from skimage.measure import marching_cubes
 
-from anm_mj.mapping.surface import SdfQuery
+from anm_mj.mapping.surface import corners_of
+from anm_mj.types import SdfQuery
 
 _MERGE_M = 1e-4
 """Vertices that round to the same multiple of this [m] are one."""
@@ -62,9 +63,7 @@ def march(
     nothing = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     if not cells.any():
         return nothing
-    needed = np.zeros([n + 1 for n in cells.shape], bool)
-    for offset in np.ndindex(2, 2, 2):
-        needed[tuple(slice(a, a + n) for a, n in zip(offset, cells.shape, strict=True))] |= cells
+    needed = corners_of(cells)
     values = sdf((np.argwhere(needed) + first) * spacing_m)
     if not values.min() < 0.0 < values.max():
         return nothing

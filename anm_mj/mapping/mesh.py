@@ -13,15 +13,13 @@ from jaxtyping import Bool, Float, Float32, Int64, UInt8
 from anm_mj.errors import MapError
 from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
 from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
-from anm_mj.mapping.surface import SdfQuery
-from anm_mj.types import OCCUPIED
+from anm_mj.mapping.surface import REACH_VOXELS
+from anm_mj.types import OCCUPIED, SdfQuery
 
 _GROUP = 2
 """Blocks of the occupancy grid along the edge of a piece of mesh: smaller ones cost more calls, larger ones more
 queries after a change."""
 _PIECE_VOXELS = _GROUP * BLOCK
-_REACH_VOXELS = 0.49
-"""A face counts while all its corners lie within this many voxel edges, along each axis, of an occupied voxel."""
 
 RgbQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, "n 3"]]
 """World points [m] to colours in [0, 1]."""
@@ -114,9 +112,9 @@ class MeshExtractor:
         edge = self._occupancy.config.voxel_m
         bounds = (np.array([place, np.array(place) + 1]) * _PIECE_VOXELS - 0.5) * (edge / resolution_m)
         first, end = np.ceil(bounds - 1e-9).astype(np.int64)
-        cells = active_cells(occupied, corner, first, end, resolution_m / edge, _REACH_VOXELS)
+        cells = active_cells(occupied, corner, first, end, resolution_m / edge, REACH_VOXELS)
         vertices, faces = march(sdf, cells, first, resolution_m)
-        observed = self._occupancy.near_occupied(vertices, _REACH_VOXELS * edge)
+        observed = self._occupancy.near_occupied(vertices, REACH_VOXELS * edge)
         vertices, faces = remove_unreferenced(vertices, faces[observed[faces].all(axis=1)])
         return Triangles(vertices, faces, rgb(vertices))
 

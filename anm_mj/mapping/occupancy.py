@@ -132,12 +132,17 @@ class OccupancyGrid:
 
     def state_of(self, voxels: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """State of voxels given by x, y, z index; UNKNOWN outside the grid."""
+        inside, cells = self._cells(voxels)
+        out = np.full(len(voxels), UNKNOWN, np.int8)
+        out[inside] = self._state[cells]
+        return out
+
+    def _cells(self, voxels: Int[np.ndarray, "n 3"]) -> tuple[Bool[np.ndarray, " n"], tuple[np.ndarray, ...]]:
+        """Which voxels, given by x, y, z index, lie in the grid, and the array indices of those that do."""
         x, y, z = (voxels - self._corner).T
         layers, rows, cols = self._state.shape
         inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
-        out = np.full(len(voxels), UNKNOWN, np.int8)
-        out[inside] = self._state[z[inside], y[inside], x[inside]]
-        return out
+        return inside, (z[inside], y[inside], x[inside])
 
     def observation_count(
         self,
@@ -151,11 +156,9 @@ class OccupancyGrid:
         rays = self._ray_directions(intrinsics).reshape(-1, 3)
         hit = np.flatnonzero((depth_m > 0.0) & (depth_m <= self.config.hit_range_m))
         scaled = (rays[hit] * depth_m.reshape(-1)[hit, None]) @ (rotation.T * inverse) + position * inverse
-        x, y, z = (np.rint(scaled).astype(np.int64) - self._corner).T
-        layers, rows, cols = self._state.shape
-        inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
+        inside, cells = self._cells(np.rint(scaled).astype(np.int64))
         out = np.zeros(depth_m.size, np.uint16)
-        out[hit[inside]] = self._num_hits[z[inside], y[inside], x[inside]]
+        out[hit[inside]] = self._num_hits[cells]
         return out.reshape(depth_m.shape)
 
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:

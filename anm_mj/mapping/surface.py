@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
 from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
-from anm_mj.types import OCCUPIED
+from anm_mj.types import OCCUPIED, SdfQuery
 
 _NORMAL_STEP_M = 0.02
 """Half the distance that normals are differenced over [m]: the noise of a 1 cm grid is averaged, corners are kept."""
-_REACH_VOXELS = 0.49
-"""A crossing counts within this many voxel edges, along each axis, of an occupied voxel."""
+REACH_VOXELS = 0.49
+"""A crossing or a corner of a face counts within this many voxel edges, along each axis, of an occupied voxel."""
 _TETRAHEDRON = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
-
-SdfQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, " n"]]
-"""World points [m] to signed distance."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,7 @@ class SurfaceExtractor:
         points = crossings(sdf, cells, corner, self._spacing_m)
         edge = self._occupancy.config.voxel_m
         # Normals cost four queries each, so what is not kept gets none.
-        points = points[self._occupancy.near_occupied(points, _REACH_VOXELS * edge)]
+        points = points[self._occupancy.near_occupied(points, REACH_VOXELS * edge)]
         normals = gradient_directions(sdf, points)
         points = points.astype(np.float32)
         # A crossing belongs to the block of its nearest voxel, so that each is stored once.
@@ -133,9 +129,7 @@ def crossings(
     Returns:
         World points [m].
     """
-    needed = np.zeros([n + 1 for n in cells.shape], bool)
-    for offset in np.ndindex(2, 2, 2):
-        needed[tuple(slice(a, a + n) for a, n in zip(offset, cells.shape, strict=True))] |= cells
+    needed = corners_of(cells)
     values = np.zeros(needed.shape, np.float32)
     values[needed] = sdf((np.argwhere(needed) + corner) * spacing_m)
     positive = values > 0.0
@@ -148,6 +142,14 @@ def crossings(
         point[:, axis] += low / (low - high)
         points.append(point * spacing_m)
     return np.concatenate(points)
+
+
+def corners_of(cells: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x1 y1 z1"]:
+    """Corners of lattice cells, on a grid larger by one along each axis."""
+    corners = np.zeros([n + 1 for n in cells.shape], bool)
+    for offset in np.ndindex(2, 2, 2):
+        corners[tuple(slice(a, a + n) for a, n in zip(offset, cells.shape, strict=True))] |= cells
+    return corners
 
 
 def gradient_directions(sdf: SdfQuery, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:

@@ -7,8 +7,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.surface import SdfQuery
-from anm_mj.types import OCCUPIED, Intrinsics
+from anm_mj.types import OCCUPIED, Intrinsics, SdfQuery
 
 _SAMPLES = 24
 """Samples per ray."""

@@ -40,13 +40,3 @@ def relative_to(inner: Window, outer: Window) -> Window:
     """``inner`` in the coordinates of ``outer``."""
     a, b = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(inner, outer, strict=True))
     return a, b
-
-
-def dilate_mask(mask: Bool[np.ndarray, "*cells"]) -> Bool[np.ndarray, "*cells"]:
-    """A mask and its face neighbours."""
-    near = mask.copy()
-    for axis in range(mask.ndim):
-        ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(1, None), slice(None, -1)))
-        near[ahead] |= mask[behind]
-        near[behind] |= mask[ahead]
-    return near

@@ -13,7 +13,6 @@ one, so its cost does not grow with the scene.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
@@ -23,9 +22,9 @@ from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
-from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, dilate_mask, relative_to, union
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap, VoxelGrid
-from anm_mj.utils.arrays import embed
+from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
+from anm_mj.utils.arrays import dilate_mask, embed
 
 TRUNCATION_M = 0.1
 """Beyond this distance the SDF says no more than 'far' [m]."""
@@ -46,8 +45,6 @@ _HOLE_WIDTH_CELLS = 20
 """Small unknown patches are no wider than about this."""
 _HOLE_REACH_CELLS = 20
 """Unknown patches are followed this far beyond what changed, to see whether they are small and enclosed."""
-
-SdfQuery = Callable[[Float[np.ndarray, "n 3"]], Float32[np.ndarray, " n"]]
 
 
 class TopDownMapper:

@@ -1,9 +1,9 @@
-"""Arrays that grow and keep what they hold."""
+"""Arrays that grow: larger ones around a smaller one, and masks with their neighbours."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int, Shaped
+from jaxtyping import Bool, Int, Shaped
 
 
 def embed(
@@ -19,3 +19,13 @@ def embed(
     """
     widths = [(int(a), n - int(a) - old) for a, n, old in zip(start, shape, array.shape, strict=True)]
     return np.pad(array, widths, constant_values=fill)
+
+
+def dilate_mask(mask: Bool[np.ndarray, "*cells"], first_axis: int = 0) -> Bool[np.ndarray, "*cells"]:
+    """A mask and its face neighbours along all axes from the first one on."""
+    near = mask.copy()
+    for axis in range(first_axis, mask.ndim):
+        ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(1, None), slice(None, -1)))
+        near[ahead] |= mask[behind]
+        near[behind] |= mask[ahead]
+    return near

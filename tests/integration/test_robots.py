@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from anm_mj.config import make_config
+from anm_mj.io.jsonl import read_jsonl
 from anm_mj.run import run
 from tests.scene.small import make_small_scene
 
@@ -26,10 +27,6 @@ def scene(tmp_path_factory) -> Path:
 def explore(scene, out, *settings, **options):
     options = {"steps": 45, "seed": 3, "device": "cpu"} | options
     return run(make_config("quick", list(settings), scene=str(scene), **options), out=out)[1]
-
-
-def lines(path: Path) -> list[dict]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def script(name: str, *options: str) -> str:
@@ -53,7 +50,7 @@ def test_users_robot(scene, tmp_path, drive):
     assert manifest["robot"] == str(ROVER_XML)
     assert len(manifest["robot_hash"]) == 64
     # Its camera stands 0.2 m above the floor and 0.15 m before the axle.
-    first = lines(tmp_path / "run" / "frames.jsonl")[0]
+    first = read_jsonl(tmp_path / "run" / "frames.jsonl")[0]
     T_world_camera = np.array(first["T_world_camera"])
     assert T_world_camera[2, 3] == pytest.approx(0.20, abs=0.003)
     assert np.hypot(*(T_world_camera[:2, 3] - (first["x_m"], first["y_m"]))) == pytest.approx(0.151, abs=0.003)

@@ -14,6 +14,7 @@ from PIL import Image
 
 from anm_mj.config import make_config
 from anm_mj.evaluation.evaluate import evaluate_run
+from anm_mj.io.jsonl import read_jsonl
 from anm_mj.run import run
 from tests.scene.small import make_small_scene
 
@@ -43,12 +44,8 @@ def finished(scene, tmp_path_factory):
     return folder, explore(scene, folder)
 
 
-def lines(path: Path) -> list[dict]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
 def without_times(path: Path) -> list[dict]:
-    return [{key: value for key, value in line.items() if key != "ms"} for line in lines(path)]
+    return [{key: value for key, value in line.items() if key != "ms"} for line in read_jsonl(path)]
 
 
 def test_a_run_explores_both_rooms_without_touching_anything(finished):
@@ -64,7 +61,7 @@ def test_a_run_explores_both_rooms_without_touching_anything(finished):
 
 def test_every_file_of_the_run_can_be_read_back(finished):
     folder, metrics = finished
-    steps, plans = lines(folder / "steps.jsonl"), lines(folder / "plans.jsonl")
+    steps, plans = read_jsonl(folder / "steps.jsonl"), read_jsonl(folder / "plans.jsonl")
     assert [line["step"] for line in steps] == list(range(1, metrics.steps + 1))
     assert set(steps[0]["ms"]) == {"plan", "act", "observe", "map", "view"}
     assert all(line["reason"] for line in plans)

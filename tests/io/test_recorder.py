@@ -7,14 +7,11 @@ import trimesh
 from PIL import Image
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
 from anm_mj.io.recorder import peak_rss_mib, tum_line
 from anm_mj.types import Action, Plan, Pose2, StopReason
 from tests.box_room import CAMERA, FakeMap, new_recorder, observe, record_steps, room_depth, room_plan
-
-
-def lines(path):
-    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def test_a_finished_run_leaves_every_file(tmp_path):
@@ -50,8 +47,8 @@ def test_logs_are_deterministic_but_for_times(tmp_path):
 def test_every_step_is_on_disk_at_once(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 11)
-    assert [line["step"] for line in lines(tmp_path / "run" / "steps.jsonl")] == list(range(1, 12))
-    assert [line["step"] for line in lines(tmp_path / "run" / "frames.jsonl")] == list(range(12))
+    assert [line["step"] for line in read_jsonl(tmp_path / "run" / "steps.jsonl")] == list(range(1, 12))
+    assert [line["step"] for line in read_jsonl(tmp_path / "run" / "frames.jsonl")] == list(range(12))
     assert len((tmp_path / "run" / "trajectory.tum").read_text().splitlines()) == 12
     assert [row.partition(",")[0] for row in (tmp_path / "run" / "curve.csv").read_text().splitlines()] == [
         "step",
@@ -98,7 +95,7 @@ def test_plan_to_stop_or_to_turn_is_logged(tmp_path):
     with new_recorder(tmp_path / "run") as recorder:
         recorder.plan(0, Plan("look around", np.zeros((0, 2)), actions=(Action.TURN_LEFT,) * 2))
         recorder.plan(9, Plan("nothing is left", np.zeros((0, 2)), stop=StopReason.COMPLETE))
-    look, stop = lines(tmp_path / "run" / "plans.jsonl")
+    look, stop = read_jsonl(tmp_path / "run" / "plans.jsonl")
     assert (look["target_xy_m"], look["path_length_m"], look["actions"]) == (None, 0.0, ["TURN_LEFT", "TURN_LEFT"])
     assert (stop["stop"], stop["vertices"]) == ("COMPLETE", None)
 

@@ -5,16 +5,13 @@ import numpy as np
 from anm_mj.frames import cell_to_world, world_to_cell
 from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2
-from tests.box_room import CAMERA, ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
+from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
 
 FOOTPRINT = Footprint(0.18, 0.05, 1.35)
 
 
 def look(pose: Pose2) -> Observation:
-    T_world_camera = camera_pose(pose)
-    return Observation(
-        0, 0.0, np.zeros((256, 256, 3), np.uint8), room_depth(T_world_camera), CAMERA, T_world_camera, pose
-    )
+    return observe(0, pose)
 
 
 def state_at(grid: ScanGrid, *xy_m: float) -> int:

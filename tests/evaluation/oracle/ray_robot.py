@@ -8,6 +8,15 @@ from anm_mj.utils.raycast import RayCaster
 from tests.evaluation.test_observable import CAMERA, T_BASE_CAMERA
 
 
+def cast_depth(caster: RayCaster, T_world_camera):
+    """Planar depth of ``CAMERA`` at a pose [m]."""
+    u, v = np.meshgrid(np.arange(CAMERA.width) + 0.5, np.arange(CAMERA.height) + 0.5)
+    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones_like(u)], axis=-1)
+    directions = (rays.reshape(-1, 3) @ T_world_camera[:3, :3].T).astype(np.float32)
+    origins = np.tile(T_world_camera[:3, 3].astype(np.float32), (len(directions), 1))
+    return caster.lengths(origins, directions).reshape(CAMERA.height, CAMERA.width)
+
+
 class RayRobot:
     """Drives on the area's cells and sees by ray casting."""
 
@@ -19,11 +28,7 @@ class RayRobot:
 
     def observe(self):
         T_world_camera = pose_matrix(self.pose) @ T_BASE_CAMERA
-        u, v = np.meshgrid(np.arange(CAMERA.width) + 0.5, np.arange(CAMERA.height) + 0.5)
-        rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones_like(u)], axis=-1)
-        directions = (rays.reshape(-1, 3) @ T_world_camera[:3, :3].T).astype(np.float32)
-        origins = np.tile(T_world_camera[:3, 3].astype(np.float32), (len(directions), 1))
-        depth_m = self._rays.lengths(origins, directions).reshape(CAMERA.height, CAMERA.width)
+        depth_m = cast_depth(self._rays, T_world_camera)
         rgb = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
         return Observation(self._step, 0.1 * self._step, rgb, depth_m, CAMERA, T_world_camera, self.pose)
 

@@ -12,6 +12,7 @@ from anm_mj.frames import pose_matrix
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import TURN_STEP_RAD, Pose2
 from anm_mj.utils.raycast import RayCaster
+from tests.evaluation.oracle.ray_robot import cast_depth
 from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 RNG_SEED = 5
@@ -40,11 +41,7 @@ def room():
 
 def covered_by_a_frame(samples, caster, x_m, y_m, yaw):
     T_world_camera = pose_matrix(Pose2(x_m, y_m, yaw * TURN_STEP_RAD)) @ T_BASE_CAMERA
-    u, v = np.meshgrid(np.arange(CAMERA.width) + 0.5, np.arange(CAMERA.height) + 0.5)
-    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones_like(u)], axis=-1)
-    directions = (rays.reshape(-1, 3) @ T_world_camera[:3, :3].T).astype(np.float32)
-    origins = np.tile(T_world_camera[:3, 3].astype(np.float32), (len(directions), 1))
-    depth_m = caster.lengths(origins, directions).reshape(CAMERA.height, CAMERA.width)
+    depth_m = cast_depth(caster, T_world_camera)
     coverage = Coverage(samples)
     coverage.add(reduce_depth(depth_m), CAMERA, T_world_camera)
     return coverage.distance_m < COVERED_M

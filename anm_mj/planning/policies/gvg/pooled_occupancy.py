@@ -13,9 +13,9 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
-from anm_mj.planning.grid_windows import Window, bounds, dilate_mask
+from anm_mj.planning.grid_windows import Window, bounds
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from anm_mj.utils.arrays import embed
+from anm_mj.utils.arrays import dilate_mask, embed
 
 POOL = 2
 """Voxels along the edge of a cell."""

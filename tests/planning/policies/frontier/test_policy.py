@@ -10,7 +10,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.frontier.config import FrontierConfig
 from anm_mj.planning.policies.frontier.policy import Frontier, frontiers
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2, StopReason, TopDownMap
-from tests.box_room import CAMERA, camera_pose, room_depth
+from tests.box_room import observe
 from tests.planning.worlds import BoxWorld
 
 FOOTPRINT = Footprint(0.18, 0.05, 1.35)
@@ -32,10 +32,7 @@ def hall(*, unknown=(), occupied=()) -> TopDownMap:
 
 
 def look(pose: Pose2) -> Observation:
-    T_world_camera = camera_pose(pose)
-    return Observation(
-        0, 0.0, np.zeros((256, 256, 3), np.uint8), room_depth(T_world_camera), CAMERA, T_world_camera, pose
-    )
+    return observe(0, pose)
 
 
 def test_frontiers_come_nearest_first_with_the_cells_they_have():
