@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order
 
-from anm_mj.planning.connected_components import connected_components
+from anm_mj.geometry.connected_components import connected_components
 from anm_mj.types import VoronoiGraph
 
 

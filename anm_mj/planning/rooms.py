@@ -1,11 +1,6 @@
 """Rooms: the parts of the graph between doors, which are bottlenecks.
 
-A door is a minimum of the clearance along the graph that is clearly narrower than the graph on both sides (critical
-points: Thrun, Artificial Intelligence 99(1), 1998). Every vertex begins as a part of its own. Each part merges with the
-neighbour behind its widest exit, until every part is clearly wider than its widest exit. This equals the watershed of
-the clearance over the graph with shallow basins filled in, widest bottlenecks first (Bormann et al., ICRA 2016): the
-widest exit of a part comes before its other exits, so that all parts can merge at once. Then parts too small for a room
-merge with the neighbour behind their widest exit, again widest first. A few rounds do, each a pass over the edges.
+Every vertex begins as a part of its own; parts merge across the edges (:mod:`anm_mj.geometry.room_merging`).
 
 Only a bottleneck between two walls can be a door. One beside a table or a chair is a passage through a room: a
 free-standing obstacle is furniture unless it is long, or thin as a wall. A bottleneck beside the unknown may be wider
@@ -21,8 +16,8 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.bottlenecks import Bottlenecks, edge_bottlenecks
-from anm_mj.planning.connected_components import connected_components
+from anm_mj.geometry.room_merging import merge_into_rooms
+from anm_mj.planning.bottlenecks import edge_bottlenecks
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 
 DOOR_HALF_WIDTH_M = 0.8
@@ -63,9 +58,20 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
             their numbers while the robot finds others.
     """
     places = edge_bottlenecks(graph)
-    part = _parts(graph, places, topdown)
+    may_be_door = places.clearance_m <= DOOR_HALF_WIDTH_M
+    may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
+    floor_of_vertex_m2 = np.bincount(graph.edges[:, 0], places.floor_m2, len(graph.vertex_xy_m))
+    part = merge_into_rooms(
+        graph.edges,
+        places.clearance_m,
+        may_be_door,
+        graph.clearance_m,
+        floor_of_vertex_m2,
+        NARROWING,
+        MIN_ROOM_M2,
+    )
     num = int(part.max(initial=-1)) + 1
-    floor_m2 = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num).astype(float)
+    floor_m2 = np.bincount(part, floor_of_vertex_m2, num)
     by_distance = np.argsort(np.linalg.norm(graph.vertex_xy_m - start_xy_m, axis=1), kind="stable")
     _, first = np.unique(part[by_distance], return_index=True)
     order = np.argsort(first)
@@ -74,37 +80,6 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
     number[order] = np.arange(len(order))
     door = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
     return Rooms(number[part], floor_m2[order], places.xy_m[door])
-
-
-def _parts(graph: VoronoiGraph, places: Bottlenecks, topdown: TopDownMap) -> Int[np.ndarray, " n"]:
-    """The part of each vertex when no two parts can merge any more."""
-    width = places.clearance_m
-    may_be_door = width <= DOOR_HALF_WIDTH_M
-    may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
-    part = connected_components(graph.edges[~may_be_door], len(graph.vertex_xy_m))
-    # Doors of one size are equally wide: the first of them counts as the widest.
-    by_width = np.argsort(-width, kind="stable")
-    rank = np.empty(len(width), np.int64)
-    rank[by_width] = np.arange(len(width))
-    while True:
-        num = int(part.max(initial=-1)) + 1
-        sides = part[graph.edges]
-        between = sides[:, 0] != sides[:, 1]
-        widest_m, first = np.zeros(num), np.full(num, len(width))
-        np.maximum.at(widest_m, part, graph.clearance_m)
-        np.minimum.at(first, sides[between].ravel(), np.repeat(rank[between], 2))
-        with_exit = np.flatnonzero(first < len(width))
-        exits = by_width[first[with_exit]]
-        merges = width[exits] > NARROWING * widest_m[with_exit]
-        if not merges.any():
-            # No part becomes too shallow again: parts only get wider, and their exits narrower.
-            small = np.bincount(part[graph.edges[:, 0]], places.floor_m2, num) < MIN_ROOM_M2
-            behind = sides[exits].sum(axis=1) - with_exit
-            # A small neighbour merges through its own wider exit first: together they may be large enough to stay.
-            merges = small[with_exit] & (~small[behind] | (first[behind] == first[with_exit]))
-        if not merges.any():
-            return part
-        part = connected_components(sides[exits[merges]], num)[part]
 
 
 def _between_walls(border_xy_m: Float[np.ndarray, "e 2 2"], topdown: TopDownMap) -> Bool[np.ndarray, " e"]:

@@ -1,10 +1,8 @@
-"""Room segmentation: rooms and the doors between them, from the plan of the walls.
+"""Room segmentation of a plan: rooms and the doors between them, from the walls.
 
 A slice above furniture and below lintels shows little but walls. A watershed of the distance to the walls splits the
-free floor into basins. Basins are joined unless the bottleneck between them is a door: at most ``DOOR_MAX_M`` wide and
-clearly narrower than both. :mod:`anm_mj.planning.rooms` does this on the Voronoi graph.
-
-After Bormann et al., "Room segmentation: survey, implementation, and analysis", ICRA 2016.
+free floor into basins, which merge unless the bottleneck between them is a door: at most ``DOOR_MAX_M`` wide and
+clearly narrower than both (:mod:`anm_mj.geometry.room_merging`, as for the rooms of the robot's own graph).
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
 
+from anm_mj.geometry.room_merging import merge_into_rooms
 from anm_mj.scene.navigable import NavigableArea, floor_cells
 from anm_mj.scene.raster import clip_to_slab, distance_in_walls, label_components, rasterise
 
@@ -26,7 +25,7 @@ _DOOR_MIN_M = 0.3
 """Narrower openings are slits [m]."""
 _NARROWING = 0.8
 """A door is narrower than this share of the widest place of either room."""
-_MIN_ROOM_M2 = 1.5
+MIN_ROOM_M2 = 1.5
 """Smaller areas are niches of their neighbour [m2]."""
 
 
@@ -55,24 +54,50 @@ class RoomPlan:
 
 def find_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> RoomPlan:
     """The rooms connected to most of the floor, and the doors between them."""
-    from skimage.morphology import h_maxima
-    from skimage.segmentation import watershed
-
     grid, cell_m = area.grid, area.grid.resolution_m
     walls = rasterise(clip_to_slab(triangles_m, *WALL_SLICE_M), grid)
     free = floor_cells(triangles_m, grid, closing_cells=4) & ~walls
+    label, distance_m = segment_floor(free, cell_m)
+    reached = np.bincount(label[area.component == 1], minlength=int(label.max()) + 1) > 0
+    size_m2 = np.bincount(label.ravel()) * cell_m**2
+    reached &= size_m2 >= MIN_ROOM_M2
+    reached[0] = False
+    order = [room for room in np.argsort(-size_m2, kind="stable").tolist() if reached[room]]
+    number = np.zeros(len(size_m2), np.int64)
+    number[order] = np.arange(1, len(order) + 1)
+    room = number[label]
+    return RoomPlan(room, tuple(size_m2[order].tolist()), _doors(room, distance_m, area))
+
+
+def segment_floor(
+    free: Bool[np.ndarray, "r c"], cell_m: float
+) -> tuple[Int[np.ndarray, "r c"], Float64[np.ndarray, "r c"]]:
+    """Label every free cell with its room, from 1; 0 elsewhere. Also the distance of each cell to the walls [m].
+
+    Args:
+        free: floor without walls; furniture does not count as a wall.
+        cell_m: size of the cells [m].
+    """
+    from skimage.morphology import h_maxima
+    from skimage.segmentation import watershed
+
     # In metres and smoothed by half a cell: on the raw distances every second cell is a maximum of its own.
     distance_m = ndimage.gaussian_filter(distance_in_walls(free) * cell_m, 0.7)
     tops, _ = label_components(np.asarray(h_maxima(distance_m, 2 * cell_m), dtype=bool))
     basin = np.asarray(watershed(-distance_m, tops, mask=free))
-    joined = _without_niches(_joined(basin, distance_m), distance_m, area)
-    size = np.bincount(joined.ravel())
-    size[0] = 0
-    order = [label for label in np.argsort(-size, kind="stable").tolist() if size[label]]
-    number = np.zeros(len(size), np.int64)
-    number[order] = np.arange(1, len(order) + 1)
-    room = number[joined]
-    return RoomPlan(room, tuple(float(size[label]) * cell_m**2 for label in order), _doors(room, distance_m, area))
+    num = int(basin.max())
+    bottlenecks = sorted(_bottlenecks(basin, distance_m).items())
+    width_m = np.array([width for _, width in bottlenecks])
+    room = merge_into_rooms(
+        np.array([pair for pair, _ in bottlenecks], dtype=np.int64).reshape(-1, 2) - 1,
+        width_m,
+        2.0 * width_m <= DOOR_MAX_M,
+        np.asarray(ndimage.maximum(distance_m, basin, index=np.arange(1, num + 1)), dtype=np.float64).reshape(-1),
+        np.bincount(basin.ravel(), minlength=num + 1)[1:] * cell_m**2,
+        _NARROWING,
+        MIN_ROOM_M2,
+    )
+    return np.append(0, room + 1)[basin], distance_m
 
 
 def _bottlenecks(label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"]) -> dict[tuple[int, int], float]:
@@ -88,44 +113,6 @@ def _bottlenecks(label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, 
         for pair, width in zip(map(tuple, pairs.tolist()), widths.tolist(), strict=True):
             bottlenecks[pair] = max(bottlenecks.get(pair, 0.0), width)
     return bottlenecks
-
-
-def _joined(basin: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"]) -> Int[np.ndarray, "r c"]:
-    """Basins joined wherever no door parts them, the widest bottlenecks first."""
-    num = int(basin.max())
-    tops_m = np.asarray(ndimage.maximum(distance_m, basin, index=np.arange(num + 1)), dtype=np.float64)
-    parent = np.arange(num + 1)
-    for (a, b), bottleneck_m in sorted(_bottlenecks(basin, distance_m).items(), key=lambda item: (-item[1], item[0])):
-        a, b = _root(parent, a), _root(parent, b)
-        if a != b and (2 * bottleneck_m > DOOR_MAX_M or bottleneck_m > _NARROWING * min(tops_m[a], tops_m[b])):
-            parent[max(a, b)] = min(a, b)
-            tops_m[min(a, b)] = max(tops_m[a], tops_m[b])
-    return np.array([_root(parent, label) for label in range(num + 1)])[basin]
-
-
-def _root(parent: Int[np.ndarray, " n"], label: int) -> int:
-    """What a label has been joined to."""
-    while parent[label] != label:
-        label = int(parent[label])
-    return label
-
-
-def _without_niches(
-    label: Int[np.ndarray, "r c"], distance_m: Float64[np.ndarray, "r c"], area: NavigableArea
-) -> Int[np.ndarray, "r c"]:
-    """Labels too small for a room given to the neighbour with the widest bottleneck; those out of reach dropped."""
-    label = label.copy()
-    while True:
-        size_m2 = np.bincount(label.ravel()) * area.grid.resolution_m**2
-        bottlenecks = _bottlenecks(label, distance_m)
-        small = [pair for pair in bottlenecks if min(size_m2[pair[0]], size_m2[pair[1]]) < _MIN_ROOM_M2]
-        if not small:
-            break
-        a, b = max(small, key=lambda pair: (bottlenecks[pair], pair))
-        label[label == max(a, b)] = min(a, b)
-    stands = np.bincount(label[area.component == 1], minlength=int(label.max()) + 1) > 0
-    stands[0] = False
-    return np.where(stands[label] & (size_m2[label] >= _MIN_ROOM_M2), label, 0)
 
 
 def _doors(

@@ -1,6 +1,6 @@
 import numpy as np
 
-from anm_mj.planning.connected_components import connected_components
+from anm_mj.geometry.connected_components import connected_components
 
 
 def test_links_make_components():

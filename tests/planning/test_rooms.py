@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from anm_mj.planning import rooms
-from anm_mj.planning.bottlenecks import Bottlenecks
+from anm_mj.geometry import room_merging
+from anm_mj.geometry.room_merging import merge_into_rooms
 from anm_mj.planning.rooms import NARROWING, find_rooms
-from anm_mj.types import OCCUPIED, VoronoiGraph, VoxelGrid
+from anm_mj.types import OCCUPIED, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room, see
 
 DOOR = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
@@ -143,8 +143,8 @@ def test_turning_the_plan_turns_the_rooms(angle_deg):
 
 def test_cost_grows_linearly_with_the_rooms(monkeypatch):
     calls = []
-    connected_components = rooms.connected_components
-    monkeypatch.setattr(rooms, "connected_components", lambda *of: calls.append(1) or connected_components(*of))
+    connected_components = room_merging.connected_components
+    monkeypatch.setattr(room_merging, "connected_components", lambda *of: calls.append(1) or connected_components(*of))
     per_room, rounds = [], []
     for num in (4, 8, 16):
         world, _ = row_of_rooms(num)
@@ -167,14 +167,10 @@ def test_merging_at_once_equals_merging_one_by_one(seed, least_m2):
     edges = edges[edges[:, 0] != edges[:, 1]]
     clearance = rng.uniform(0.3, 2.0, num)
     width = clearance[edges].min(axis=1) * rng.uniform(0.5, 1.0, len(edges))
-    graph = VoronoiGraph(rng.random((num, 2)), clearance, edges, np.ones(len(edges)))
     floor = rng.uniform(0.0, 2.0, len(edges))
-    places = Bottlenecks(width, np.zeros((len(edges), 2)), np.zeros((len(edges), 2, 2)), floor)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rooms, "MIN_ROOM_M2", least_m2)
-        patch.setattr(rooms, "DOOR_HALF_WIDTH_M", 2.0)
-        patch.setattr(rooms, "_between_walls", lambda border_xy_m, topdown: np.ones(len(border_xy_m), bool))
-        part = rooms._parts(graph, places, see(room(1, 1), 0.7, 0.7)[1])
+    part = merge_into_rooms(
+        edges, width, np.ones(len(edges), bool), clearance, np.bincount(edges[:, 0], floor, num), NARROWING, least_m2
+    )
 
     expected = np.arange(num)
 

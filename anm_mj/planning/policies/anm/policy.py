@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from anm_mj.planning.connected_components import connected_components
+from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.anm.config import AnmConfig
 from anm_mj.planning.policies.context import PolicyContext

@@ -1,7 +1,7 @@
 """Plans of HouseExpo (Li et al., "HouseExpo", IROS 2020): one outline of all free floor, interior walls folded in.
 
-It lists no rooms and no doors. A watershed splits the floor where it is narrow, as at doors, and the boxes of
-``room_category`` name the rooms.
+It lists no rooms and no doors. Room segmentation finds them (:func:`anm_mj.scene.rooms.segment_floor`), and the boxes
+of ``room_category`` name the rooms.
 """
 
 from __future__ import annotations
@@ -10,20 +10,16 @@ from typing import Any
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Float64, Int
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
-from skimage.segmentation import watershed
 
 from anm_mj.scene.generation.building import Building, named_rooms
 from anm_mj.scene.importing.floorplans.cells import CellPlan, grid_axes, take_passages, whole_rooms
 from anm_mj.scene.importing.floorplans.room_types import room_type_of_word
-from anm_mj.scene.raster import distance_in_walls, label_components
+from anm_mj.scene.rooms import segment_floor
 
 _CELL_M = 0.05
-_NARROW_M = 1.1
-"""Rooms end where the floor is narrower than this [m]."""
-_MIN_CORE_M2 = 0.05
 _PASSAGE_M = 0.1
 """Length of passages [m]: inner walls are thin here."""
 
@@ -46,24 +42,12 @@ def read_houseexpo(plan: Any) -> Building:
     origin, xs, ys = grid_axes(np.array(floor.bounds), _CELL_M)
     shapely.prepare(floor)
     free = np.asarray(shapely.contains_xy(floor, *np.meshgrid(xs, ys)), dtype=bool)
-    labels = whole_rooms(_parted(free))
+    labels = whole_rooms(segment_floor(free, _CELL_M)[0] - 1)
     plan_cells = CellPlan(labels, origin, _CELL_M)
     cells, passages = take_passages(plan_cells, _borders(plan_cells), _PASSAGE_M)
     outlines = cells.outlines()
     room_types = [_room_type(outline, plan["room_category"]) for outline in outlines]
     return Building(named_rooms(outlines, room_types), tuple(passages))
-
-
-def _parted(free: Bool[np.ndarray, "rows cols"]) -> Int[np.ndarray, "rows cols"]:
-    """Watershed of the distance to the walls, with the wide parts of the floor as seeds."""
-    distance = distance_in_walls(free) * _CELL_M
-    cores, num = label_components(distance > _NARROW_M / 2)
-    sizes = np.bincount(cores.ravel(), minlength=num + 1)
-    cores[sizes[cores] * _CELL_M**2 < _MIN_CORE_M2] = 0
-    if not cores.any():
-        return np.where(free, 0, -1)
-    grown = watershed(-distance, cores, mask=free)
-    return np.where(grown > 0, grown - 1, -1)
 
 
 def _borders(plan: CellPlan) -> Float64[np.ndarray, "n 2 2"]:
