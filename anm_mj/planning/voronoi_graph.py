@@ -3,8 +3,10 @@
 Every point of the graph is equidistant to at least two points of the border of free space (paper, Eq. 3; Choset and
 Burdick, 2000). The border is sampled at the zero-crossings of the SDF and at the frontier to the unknown: finely inside
 the robot's local horizon and coarsely outside, which bounds the cost in large scenes (paper, section IV-A). The two
-points that generate a Voronoi edge are the nearest of all. The clearance of a whole edge is therefore exactly the
-distance from one of them to the segment, and no thin obstacle between two vertices is missed.
+points that generate a Voronoi edge are the nearest of all. The clearance of a whole edge from the border points is
+therefore exactly the distance from one of them to the segment. Between two samples of one wall an edge would still lead
+through the wall where they lie far apart, so every edge is checked against the cells of the map as well: no thin
+obstacle between two vertices is missed.
 """
 
 from __future__ import annotations
@@ -13,9 +15,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import Delaunay, QhullError
 
+from anm_mj.planning.clear_edges import clear_edges
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 
+CELL_SLACK = 1.0
+"""Cells round clearances down and up: an edge that keeps its distance from the border points may have so much less in
+the map [cells]."""
 FAR_SPACING = 2.0
 """Ratio of the spacing of far surface points to that of coarse ones."""
 
@@ -54,6 +60,9 @@ def voronoi_graph(
     usable = _length(a - b) >= config.min_site_distance_m
     ridges, a = np.stack([triangle, diagram.neighbors[triangle, corner]], axis=1)[usable], a[usable]
     usable = _segment_distance(a, vertices[ridges[:, 0]], vertices[ridges[:, 1]]) >= safe_m
+    ridges, a = ridges[usable], a[usable]
+    least_m = max(safe_m - CELL_SLACK * topdown.resolution_m, topdown.resolution_m / 2.0)
+    usable = clear_edges(topdown, vertices[ridges[:, 0]], vertices[ridges[:, 1]], least_m)
     ridges, a = ridges[usable], a[usable]
     if not len(ridges):
         return _empty_graph()

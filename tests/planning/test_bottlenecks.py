@@ -18,7 +18,7 @@ EVERY_POINT = PlanningConfig(fine_spacing_m=1e-3, coarse_spacing_m=1e-3, min_sit
 def test_bottleneck_is_the_place_nearest_to_the_border(seed):
     border = np.random.default_rng(seed).uniform(1, 9, (60, 2))
     free = np.full((200, 200), FREE, np.int8)
-    topdown = TopDownMap(free.astype(np.float32), free, 0.05, np.zeros(2), surface_xy_m=border)
+    topdown = TopDownMap(np.full(free.shape, 5.0, np.float32), free, 0.05, np.zeros(2), surface_xy_m=border)
     graph = voronoi_graph(topdown, np.array([5.0, 5.0]), EVERY_POINT, 0.1)
     places = edge_bottlenecks(graph)
 

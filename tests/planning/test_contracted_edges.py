@@ -82,7 +82,9 @@ def test_left_out_vertices_shorten_edges():
 def test_every_kept_edge_lies_on_one_contracted_edge(seed, share):
     rng = np.random.default_rng(seed)
     free = np.full((200, 200), FREE, np.int8)
-    topdown = TopDownMap(free.astype(np.float32), free, 0.05, np.zeros(2), surface_xy_m=rng.uniform(1, 9, (80, 2)))
+    topdown = TopDownMap(
+        np.full(free.shape, 5.0, np.float32), free, 0.05, np.zeros(2), surface_xy_m=rng.uniform(1, 9, (80, 2))
+    )
     graph = voronoi_graph(topdown, np.array([5.0, 5.0]), PlanningConfig(min_site_distance_m=1e-6), 0.3)
     kept = rng.random(len(graph.vertex_xy_m)) < share
     contracted = contract(graph, kept)

@@ -17,7 +17,7 @@ CONFIG = PlanningConfig(horizon_m=20.0)
 def border_map(border_xy_m, size=200):
     """A map that is free everywhere, with a given border: what the graph sees of the world and nothing else."""
     free = np.full((size, size), FREE, np.int8)
-    return TopDownMap(free.astype(np.float32), free, 0.05, np.zeros(2), surface_xy_m=border_xy_m)
+    return TopDownMap(np.full(free.shape, 5.0, np.float32), free, 0.05, np.zeros(2), surface_xy_m=border_xy_m)
 
 
 def test_corridor_gives_its_centre_line():
