@@ -41,6 +41,9 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "evaluation.rerender": _BASE | {"io", "scene", "robot", "control", "sim.make_robot"},
     "evaluation.novel_views": _BASE
     | {"io", "scene", "robot", "control", "sim.make_robot", "evaluation", "evaluation.rerender", "mapping"},
+    "evaluation.fixed_views": _BASE
+    | {"io", "scene", "robot", "sim.make_robot", "evaluation", "evaluation.rerender", "evaluation.novel_views"}
+    | {"mapping"},
     "sensor_monitor": _BASE,
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"sensor_monitor"},
@@ -49,7 +52,9 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.
     "environments": _BASE | {"config", "sim.make_robot", "scene", "sim", "control", "mapping", "evaluation"},
     # Many runs, each in a process of its own, and their tables.
-    "bench": _BASE | {"scene", "planning", "config", "run", "io", "viz", "evaluation", "evaluation.novel_views"},
+    "bench": _BASE
+    | {"scene", "planning", "config", "run", "io", "viz"}
+    | {"evaluation", "evaluation.novel_views", "evaluation.fixed_views"},
     "cli.metrics_table": _BASE | {"evaluation"},
     "cli.progress": _BASE | {"explore", "io.recorder", "evaluation"},
     "cli.doctor": _BASE | {"sim", "io", "viz"},
@@ -66,6 +71,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
         "viz",
         "evaluation",
         "evaluation.novel_views",
+        "evaluation.fixed_views",
     },
 }
 """What each module or folder of the package may import from the package, beside itself."""
@@ -83,7 +89,7 @@ _ONLY_IN = {
 
 _LIGHT = ("planning", "evaluation", "io", "viz", "environments", "sim/gl.py", "errors.py", "frames.py", "protocols.py")
 """Parts that must load without a simulator and without torch, but for what stands in ``_MAPS``."""
-_MAPS = {"evaluation.novel_views"}
+_MAPS = {"evaluation.novel_views", "evaluation.fixed_views"}
 
 
 def imported_modules(source: str) -> list[tuple[int, str]]:

@@ -31,6 +31,9 @@ COLUMNS = (
     ("novel_view_psnr_db", "novel-view PSNR [dB]", 1),
     ("novel_view_ssim", "novel-view SSIM", 3),
     ("novel_view_depth_l1_cm", "novel-view depth L1 [cm]", 1),
+    ("fixed_view_psnr_db", "fixed-view PSNR [dB]", 1),
+    ("fixed_view_ssim", "fixed-view SSIM", 3),
+    ("fixed_view_depth_error_cm", "fixed-view depth error [cm]", 2),
     ("hz", "steps/s", 1),
 )
 """Column of the results table, heading, decimals."""

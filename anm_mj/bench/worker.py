@@ -21,6 +21,7 @@ EXPLORE = "anm_mj.bench.worker:explore"
 KEPT = (
     "config.json",
     "curve.csv",
+    "fixed_views.json",
     "manifest.json",
     "metrics.json",
     "novel_views.json",
@@ -30,7 +31,7 @@ KEPT = (
 )
 """Files kept of a run folder: metrics and logs, without frames, map and mesh."""
 WITHOUT_PICTURES = "mlp"
-"""The engine whose maps are not evaluated on novel views: they have no colours, and an image takes half a minute."""
+"""The engine whose maps are not evaluated on views: they have no colours, and an image takes half a minute."""
 FAILED = 2
 
 
@@ -40,14 +41,15 @@ def explore(job: Job, folder: Path) -> None:
     Raises:
         AnmError: The run cannot be made.
     """
-    from anm_mj.evaluation.evaluate import add_novel_views
+    from anm_mj.evaluation.evaluate import add_views
+    from anm_mj.evaluation.fixed_views import evaluate_fixed_views
     from anm_mj.evaluation.novel_views import evaluate_novel_views
     from anm_mj.run import run
 
     config = job.config()
     made, _ = run(config, out=folder)
     if config.mapping.engine != WITHOUT_PICTURES:
-        add_novel_views(made.path, evaluate_novel_views(made.path))
+        add_views(made.path, evaluate_novel_views(made.path), evaluate_fixed_views(made.path))
     for path in sorted(made.path.rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()

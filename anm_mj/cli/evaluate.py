@@ -14,7 +14,9 @@ def add_evaluate(commands: Any) -> None:
     evaluate = commands.add_parser("eval", help="recompute the metrics of a run from its folder alone")
     evaluate.add_argument("run", type=Path, metavar="RUN", help="a run folder")
     evaluate.add_argument(
-        "--novel-views", action="store_true", help="also evaluate the map on views from places the robot never visited"
+        "--novel-views",
+        action="store_true",
+        help="also evaluate the map on views from places the robot never visited, and on the scene's 200 fixed views",
     )
     # Its former name.
     evaluate.add_argument("--heldout", action="store_true", dest="novel_views", help=argparse.SUPPRESS)
@@ -32,12 +34,14 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     from anm_mj.evaluation.evaluate import evaluate_run
 
     console = Console()
-    novel_views = None
+    novel_views, fixed_views = None, None
     if parsed.novel_views:
+        from anm_mj.evaluation.fixed_views import evaluate_fixed_views
         from anm_mj.evaluation.novel_views import evaluate_novel_views
 
         novel_views = evaluate_novel_views(parsed.run, scene=parsed.scene)
+        fixed_views = evaluate_fixed_views(parsed.run, scene=parsed.scene)
     with ProgressLine(console) as line:
-        metrics = evaluate_run(parsed.run, line.surveying, novel_views)
+        metrics = evaluate_run(parsed.run, line.surveying, novel_views, fixed_views)
     print_metrics(console, metrics, parsed.run)
     return 0

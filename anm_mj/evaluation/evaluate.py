@@ -17,16 +17,18 @@ from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.mesh import mesh_quality
 from anm_mj.evaluation.metrics import (
+    FIXED,
+    NOVEL,
     EpisodeStatistics,
     Metrics,
     RunSummary,
-    novel_view_metrics,
-    novel_view_result,
     read_metrics,
     summarise,
+    view_metrics,
+    views_result,
 )
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
-from anm_mj.evaluation.view_quality import NovelViewResult
+from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import RunFolder
@@ -43,19 +45,21 @@ OUR_ROBOT = "diff_drive"
 def evaluate_run(
     path: Path,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-    novel_views: NovelViewResult | None = None,
+    novel_views: ViewsResult | None = None,
+    fixed_views: ViewsResult | None = None,
 ) -> Metrics:
     """Recompute a run's metrics and rewrite ``metrics.json``, ``curve.csv`` and ``curve.png``.
 
     Facts that only the running program knew (stop reason, wall time, memory) are kept from ``metrics.json``; so are
-    the novel-view metrics unless given. A killed run is evaluated as far as it came. If the run could not compute the
-    observable surface, it is computed now, provided that the scene is available. Frames count from the true camera
-    pose, whatever pose the robot believed.
+    the metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
+    compute the observable surface, it is computed now, provided that the scene is available. Frames count from the true
+    camera pose, whatever pose the robot believed.
 
     Args:
         path: The run folder.
         on_progress: Called with done and total rounds while the observable surface is computed.
         novel_views: Result of :func:`anm_mj.evaluation.novel_views.evaluate_novel_views`.
+        fixed_views: Result of :func:`anm_mj.evaluation.fixed_views.evaluate_fixed_views`.
 
     Raises:
         RunFolderError: The folder is no run, or a file in it is damaged.
@@ -67,7 +71,9 @@ def evaluate_run(
     curve, statistics = _replay(run, truth)
     known = read_metrics(run.folder.metrics) if run.folder.metrics.is_file() else {}
     summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
-    return write_results(run.folder, truth, curve, statistics, summary, novel_views or novel_view_result(known))
+    novel_views = novel_views or views_result(known, NOVEL)
+    fixed_views = fixed_views or views_result(known, FIXED)
+    return write_results(run.folder, truth, curve, statistics, summary, novel_views, fixed_views)
 
 
 def write_results(
@@ -76,7 +82,8 @@ def write_results(
     curve: CompletionCurve,
     statistics: EpisodeStatistics,
     summary: RunSummary,
-    novel_views: NovelViewResult | None = None,
+    novel_views: ViewsResult | None = None,
+    fixed_views: ViewsResult | None = None,
 ) -> Metrics:
     """Finish the curve and write ``metrics.json``, ``curve.csv`` and ``curve.png``.
 
@@ -87,7 +94,8 @@ def write_results(
     uncapped_cm = uncapped_completion_cm(truth.samples, curve.distance_m, _clouds(read_run(folder.path)))
     covered = curve.distance_m < COVERED_M
     mesh = mesh_quality(*read_mesh(folder.mesh), truth, covered) if folder.mesh.is_file() else None
-    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, novel_views)
+    views = novel_views, fixed_views
+    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, *views)
     with writing(folder.path):
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         folder.curve.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
@@ -102,14 +110,15 @@ def write_results(
     return metrics
 
 
-def add_novel_views(path: Path, result: NovelViewResult) -> None:
-    """Add novel-view metrics to the ``metrics.json`` of a finished run; everything else stays.
+def add_views(path: Path, novel_views: ViewsResult, fixed_views: ViewsResult) -> None:
+    """Add the metrics of novel and fixed views to the ``metrics.json`` of a finished run; everything else stays.
 
     Raises:
         RunFolderError: The file is missing or damaged, or cannot be written.
     """
     metrics = RunFolder(path).metrics
-    write_json(metrics, read_metrics(metrics) | novel_view_metrics(result))
+    added = view_metrics(novel_views, NOVEL) | view_metrics(fixed_views, FIXED)
+    write_json(metrics, read_metrics(metrics) | added)
 
 
 def _replay(run: Run, truth: GroundTruth) -> tuple[CompletionCurve, EpisodeStatistics]:

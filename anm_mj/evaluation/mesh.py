@@ -28,6 +28,8 @@ NUM_NEAR = 8
 """Anchors per query."""
 CHUNK = 20_000
 """Queries processed together; bounds the memory to some 50 MiB."""
+FINE_M = 0.025
+"""Half of ``COVERED_M``: at 5 cm nearly all observed surface counts as found, however roughly it is known [m]."""
 SAMPLE_SEED = 0
 """Seed of the samples on the reconstruction."""
 
@@ -44,6 +46,8 @@ class MeshQuality:
     """Share of the true surface within 5 cm of the reconstruction [%] (recall)."""
     precision_percent: float
     """Share of the reconstruction within 5 cm of the true surface [%]."""
+    fine_completion_ratio_percent: float
+    """Share of the true surface within 2.5 cm of the reconstruction [%]."""
 
     @property
     def f_score_percent(self) -> float:
@@ -94,6 +98,7 @@ def _quality(to_truth_m: Float[np.ndarray, " n"], to_mesh_m: Float[np.ndarray, "
         completion_cm=100.0 * float(np.mean(to_mesh_m)),
         completion_ratio_percent=100.0 * float(np.mean(to_mesh_m < COVERED_M)),
         precision_percent=100.0 * float(np.mean(to_truth_m < COVERED_M)),
+        fine_completion_ratio_percent=100.0 * float(np.mean(to_mesh_m < FINE_M)),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import MeshQuality
-from anm_mj.evaluation.view_quality import NovelViewResult, ViewQuality
+from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.io.read_run import read_json
 from anm_mj.types import Action
@@ -26,6 +26,10 @@ FORMER_KEYS = {
     "heldout_known_percent": "novel_view_known_percent",
 }
 """Former keys of ``metrics.json`` and their present names; :func:`read_metrics` translates them."""
+
+
+NOVEL, FIXED = "novel_view", "fixed_view"
+"""What the keys of ``metrics.json`` about novel and fixed views begin with."""
 
 
 @dataclass(frozen=True)
@@ -64,18 +68,21 @@ class Metrics:
     """Mean distance of the true surface to the reconstructed mesh [cm]."""
     mesh_completion_ratio: float | None
     """Share of the true surface within 5 cm of the reconstructed mesh [%]."""
+    mesh_completion_ratio_25mm: float | None
+    """The same within 2.5 cm [%]."""
     f_score: float | None
     """F-score of the mesh at 5 cm [%]."""
     chamfer_cm: float | None
     """Mean of accuracy and mesh completion [cm]."""
     observed_accuracy_cm: float | None
-    """This and the next four: the mesh metrics, culled to the observed surface."""
+    """This and the next five: the mesh metrics, culled to the observed surface."""
     observed_mesh_completion_cm: float | None
     observed_mesh_completion_ratio: float | None
+    observed_mesh_completion_ratio_25mm: float | None
     observed_f_score: float | None
     observed_chamfer_cm: float | None
     novel_views: int | None
-    """Novel views that the map was evaluated on. The next five are means over them."""
+    """Novel views that the map was evaluated on. The next six are means over them."""
     novel_view_psnr_db: float | None
     """PSNR over whole images [dB]."""
     novel_view_psnr_known_db: float | None
@@ -83,9 +90,19 @@ class Metrics:
     novel_view_ssim: float | None
     """Structural similarity."""
     novel_view_depth_l1_cm: float | None
-    """Mean absolute error of planar depth [cm]."""
+    """Mean absolute error of planar depth over pixels where the map has a surface [cm]."""
+    novel_view_depth_error_cm: float | None
+    """The same over all pixels, each capped at 1 m; where the map has no surface it is 1 m [cm]."""
     novel_view_known_percent: float | None
     """Share of the pixels where the map has a surface [%]."""
+    fixed_views: int | None
+    """Fixed views that the map was evaluated on. The next six are means over them, as for novel views."""
+    fixed_view_psnr_db: float | None
+    fixed_view_psnr_known_db: float | None
+    fixed_view_ssim: float | None
+    fixed_view_depth_l1_cm: float | None
+    fixed_view_depth_error_cm: float | None
+    fixed_view_known_percent: float | None
     steps: int
     path_m: float
     """Driven distance [m]."""
@@ -159,7 +176,8 @@ def summarise(
     truth: GroundTruth,
     mesh: tuple[MeshQuality, MeshQuality | None] | None,
     summary: RunSummary,
-    novel_views: NovelViewResult | None = None,
+    novel_views: ViewsResult | None = None,
+    fixed_views: ViewsResult | None = None,
 ) -> Metrics:
     """Assemble the metrics of a run.
 
@@ -172,6 +190,7 @@ def summarise(
         mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh.
         summary: Facts that only the running program knows.
         novel_views: Quality of the map on novel views; None if not measured.
+        fixed_views: Quality of the map on the scene's fixed views; None if not measured.
     """
     last = rows[-1] if rows else None
     whole, observed = mesh or (None, None)
@@ -183,7 +202,8 @@ def summarise(
         observable_share=None if truth.observable is None else 100.0 * float(truth.observable.mean()),
         **_mesh_metrics(whole, ""),
         **_mesh_metrics(observed, "observed_"),
-        **novel_view_metrics(novel_views),
+        **view_metrics(novel_views, NOVEL),
+        **view_metrics(fixed_views, FIXED),
         steps=statistics.steps,
         path_m=path_m,
         forwards=statistics.forwards,
@@ -201,29 +221,35 @@ def _mesh_metrics(quality: MeshQuality | None, prefix: str) -> dict[str, Any]:
         f"{prefix}accuracy_cm": quality.accuracy_cm if quality else None,
         f"{prefix}mesh_completion_cm": quality.completion_cm if quality else None,
         f"{prefix}mesh_completion_ratio": quality.completion_ratio_percent if quality else None,
+        f"{prefix}mesh_completion_ratio_25mm": quality.fine_completion_ratio_percent if quality else None,
         f"{prefix}f_score": quality.f_score_percent if quality else None,
         f"{prefix}chamfer_cm": quality.chamfer_cm if quality else None,
     }
 
 
-def novel_view_metrics(result: NovelViewResult | None) -> dict[str, Any]:
-    """The fields of :class:`Metrics` about novel views."""
+def view_metrics(result: ViewsResult | None, prefix: str) -> dict[str, Any]:
+    """The fields of :class:`Metrics` about views.
+
+    Args:
+        result: Quality of the map on them; None if not measured.
+        prefix: ``NOVEL`` or ``FIXED``.
+    """
     means = vars(result.mean) if result and result.mean else {}
     values = {spec.name: means.get(spec.name, math.nan) for spec in fields(ViewQuality)}
     return {
-        "novel_views": result.num_views if result else None,
-        **{f"novel_view_{name}": value if math.isfinite(value) else None for name, value in values.items()},
+        f"{prefix}s": result.num_views if result else None,
+        **{f"{prefix}_{name}": value if math.isfinite(value) else None for name, value in values.items()},
     }
 
 
-def novel_view_result(metrics: dict[str, Any]) -> NovelViewResult | None:
-    """The inverse of :func:`novel_view_metrics`."""
-    count = metrics.get("novel_views")
+def views_result(metrics: dict[str, Any], prefix: str) -> ViewsResult | None:
+    """The inverse of :func:`view_metrics`."""
+    count = metrics.get(f"{prefix}s")
     if count is None:
         return None
-    values = {spec.name: metrics.get(f"novel_view_{spec.name}") for spec in fields(ViewQuality)}
+    values = {spec.name: metrics.get(f"{prefix}_{spec.name}") for spec in fields(ViewQuality)}
     mean = ViewQuality(**{name: math.nan if value is None else value for name, value in values.items()})
-    return NovelViewResult(count, mean if count else None)
+    return ViewsResult(count, mean if count else None)
 
 
 def read_metrics(path: Path) -> dict[str, Any]:

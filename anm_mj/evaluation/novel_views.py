@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.evaluation.rerender import explored_scene, observe_at
-from anm_mj.evaluation.view_quality import NovelViewResult, ViewQuality, compare_view, mean_quality
+from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult, compare_view, mean_quality
 from anm_mj.frames import back_project
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.to_json import write_json
@@ -53,9 +53,7 @@ class NovelView:
     quality: ViewQuality
 
 
-def evaluate_novel_views(
-    path: Path, views: int = NUM_VIEWS, seed: int = 0, scene: str | None = None
-) -> NovelViewResult:
+def evaluate_novel_views(path: Path, views: int = NUM_VIEWS, seed: int = 0, scene: str | None = None) -> ViewsResult:
     """Evaluate a run's map on novel views.
 
     Writes ``novel_views.json`` (quality of each view and the means) and ``novel_views.png`` (the first views) into the
@@ -85,7 +83,7 @@ def evaluate_novel_views(
     write_json(path / "novel_views.json", {"num_views": len(found), "seed": seed, "mean": mean, "views": found})
     if pictures:
         Image.fromarray(np.concatenate(pictures[:SHOWN])).save(path / "novel_views.png")
-    return NovelViewResult(len(found), mean)
+    return ViewsResult(len(found), mean)
 
 
 def candidate_poses(places_m: Float[np.ndarray, "n 2"], seed: int) -> list[Pose2]:

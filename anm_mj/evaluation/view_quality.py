@@ -1,7 +1,7 @@
 """Quality of rendered views: PSNR and SSIM of colour, mean absolute error (L1) of depth.
 
-The map renders unknown pixels black and without depth. PSNR and SSIM over whole images count them as wrong; the known
-share, and PSNR over known pixels alone, complement them.
+The map renders unknown pixels black and without depth. PSNR and SSIM over whole images and the depth error count them
+as wrong; the known share, and PSNR and L1 over known pixels alone, complement them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from anm_mj.evaluation.depth import MAX_DEPTH_M
 
 MAX_PSNR_DB = 100.0
 """PSNR of identical images."""
+MAX_ERROR_M = 1.0
+"""The depth error counts no pixel with more than this, and a pixel without a surface with just this [m]; as
+completion."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,16 @@ class ViewQuality:
     """Structural similarity of colour over the whole image (Wang et al., 2004), at most 1."""
     depth_l1_cm: float
     """Mean absolute error of planar depth over pixels where both have one within 10 m [cm]; NaN without any."""
+    depth_error_cm: float
+    """The same over all pixels with a true depth within 10 m, each capped at 1 m; pixels where the map has no surface
+    count 1 m [cm]. NaN without any."""
     known_percent: float
     """Share of the pixels with a true depth within 10 m where the map has a surface [%]."""
 
 
 @dataclass(frozen=True)
-class NovelViewResult:
-    """Quality of a map on novel views."""
+class ViewsResult:
+    """Quality of a map on several views, novel or fixed ones."""
 
     num_views: int
     """Views evaluated; fewer than requested if the scene has not as many."""
@@ -62,15 +68,24 @@ def compare_view(
     known = np.isfinite(depth_m)
     in_range = true_depth_m <= MAX_DEPTH_M
     both = known & in_range
+    error_m = np.abs(depth_m - true_depth_m)[both]
     # structural_similarity returns a tuple for some options, hence the array.
     ssim = np.asarray(structural_similarity(rgb, true_rgb, channel_axis=2, data_range=255))
     return ViewQuality(
         psnr_db=psnr_db(rgb, true_rgb, np.ones(known.shape, bool)),
         psnr_known_db=psnr_db(rgb, true_rgb, known),
         ssim=ssim.item(),
-        depth_l1_cm=100.0 * float(np.abs(depth_m[both] - true_depth_m[both]).mean()) if both.any() else float("nan"),
+        depth_l1_cm=100.0 * float(error_m.mean()) if both.any() else float("nan"),
+        depth_error_cm=100.0 * _capped_mean_m(error_m, int(in_range.sum())),
         known_percent=100.0 * float(both.sum() / in_range.sum()) if in_range.any() else float("nan"),
     )
+
+
+def _capped_mean_m(error_m: Float32[np.ndarray, " n"], count: int) -> float:
+    """Mean of capped errors of a larger number of pixels, of which the others have no surface [m]; NaN for none."""
+    if not count:
+        return float("nan")
+    return (float(np.minimum(error_m, MAX_ERROR_M).sum(dtype=float)) + (count - len(error_m)) * MAX_ERROR_M) / count
 
 
 def psnr_db(

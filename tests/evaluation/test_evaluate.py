@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.evaluate import add_novel_views, evaluate_run
-from anm_mj.evaluation.view_quality import NovelViewResult, ViewQuality
+from anm_mj.evaluation.evaluate import add_views, evaluate_run
+from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.frames import pose_matrix
 from anm_mj.types import Pose2, StopReason, TrueView
 from tests.box_room import FakeMap, new_recorder, observe, record_steps, room_plan
@@ -141,14 +141,16 @@ def test_frames_count_from_the_true_pose(tmp_path, finished):
     assert rows[0] != rows[2]
 
 
-def test_novel_view_metrics_are_kept(run):
+def test_metrics_of_views_are_kept(run):
     assert evaluate_run(run).novel_views is None
-    add_novel_views(run, NovelViewResult(3, ViewQuality(20.0, 21.0, 0.7, math.nan, 90.0)))
+    novel = ViewsResult(3, ViewQuality(20.0, 21.0, 0.7, math.nan, 40.0, 90.0))
+    add_views(run, novel, ViewsResult(200, ViewQuality(19.0, 21.0, 0.6, 2.0, 5.0, 97.0)))
 
     metrics = evaluate_run(run)
 
     assert (metrics.novel_views, metrics.novel_view_psnr_db, metrics.novel_view_depth_l1_cm) == (3, 20.0, None)
-    assert evaluate_run(run, novel_views=NovelViewResult(0, None)).novel_view_psnr_db is None
+    assert (metrics.fixed_views, metrics.fixed_view_psnr_db, metrics.fixed_view_depth_error_cm) == (200, 19.0, 5.0)
+    assert evaluate_run(run, novel_views=ViewsResult(0, None)).novel_view_psnr_db is None
 
 
 FORMER = {"look_arounds": 2, "heldout_views": 3, "heldout_psnr_db": 20.0, "heldout_depth_l1_cm": None}

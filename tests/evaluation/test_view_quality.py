@@ -39,6 +39,15 @@ def test_unknown_pixels_cost_colour_but_not_depth():
     assert quality.ssim < 0.6
 
 
+def test_the_depth_error_counts_unknown_pixels_and_caps_all():
+    depth = DEPTH + np.float32(0.02)
+    depth[:8], depth[8:16] = np.nan, DEPTH[8:16] + 5.0
+    assert compare_view(RGB, depth, RGB, DEPTH).depth_error_cm == pytest.approx(0.5 * 100.0 + 0.5 * 2.0, abs=1e-3)
+    nothing = np.full_like(DEPTH, np.nan)
+    assert compare_view(RGB, nothing, RGB, DEPTH).depth_error_cm == 100.0
+    assert math.isnan(compare_view(RGB, DEPTH, RGB, nothing).depth_error_cm)
+
+
 def test_depth_beyond_the_range_does_not_count():
     far = DEPTH.copy()
     far[:16] += 20.0
