@@ -12,6 +12,11 @@ stamp=$venv/setup.stamp
 say() { echo "set-up: $*"; }
 fail() { echo "set-up: $*" >&2; exit 1; }
 
+# The build of torch, as uv names it (UV_TORCH_BACKEND=cpu, cu128, ...), or that of the last set-up; none: the one on the
+# package index, with CUDA.
+torch_backend=${UV_TORCH_BACKEND:-$(cat "$venv/torch-backend" 2>/dev/null || true)}
+unset UV_TORCH_BACKEND
+
 # What the environment was made from. The path counts too: scripts and the editable install name it. So does the
 # compiler: where there was none and now is one, the native engine can be built.
 state() {
@@ -19,6 +24,7 @@ state() {
         cat requirements.txt pyproject.toml scripts/setup.sh native/*
         pwd
         "${CXX:-c++}" --version 2>/dev/null || true
+        printf '%s' "$torch_backend"
     } | sha256sum | cut -d ' ' -f 1
 }
 
@@ -76,13 +82,26 @@ export_pip_settings() {
     export UV_INDEX_STRATEGY=unsafe-best-match
 }
 
+# The build of torch that was asked for. That for CPUs needs none of the CUDA packages that are pinned.
+install_with_backend() {
+    [ -n "$torch_backend" ] || return
+    local pins=$venv/requirements.txt
+    if [ "$torch_backend" = cpu ]; then grep -vE '^(cuda|nvidia|triton)' requirements.txt; else cat requirements.txt; fi >"$pins"
+    "$python" -m uv pip install --quiet --python "$python" --no-deps --torch-backend "$torch_backend" \
+        --requirement "$pins" && return
+    say "torch could not be fetched for '$torch_backend', going on with the usual build (3 GB)" >&3
+    return 1
+}
+
 # The pins are complete, so nothing is resolved: --no-deps.
 install_with_uv() {
     "$python" -m pip install --quiet "$(grep -o '^uv==[^ ]*' requirements.txt)" || return
     (
         export_pip_settings
-        "$python" -m uv pip install --quiet --python "$python" --no-deps --requirement requirements.txt &&
-            "$python" -m uv pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
+        {
+            install_with_backend ||
+                "$python" -m uv pip install --quiet --python "$python" --no-deps --requirement requirements.txt
+        } && "$python" -m uv pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
     )
 }
 
@@ -92,8 +111,9 @@ install_with_pip() {
 }
 
 install_packages() {
-    say "installing $(grep -c '^[a-z].*==' requirements.txt) pinned packages (the first time: 3 GB to download, 7 GB on disk)"
-    install_with_uv >>"$log" 2>&1 && return
+    say "installing $(grep -c '^[a-z].*==' requirements.txt) pinned packages (the first time: 3 GB to download, 7 GB on disk;"
+    say "without an NVIDIA GPU, UV_TORCH_BACKEND=cpu make setup saves most of both)"
+    install_with_uv 3>&1 >>"$log" 2>&1 && return
     say "uv did not get through, going on with pip (some minutes)"
     install_with_pip >>"$log" 2>&1 || fail "packages could not be installed: $(grep -i error "$log" | tail -n 1) (all of it: $log)"
 }
@@ -147,5 +167,6 @@ prepare_compiler
 install_packages
 report_engine
 prepare_graphics
+[ -z "$torch_backend" ] || echo "$torch_backend" >"$venv/torch-backend"
 state >"$stamp"
 say "done in $SECONDS s"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.io.to_json import to_json
+from anm_mj.utils.package_data import checkout
 
 PACKAGES = ("anm-mj", "mujoco", "dm-control", "torch", "pin", "mink", "numpy", "scipy", "scikit-image", "trimesh")
 """Packages whose version can affect a run."""
@@ -56,7 +57,8 @@ def manifest(facts: RunFacts, command: list[str]) -> dict[str, Any]:
         **to_json(facts),
         "command": command,
         "packages": {name: _version(name) for name in PACKAGES},
-        "git": git_revision(Path(__file__).parent),
+        # A wheel may be installed within the repository of another project.
+        "git": None if (source := checkout()) is None else git_revision(source),
         "python": platform.python_version(),
         "machine": {
             "system": platform.platform(),

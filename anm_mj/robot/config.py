@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from anm_mj.errors import RobotError
+from anm_mj.utils.package_data import data_folder
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
+MODELS = data_folder("models")
 """One folder per builtin robot."""
 DEFAULT_ROBOT = "diff_drive"
 

@@ -25,6 +25,7 @@ from jaxtyping import Float32, Float64, Int32
 
 from anm_mj.errors import SceneError
 from anm_mj.types import Pose2
+from anm_mj.utils.package_data import data_folder
 
 if TYPE_CHECKING:
     import trimesh
@@ -116,7 +117,7 @@ def known_scenes() -> dict[str, Path]:
 
 def scene_roots() -> list[Path]:
     """Folders whose subfolders are scenes: the builtin ones, then the user's."""
-    return [Path(__file__).resolve().parents[2] / "scenes", _user_root()]
+    return [data_folder("scenes"), _user_root()]
 
 
 def _user_root() -> Path:

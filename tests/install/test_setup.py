@@ -1,0 +1,76 @@
+"""The set-up script, with a Python in its place that only writes down what it is asked to do."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+STUB = """#!/usr/bin/env bash
+echo "$*" >>"$CALLS"
+case "$*" in
+    *--torch-backend*) exit ${BACKEND_STATUS:-0} ;;
+    *select_backend*) echo egl ;;
+    *sysconfig*) echo / ;;
+esac
+"""
+
+
+@pytest.fixture
+def set_up(tmp_path):
+    """A function that sets a small checkout up and returns what it printed and the calls of its Python."""
+    for name in ("requirements.txt", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    for name in ("scripts", "native", ".venv/bin", "bin"):
+        (tmp_path / name).mkdir(parents=True)
+    shutil.copy(ROOT / "scripts" / "setup.sh", tmp_path / "scripts")
+    (tmp_path / "native" / "empty").touch()
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.write_text(STUB)
+    python.chmod(0o755)
+    apt_get = tmp_path / "bin" / "apt-get"  # No test installs a system package.
+    apt_get.write_text("#!/bin/sh\n")
+    apt_get.chmod(0o755)
+
+    def run(**environment):
+        calls = tmp_path / "calls"
+        calls.write_text("")
+        path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
+        clean = {name: value for name, value in os.environ.items() if name != "UV_TORCH_BACKEND"}
+        done = subprocess.run(
+            ["bash", "scripts/setup.sh"],
+            cwd=tmp_path,
+            env={**clean, "PATH": path, "CALLS": str(calls), **environment},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout, calls.read_text()
+
+    return run
+
+
+def test_the_usual_build_of_torch(set_up):
+    _, calls = set_up()
+    assert "--torch-backend" not in calls
+    assert "--requirement requirements.txt" in calls
+
+
+def test_a_build_of_torch_without_cuda(set_up, tmp_path):
+    _, calls = set_up(UV_TORCH_BACKEND="cpu")
+    assert "--torch-backend cpu --requirement .venv/requirements.txt" in calls
+    assert "--requirement requirements.txt" not in calls
+    pins = (tmp_path / ".venv" / "requirements.txt").read_text()
+    assert "\ntorch==" in pins
+    assert "\nnvidia-" not in pins
+    assert "\ntriton==" not in pins
+    # The next call keeps to it, and has nothing to do.
+    assert "pip install" not in set_up()[1]
+
+
+def test_what_cannot_be_fetched_is_replaced_by_the_usual_build(set_up):
+    said, calls = set_up(UV_TORCH_BACKEND="cpu", BACKEND_STATUS="1")
+    assert "torch could not be fetched for 'cpu'" in said
+    assert "--requirement requirements.txt" in calls

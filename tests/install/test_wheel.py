@@ -1,0 +1,96 @@
+"""The wheel, outside of the checkout: robots and scenes come with it, and it runs without a compiler too."""
+
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK = ("--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5")
+EPISODE = """
+import gymnasium
+import anm_mj.environments
+
+env = gymnasium.make("AnmMj/Explore-v0", scene="room", image_px=32, num_steps=2)
+env.reset(seed=0)
+print(anm_mj.__file__, *env.step(1)[1:4])
+env.close()
+"""
+
+
+def uv(*words, **environment):
+    """Call uv."""
+    subprocess.run(
+        [sys.executable, "-m", "uv", *map(str, words), "--quiet", "--offline"],
+        env={**os.environ, **environment},
+        check=True,
+        timeout=280,
+    )
+
+
+def build(folder, *options, **environment):
+    """The wheel of the checkout, built into a folder."""
+    where = ("--out-dir", folder, "--python", sys.executable, f"-Cbuild-dir={folder / 'build'}")
+    uv("build", "--wheel", "--no-build-isolation", *where, *options, ROOT, **environment)
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def install(wheel, folder):
+    """A new environment with the wheel; everything that it needs is borrowed from the present one."""
+    uv("venv", "--python", sys.executable, folder)
+    (packages,) = folder.glob("lib/python*/site-packages")
+    # The present one's own .pth files are not read, the editable installation's among them; pin's is needed.
+    (packages / "lent.pth").write_text(f"{sysconfig.get_path('purelib')}\nimport cmeel_pth\n")
+    python = folder / "bin" / "python"
+    uv("pip", "install", "--no-deps", "--no-index", "--python", python, wheel)
+    return python
+
+
+def call(python, place, *words):
+    """Run a program of the new environment in a folder of its own."""
+    done = subprocess.run(
+        [str(python.parent / words[0]), *words[1:]],
+        cwd=place,
+        env={**os.environ, "ANM_MJ_SCENES": str(place / "scenes"), "PYTHONPATH": ""},
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_without_a_compiler(tmp_path):
+    wheel = build(tmp_path / "wheel", CXX=str(tmp_path / "no-compiler"))
+    assert wheel.name.endswith("-py3-none-any.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "anm_mj/py.typed" in names
+    assert "anm_mj/data/models/diff_drive/diff_drive.xml" in names
+    assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"anm_mj"}
+    python = install(wheel, tmp_path / "venv")
+    call(python, tmp_path, "anm-mj", "explore", "room", "--steps", "5", "--out", "run", *QUICK)
+    made = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert made["engine"] == "torch"
+    assert made["git"] is None
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["steps"] == 5
+
+
+@pytest.mark.slow
+def test_with_the_native_engine(tmp_path):
+    wheel = build(tmp_path / "wheel")
+    assert wheel.name.endswith("_x86_64.whl")
+    python = install(wheel, tmp_path / "venv")
+    call(python, tmp_path, "anm-mj", "explore", "home", "--steps", "5", "--out", "run", *QUICK)
+    assert json.loads((tmp_path / "run" / "manifest.json").read_text())["engine"].startswith("native-")
+    where, *_ = call(python, tmp_path, "python", "-c", EPISODE).split()
+    assert Path(where).is_relative_to(tmp_path / "venv")
+    settings = [f"{name}={value}" for name, value in (("image_px", 32), ("mapping.schedule.first_iterations", 5))]
+    comparison = f'scenes = ["room"]\npolicies = ["random", "gvg"]\nsteps = 5\nsettings = {json.dumps(settings)}\n'
+    (tmp_path / "comparison.toml").write_text(comparison)
+    assert "2 runs" in call(python, tmp_path, "anm-mj", "bench", "comparison.toml")
