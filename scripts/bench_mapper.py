@@ -38,8 +38,8 @@ from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, 
 from anm_mj.mapping.backends.select import triton_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig, SamplingConfig, default_mapping, paper_mapping
-from anm_mj.mapping.field import decoder_shapes
 from anm_mj.mapping.keyframes import KeyframeStore
+from anm_mj.mapping.parameters import decoder_shapes
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.types import Intrinsics, Observation, Pose2
 

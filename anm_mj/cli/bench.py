@@ -8,8 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 INCOMPLETE = 1
 """Exit status if some runs failed."""
 
@@ -29,6 +27,7 @@ def add_bench(commands: Any) -> None:
 
 
 def _bench(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from anm_mj.bench.bench import run_bench

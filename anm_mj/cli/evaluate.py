@@ -6,8 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 
 def add_evaluate(commands: Any) -> None:
     """Add ``eval`` to the commands of the program."""
@@ -29,6 +27,8 @@ def add_evaluate(commands: Any) -> None:
 
 
 def _evaluate(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.evaluation.evaluate import evaluate_run

@@ -9,9 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from anm_mj.cli.log import log_to
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
 from anm_mj.sim.sensors.presets import SENSORS
 
@@ -90,6 +87,9 @@ def add_explore(commands: Any) -> None:
 
 
 def _explore(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from anm_mj.cli.log import log_to
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.config import make_config

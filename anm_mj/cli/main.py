@@ -10,12 +10,9 @@ import argparse
 import sys
 from typing import NoReturn
 
-from rich.console import Console
-
 from anm_mj.cli.bench import add_bench
 from anm_mj.cli.evaluate import add_evaluate
 from anm_mj.cli.explore import add_explore
-from anm_mj.cli.log import log_to
 from anm_mj.cli.scene import add_scene
 from anm_mj.errors import AnmError
 
@@ -35,6 +32,10 @@ def main(argv: list[str] | None = None) -> int:
     """Run a command line and return its exit status."""
     arguments = _with_joined_start(sys.argv[1:] if argv is None else argv)
     parsed = _parser().parse_args(arguments)
+    from rich.console import Console
+
+    from anm_mj.cli.log import log_to
+
     log_to(Console(stderr=True))
     try:
         return parsed.command(parsed)

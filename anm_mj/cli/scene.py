@@ -6,8 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from anm_mj.cli.scene_check import add_check
 
 
@@ -97,12 +95,15 @@ def _scene_generate(parsed: argparse.Namespace) -> int:
 
 def _say(sentence: str) -> int:
     """Print what was made; the exit status of success."""
+    from rich.console import Console
+
     Console().print(sentence, highlight=False, soft_wrap=True)
     return 0
 
 
 def _scene_list(parsed: argparse.Namespace) -> int:
     del parsed
+    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 

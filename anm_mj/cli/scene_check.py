@@ -8,9 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from rich.console import Console
-
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
     from anm_mj.types import Pose2
@@ -32,6 +29,8 @@ def add_check(actions: Any) -> None:
 
 
 def _scene_check(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
     from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.check_sheet import write_sheet
     from anm_mj.scene.folder import load_scene
@@ -75,6 +74,8 @@ def _scene_check(parsed: argparse.Namespace) -> int:
 
 def describe(check: SceneCheck) -> list[str]:
     """One line per finding."""
+    import numpy as np
+
     scene = check.scene
     size = scene.bounds_m[1] - scene.bounds_m[0]
     megapixels = sum(width * height for width, height in check.texture_sizes_px) / 1e6

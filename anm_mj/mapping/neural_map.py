@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import torch
 import trimesh
 from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
-from anm_mj.mapping.config import MappingConfig, config_from_dict
-from anm_mj.mapping.encoding import doubled_table
+from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.field_geometry import FieldGeometry
+from anm_mj.mapping.grid_layout import doubled_table
 from anm_mj.mapping.keyframes import KeyframeStore
+from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.rays import RayBatch
@@ -29,8 +27,6 @@ from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
 from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfacePoints, VoxelGrid
 
-_FORMAT = "anm-mj map 2"
-"""Marks a checkpoint of ours, and its version."""
 _DRAWN_TOGETHER = 10
 """Iterations whose rays are drawn in one go, because the price of a draw hardly depends on its size."""
 
@@ -184,51 +180,33 @@ class NeuralMap:
         return rgb.reshape(*shape, 3), depth.reshape(shape)
 
     def save(self, path: Path) -> None:
-        """Write parameters, configuration and occupancy to ``path`` (``map.pt``).
+        """Write parameters, configuration and occupancy to ``path`` (``map.safetensors``).
 
         Keyframes and the optimiser's moments are not kept: a loaded map answers as the saved one does, and can take in
         more frames, but replays none of the earlier ones.
         """
         arrays = {f"field.{name}": value for name, value in self.backend.get_state().items()}
         arrays |= {f"occupancy.{name}": value for name, value in self._occupancy.get_state().items()}
-        torch.save(
-            {
-                "format": _FORMAT,
-                "config": asdict(self.config),
-                "seed": self.seed,
-                "num_frames": self._num_frames,
-                "arrays": {name: torch.from_numpy(np.asarray(value)) for name, value in arrays.items()},
-            },
-            path,
-        )
+        write_map(path, SavedMap(self.config, self.seed, self._num_frames, arrays))
 
     @classmethod
     def load(cls, path: Path, *, device: str = "auto", field_is_geometry: bool = True) -> NeuralMap:
         """The map that was saved at ``path``.
 
         Args:
-            path: The file, ``map.pt`` of a run folder.
+            path: The file, ``map.safetensors`` of a run folder, or ``map.pt`` of an older one.
             device: As of a new map.
             field_is_geometry: As of a new map; the file does not say.
 
         Raises:
             MapError: If the file is missing or is not such a map.
         """
-        if not path.is_file():
-            raise MapError(f"There is no map at {path}; give the map.pt of a run folder.")
-        try:
-            saved: Any = torch.load(path, map_location="cpu", weights_only=True)
-        except (RuntimeError, ValueError, EOFError, OSError, pickle.UnpicklingError) as err:
-            raise MapError(f"{path} cannot be read as a map; give the map.pt of a run folder.") from err
-        if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
-            found = saved.get("format") if isinstance(saved, dict) else type(saved).__name__
-            raise MapError(f"{path} holds {found!r}, not {_FORMAT!r}; it was written by another program or version.")
-        config = with_available_engine(config_from_dict(saved["config"]))
-        loaded = cls(config, seed=saved["seed"], device=device, field_is_geometry=field_is_geometry)
-        arrays = {name: value.numpy() for name, value in saved["arrays"].items()}
-        loaded.backend.set_state(_part(arrays, "field."))
-        loaded._occupancy.set_state(_part(arrays, "occupancy."))
-        loaded._num_frames = saved["num_frames"]
+        saved = read_map(path)
+        config = with_available_engine(saved.config)
+        loaded = cls(config, seed=saved.seed, device=device, field_is_geometry=field_is_geometry)
+        loaded.backend.set_state(_part(saved.arrays, "field."))
+        loaded._occupancy.set_state(_part(saved.arrays, "occupancy."))
+        loaded._num_frames = saved.num_frames
         return loaded
 
     def _replay_weight(self, observation: Observation) -> Float32[np.ndarray, "h w"] | None:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from anm_mj.mapping.config import SamplingConfig
+from anm_mj.mapping.spaced_depths import spaced_depths
 
 _MASK = 0xFFFFFFFF
 
@@ -36,19 +37,6 @@ def _mix(x: Tensor) -> Tensor:
 def valid_depth(depth_m: Float[Tensor, " n"], config: SamplingConfig) -> Bool[Tensor, " n"]:
     """True for rays that end on a surface in range; NaN, zero and too far are not."""
     return (depth_m > 0.0) & (depth_m <= config.max_depth_m)
-
-
-def spaced_depths(
-    config: SamplingConfig, truncation_m: float, device: torch.device, dtype: torch.dtype = torch.float32
-) -> tuple[Float[Tensor, " free"], Float[Tensor, " near"], Float[Tensor, " near"]]:
-    """What the uniform scheme is made of [m]: depths over [0, far], offsets over the band, depths where there is none.
-
-    Computed on the host, so that the very same numbers come out in every engine.
-    """
-    even = torch.linspace(0.0, config.far_m, config.free_samples, dtype=dtype)
-    band = torch.linspace(-truncation_m, truncation_m, config.near_samples, dtype=dtype)
-    spare = torch.linspace(0.0, config.far_m, config.near_samples, dtype=dtype)
-    return even.to(device), band.to(device), spare.to(device)
 
 
 def sample_depths(
@@ -93,7 +81,7 @@ def _uniform(
 
     Source: Wang et al., Co-SLAM, 2023.
     """
-    even, band, spare = spaced_depths(config, truncation_m, depth_m.device, depth_m.dtype)
+    even, band, spare = (torch.from_numpy(part).to(depth_m) for part in spaced_depths(config, truncation_m))
     near = torch.where(valid[:, None], depth_m[:, None] + band, spare).clamp_min(0.0)
     z, _ = torch.sort(torch.cat((even.expand(len(depth_m), -1), near), dim=1), dim=1)
     middle = 0.5 * (z[:, 1:] + z[:, :-1])

@@ -22,7 +22,7 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 STEPS = 90
 FILES = (
     "manifest.json", "config.json", "steps.jsonl", "plans.jsonl", "curve.csv", "metrics.json", "trajectory.tum",
-    "mesh.ply", "map.pt", "topdown.png", "curve.png",
+    "mesh.ply", "map.safetensors", "topdown.png", "curve.png",
 )  # fmt: skip
 
 

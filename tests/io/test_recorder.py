@@ -19,7 +19,15 @@ def test_a_finished_run_leaves_every_file(tmp_path):
     record_steps(recorder, 23)
     metrics = recorder.finish(StopReason.BUDGET, FakeMap(), room_plan(), wall_s=9.0, loop_s=4.6)
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names >= {"steps.jsonl", "plans.jsonl", "curve.csv", "metrics.json", "trajectory.tum", "mesh.ply", "map.pt"}
+    assert names >= {
+        "steps.jsonl",
+        "plans.jsonl",
+        "curve.csv",
+        "metrics.json",
+        "trajectory.tum",
+        "mesh.ply",
+        "map.safetensors",
+    }
     assert names >= {"topdown.png", "curve.png", "depth", "frames.jsonl", "camera.json", "ground_truth.npz"}
     assert not [name for name in names if name.startswith(".")]
     assert metrics.stop_reason == "BUDGET"

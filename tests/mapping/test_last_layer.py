@@ -95,9 +95,11 @@ def test_loaded_map_has_the_uncertainty_of_the_saved_one(tiny_config, room, tmp_
     config = replace(tiny_config, uncertainty=replace(tiny_config.uncertainty, method="last_layer_variance"))
     saved = NeuralMap(config, seed=0, device="cpu")
     saved.integrate(room.observe(1.5, 1.5, 0.0))
-    saved.save(tmp_path / "map.pt")
+    saved.save(tmp_path / "map.safetensors")
     points = np.random.default_rng(0).uniform(0.0, 2.0, (50, 3))
-    np.testing.assert_array_equal(NeuralMap.load(tmp_path / "map.pt").uncertainty(points), saved.uncertainty(points))
+    np.testing.assert_array_equal(
+        NeuralMap.load(tmp_path / "map.safetensors").uncertainty(points), saved.uncertainty(points)
+    )
 
 
 def test_empty_map_is_uncertain_everywhere(tiny_config):

@@ -78,9 +78,9 @@ def test_weights_without_noise_answer_as_the_network_does(config, rays):
 def test_a_saved_network_answers_as_before(config, room, tmp_path):
     learnt = NeuralMap(config, seed=0, device="cpu")
     learnt.integrate(room.observe(1.5, 1.5, 0.4))
-    learnt.save(tmp_path / "map.pt")
+    learnt.save(tmp_path / "map.safetensors")
 
-    loaded = NeuralMap.load(tmp_path / "map.pt", device="cpu")
+    loaded = NeuralMap.load(tmp_path / "map.safetensors", device="cpu")
 
     points = np.random.default_rng(0).random((50, 3)) * 2
     np.testing.assert_array_equal(loaded.sdf(points), learnt.sdf(points))

@@ -10,7 +10,7 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
-from anm_mj.mapping.field import DECODER_NAMES
+from anm_mj.mapping.parameters import DECODER_NAMES
 from anm_mj.mapping.rays import RayBatch, concatenate, sample_frame
 from anm_mj.mapping.sampling import sample_depths
 from tests.mapping.ray_room import Room

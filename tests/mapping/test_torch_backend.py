@@ -7,7 +7,7 @@ import torch
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import DECODER_NAMES, decoder_shapes
+from anm_mj.mapping.parameters import DECODER_NAMES, decoder_shapes
 from anm_mj.mapping.rays import RayBatch, sample_frame
 from tests.mapping.ray_room import Room
 

@@ -26,9 +26,9 @@ from anm_mj.mapping.backends.triton.backend import TritonBackend  # noqa: E402
 from anm_mj.mapping.backends.triton.captured import Captured  # noqa: E402
 from anm_mj.mapping.backends.triton.pixels import DeviceRays  # noqa: E402
 from anm_mj.mapping.config import default_mapping, paper_mapping  # noqa: E402
-from anm_mj.mapping.field import DECODER_NAMES  # noqa: E402
 from anm_mj.mapping.keyframes import KeyframeStore  # noqa: E402
 from anm_mj.mapping.neural_map import NeuralMap  # noqa: E402
+from anm_mj.mapping.parameters import DECODER_NAMES  # noqa: E402
 from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame  # noqa: E402
 from anm_mj.mapping.sampling import sample_depths  # noqa: E402
 from tests.mapping.ray_room import Room  # noqa: E402

@@ -25,7 +25,7 @@ from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.backends.tensor_backend import CPU_CHUNK, TensorBackend
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import check_state
+from anm_mj.mapping.parameters import check_state
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.rendering import sdf_to_weight
 from anm_mj.mapping.sampling import counter_uniform

@@ -7,15 +7,14 @@ the same bytes for any number of threads, but not for other instruction sets, wh
 from __future__ import annotations
 
 import numpy as np
-import torch
 from jaxtyping import Float, Float32
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends import _native
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.encoding import bins_per_m, cells_per_m, index_factors
-from anm_mj.mapping.field import (
+from anm_mj.mapping.grid_layout import bins_per_m, cells_per_m, index_factors
+from anm_mj.mapping.parameters import (
     DECODER_NAMES,
     check_state,
     decoder_shapes,
@@ -24,7 +23,8 @@ from anm_mj.mapping.field import (
     split_flat,
 )
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.sampling import spaced_depths
+from anm_mj.mapping.spaced_depths import spaced_depths
+from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024
 """Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
@@ -41,7 +41,8 @@ class NativeBackend(MapperBackend):
         Args:
             config: The mapping configuration.
             seed: What the start values are drawn from.
-            num_threads: Threads to compute with; None for as many as torch uses.
+            num_threads: Threads to compute with; None for OMP_NUM_THREADS, or one per core that
+                the process may use.
             kernel: Instruction set to use, as in :func:`kernel_names`; empty for the best of this processor.
 
         Raises:
@@ -56,16 +57,16 @@ class NativeBackend(MapperBackend):
             )
         self.config = config
         factors, masks = index_factors(field)
-        even, band, spare = spaced_depths(sampling, field.truncation_m, torch.device("cpu"))
+        even, band, spare = spaced_depths(sampling, field.truncation_m)
         self._engine = _native.Engine(
             _settings(config),
             cells_per_m(field),
             np.ascontiguousarray(factors, np.int64),
             np.ascontiguousarray(masks, np.int64),
-            even.numpy(),
-            band.numpy(),
-            spare.numpy(),
-            num_threads or torch.get_num_threads(),
+            even,
+            band,
+            spare,
+            num_threads or usual_num_threads(),
             kernel,
         )
         self.kernel: str = self._engine.kernel

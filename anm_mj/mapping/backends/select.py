@@ -1,7 +1,8 @@
 """Chooses the engine that trains the map, and says why.
 
 ``auto`` is the native engine wherever it was built, also beside a GPU, else torch. No figures say yet what the Triton
-engine is worth on a GPU, so it runs only when ``mapping.engine=triton`` asks for it.
+engine is worth on a GPU, so it runs only when ``mapping.engine=triton`` asks for it. Torch is imported only where an
+answer depends on it: a run with the native engine saves its seconds and its hundreds of megabytes.
 """
 
 from __future__ import annotations
@@ -15,16 +16,13 @@ import sys
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-import torch
-
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.backends.mlp_backend import MlpBackend
-from anm_mj.mapping.backends.tensor_backend import resolve_device
-from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import ENGINES, MappingConfig
 
 _LOG = logging.getLogger(__name__)
+
+DEVICES = ("auto", "cpu", "cuda")
 
 Engine = Literal["native", "triton", "torch", "mlp"]
 
@@ -57,6 +55,8 @@ def triton_fault() -> str | None:
 
     Triton's interpreter runs the kernels on the host where ``TRITON_INTERPRET=1`` asks for it, as tests do.
     """
+    import torch
+
     if not torch.cuda.is_available() and os.environ.get("TRITON_INTERPRET") != "1":
         return "there is no CUDA device"
     if importlib.util.find_spec("triton") is None:
@@ -79,12 +79,17 @@ def choose_engine(engine: str = "auto", device: str = "auto") -> EngineChoice:
         raise MapError(f"The mapping engine is {engine!r}, but it must be one of {', '.join(ENGINES)}.")
     if (engine, device) == ("native", "cuda"):
         raise MapError("The mapping engine is 'native' and the device 'cuda', but it runs on the CPU; use 'torch'.")
-    resolve_device(device)
+    if device not in DEVICES:
+        raise MapError(f"The mapping device is {device!r}, but it must be 'auto', 'cpu' or 'cuda'.")
+    if device == "cuda":
+        _require_cuda()
     if engine == "native":
         fault = native_fault()
         if fault is not None:
             raise MapError(f"The native mapping engine was asked for, but {fault}, or use engine 'torch'.")
     elif engine == "triton":
+        import torch
+
         fault = "it needs a CUDA device" if device == "cpu" and torch.cuda.is_available() else triton_fault()
         if fault is not None:
             raise MapError(f"The Triton mapping engine was asked for, but {fault}; use engine 'auto' or 'torch'.")
@@ -107,11 +112,15 @@ def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> M
     choice = choose_engine(config.engine, device)
     if choice.instead_of is not None:
         _LOG.warning("The map is trained by torch, slower than by %s, because %s.", choice.instead_of, choice.reason)
+    # The first two import torch, the other two cannot be imported everywhere.
     if choice.name == "torch":
+        from anm_mj.mapping.backends.torch_backend import TorchBackend
+
         return TorchBackend(config, seed=seed, device=device)
     if choice.name == "mlp":
+        from anm_mj.mapping.backends.mlp_backend import MlpBackend
+
         return MlpBackend(config, seed=seed, device=device)
-    # Neither of these modules can be imported everywhere.
     if choice.name == "triton":
         from anm_mj.mapping.backends.triton.backend import TritonBackend
 
@@ -129,3 +138,10 @@ def with_available_engine(config: MappingConfig) -> MappingConfig:
     faults = {"native": native_fault, "triton": triton_fault}
     missing = config.engine in faults and faults[config.engine]() is not None
     return replace(config, engine="auto") if missing else config
+
+
+def _require_cuda() -> None:
+    """Raise a MapError unless torch finds a CUDA device."""
+    from anm_mj.mapping.backends.tensor_backend import resolve_device
+
+    resolve_device("cuda")

@@ -11,17 +11,9 @@ from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import StepLosses
 from anm_mj.mapping.backends.tensor_backend import HashGridBackend
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import (
-    DECODER_NAMES,
-    NeuralField,
-    check_state,
-    decode_color,
-    decode_sdf,
-    decoder_shapes,
-    parameter_shapes,
-    split_flat,
-)
+from anm_mj.mapping.field import NeuralField, decode_color, decode_sdf
 from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.parameters import DECODER_NAMES, check_state, decoder_shapes, parameter_shapes, split_flat
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.rendering import composite, sdf_to_weight
 from anm_mj.mapping.sampling import sample_depths, valid_depth

@@ -28,7 +28,7 @@ from anm_mj.mapping.backends.triton.pixels import DevicePixels
 from anm_mj.mapping.backends.triton.training_step import TrainingStep
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.encoding import one_blob
-from anm_mj.mapping.field import initial_parameters
+from anm_mj.mapping.parameters import initial_parameters
 from anm_mj.mapping.rays import RayBatch
 
 

@@ -1,7 +1,7 @@
 """Parameters, moments and gradients of the Triton engine in device memory, and the kernels that read the field.
 
-All parameters lie in one flat array in the order of :mod:`anm_mj.mapping.field`, and so do the moments. The arrays stay
-where they are for as long as the engine lives, because captured CUDA graphs hold their addresses.
+All parameters lie in one flat array in the order of :mod:`anm_mj.mapping.parameters`, and so do the moments. The arrays
+stay where they are for as long as the engine lives, because captured CUDA graphs hold their addresses.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from anm_mj.mapping.backends.triton.decoders import decode_kernel
 from anm_mj.mapping.backends.triton.encoding import encode_kernel, scatter_kernel
 from anm_mj.mapping.backends.triton.launch import EXACT, FUSED, block, num_blocks, padded
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.encoding import NUM_FEATURES, bins_per_m, cells_per_m, index_factors
-from anm_mj.mapping.field import check_state, decoder_shapes, parameter_shapes, split_flat
+from anm_mj.mapping.grid_layout import NUM_FEATURES, bins_per_m, cells_per_m, index_factors
+from anm_mj.mapping.parameters import check_state, decoder_shapes, parameter_shapes, split_flat
 
 _MAX_WIDTH = 128
 """Most neurons, outputs, features and samples per ray that fit a program's registers."""

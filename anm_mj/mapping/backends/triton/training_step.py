@@ -22,10 +22,10 @@ from anm_mj.mapping.backends.triton.launch import EXACT, FUSED, block, num_block
 from anm_mj.mapping.backends.triton.sampling import sample_kernel
 from anm_mj.mapping.backends.triton.train import train_kernel
 from anm_mj.mapping.config import MappingConfig, OptimizerConfig
-from anm_mj.mapping.encoding import NUM_FEATURES
+from anm_mj.mapping.grid_layout import NUM_FEATURES
 from anm_mj.mapping.losses import smoothness_lattice
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.sampling import spaced_depths
+from anm_mj.mapping.spaced_depths import spaced_depths
 
 _TILE_POINTS = 64
 """Samples that a program of the training kernel holds at a time on a GPU, at least one ray's."""
@@ -69,8 +69,8 @@ class TrainingStep:
         limit = _PROGRAMS_PER_CORE * torch.cuda.get_device_properties(device).multi_processor_count if cuda else 2
         self._programs = min(limit, num_blocks(capacity, self._tile_rays))
         self._partial = torch.zeros(self._programs, field.num_weights + 4, device=device)
-        spaced = spaced_depths(sampling, config.field.truncation_m, device)
-        self._spaced = torch.cat(spaced)
+        spaced = spaced_depths(sampling, config.field.truncation_m)
+        self._spaced = torch.from_numpy(np.concatenate(spaced)).to(device)
         if smooth:
             self._offsets = smoothness_lattice(torch.zeros(3), config.loss).t().contiguous().to(device)
             count = self._offsets.shape[1]
