@@ -36,7 +36,6 @@ from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
-from anm_mj.viz.plots import draw_curve
 
 OUR_ROBOT = "diff_drive"
 """Robot of runs whose manifest names none."""
@@ -96,6 +95,8 @@ def write_results(
     mesh = mesh_quality(*read_mesh(folder.mesh), truth, covered) if folder.mesh.is_file() else None
     views = novel_views, fixed_views
     metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, *views)
+    from anm_mj.viz.plots import draw_curve  # No run waits for matplotlib before its first step.
+
     with writing(folder.path):
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         folder.curve.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")

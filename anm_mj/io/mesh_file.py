@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Int
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
 from anm_mj.utils.files import atomic_write
+
+if TYPE_CHECKING:
+    import trimesh
 
 logger = logging.getLogger(__name__)
 
@@ -36,6 +39,8 @@ def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 
     Raises:
         RunFolderError: The file is cut short or holds no mesh.
     """
+    import trimesh
+
     try:
         mesh = trimesh.load_mesh(path, process=False)
         return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)

@@ -9,10 +9,9 @@ import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
-import trimesh
 from jaxtyping import Float
 from PIL import Image
 
@@ -38,7 +37,9 @@ from anm_mj.types import (
     TrueView,
     VoronoiGraph,
 )
-from anm_mj.viz.plots import draw_topdown
+
+if TYPE_CHECKING:
+    import trimesh
 
 MESH_RESOLUTION_M = 0.05
 """Grid of the final mesh [m] (the paper's released code)."""
@@ -225,6 +226,8 @@ class RunRecorder:
             finished.save(self._folder.map)
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
+        from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
+
         with writing(self._folder.topdown_picture):
             draw_topdown(
                 self._folder.topdown_picture,

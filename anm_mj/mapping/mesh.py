@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from jaxtyping import Bool, Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
@@ -15,6 +15,9 @@ from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_
 from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
 from anm_mj.mapping.surface import REACH_VOXELS
 from anm_mj.types import OCCUPIED, SdfQuery
+
+if TYPE_CHECKING:
+    import trimesh
 
 _GROUP = 2
 """Blocks of the occupancy grid along the edge of a piece of mesh: smaller ones cost more calls, larger ones more
@@ -121,6 +124,8 @@ class MeshExtractor:
 
 def colored_mesh(triangles: Triangles) -> trimesh.Trimesh:
     """A mesh with vertex colours."""
+    import trimesh  # No run waits for it before its first step.
+
     alpha = np.full((len(triangles.rgb), 1), 255, np.uint8)
     colors: UInt8[np.ndarray, "v 4"] = np.hstack((np.rint(triangles.rgb * 255.0).astype(np.uint8), alpha))
     return trimesh.Trimesh(triangles.vertices_m, triangles.faces, vertex_colors=colors, process=False)

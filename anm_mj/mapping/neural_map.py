@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.errors import MapError
@@ -26,6 +26,9 @@ from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
 from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfacePoints, VoxelGrid
+
+if TYPE_CHECKING:
+    import trimesh
 
 _DRAWN_TOGETHER = 10
 """Iterations whose rays are drawn in one go, because the price of a draw hardly depends on its size."""
