@@ -42,15 +42,15 @@ print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda e
 """
 
 ENGINE_PROGRAM = """
-import json, torch
+import json
 from anm_mj.mapping.backends.select import choose_engine
-from anm_mj.mapping.backends.tensor_backend import resolve_device
 choice = choose_engine()
 name, device = choice.name, "cpu"
 if name == "native":
     from anm_mj.mapping.backends.native_backend import kernel_names
     name = f"native ({kernel_names()[0]})"
 else:
+    from anm_mj.mapping.backends.tensor_backend import resolve_device
     device = resolve_device("auto").type
 print(json.dumps([name, device, choice.reason, choice.instead_of]))
 """

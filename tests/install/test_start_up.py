@@ -1,0 +1,36 @@
+"""What commands load before they answer: a run with the native engine does without torch, ``--help`` without numpy."""
+
+import subprocess
+import sys
+
+import pytest
+
+from anm_mj.mapping.backends.select import native_fault
+
+QUICK = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5"]
+
+
+def loaded(program, place):
+    """The modules that a program of its own has loaded at its end."""
+    program += "\nimport sys; print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=place, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    return set(done.stderr.splitlines()[-1].split())
+
+
+def test_import(tmp_path):
+    assert loaded("import anm_mj", tmp_path).isdisjoint({"numpy", "mujoco", "torch", "trimesh", "rich"})
+
+
+def test_help(tmp_path):
+    program = "from anm_mj.cli.main import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
+    assert loaded(program, tmp_path).isdisjoint({"numpy", "mujoco", "torch", "trimesh", "rich"})
+
+
+@pytest.mark.skipif(native_fault() is not None, reason="the native engine was not built")
+def test_a_run_with_the_native_engine_loads_no_torch(tmp_path):
+    words = ["explore", "room", "--steps", "2", "--out", "run", "--set", "mapping.engine=native", *QUICK]
+    modules = loaded(f"from anm_mj.cli.main import main\nassert main({words}) == 0", tmp_path)
+    assert "anm_mj.mapping.backends._native" in modules
+    assert "torch" not in modules
+    assert (tmp_path / "run" / "map.safetensors").is_file()
