@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from anm_mj.errors import AnmError
+from anm_mj.io.record_config import RecordConfig
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
@@ -73,6 +74,8 @@ class RunConfig:
     mapping: MappingConfig = field(default_factory=MappingConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Settings of the planning stages that the policies share."""
+    record: RecordConfig = field(default_factory=RecordConfig)
+    """What the run folder keeps for replay and exports."""
     policy_settings: Any = None
     """Settings of the policy: an instance of its class's ``Config``; None = its defaults."""
 

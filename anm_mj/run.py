@@ -72,7 +72,7 @@ def run(
         folder.write_config(replace(config, steps=steps))
         surface = truth().surface
         malloc_trim()
-        with RunRecorder(folder, surface, _true_view(config, robot)) as recorder:
+        with RunRecorder(folder, surface, _true_view(config, robot), config.record) as recorder:
             outcome = explore(
                 robot,
                 mapper,

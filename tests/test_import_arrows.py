@@ -32,9 +32,12 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # A policy like those of planning, but one that knows the truth.
     "evaluation.oracle.policy": _BASE | {"evaluation", "planning"},
     # Writes a run as it goes, with its numbers and pictures; what only reads a run folder never sees it.
-    "io.recorder": _BASE | {"io", "viz", "evaluation"},
+    "io.recorder": _BASE | {"io", "io.run_log", "io.record_config", "viz", "evaluation"},
+    # Its logs, with depth reduced as the evaluation reads it.
+    "io.run_log": _BASE | {"io", "io.record_config", "evaluation"},
     # Composes the stages' configurations, which stand beside their stages.
-    "config": _BASE | _STAGES,
+    "config": _BASE | _STAGES | {"io.record_config"},
+    "io.record_config": _BASE,
     # Builds the robot that explore drives out of simulator, camera and drive.
     "sim.make_robot": _BASE | {"config", "scene", "sim", "robot", "control"},
     # Renders a finished run again: its own views, and its map from where the robot never stood.

@@ -72,6 +72,13 @@ def add_explore(commands: Any) -> None:
         ("--no-bootstrap", "policy.bootstrap_turns=0", "no rotation before the first decision"),
     ):
         ablation.add_argument(option, dest="settings", action="append_const", const=setting, help=f"{text} ({setting})")
+    explore.add_argument(
+        "--keep-images",
+        dest="settings",
+        action="append_const",
+        const="record.images=full",
+        help="keep the colour images at full size, for NeRF, splats and COLMAP (record.images=full)",
+    )
     explore.add_argument("--device", default="auto", help="where the map trains: auto, cpu or cuda (default: auto)")
     explore.add_argument("--view", action="store_true", help="show the run in the browser, on this machine only")
     explore.add_argument("--port", type=int, help="port of --view (default: the next free one from 7000)")

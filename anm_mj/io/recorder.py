@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import math
 import resource
 import sys
 import time
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
-from PIL import Image
 
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
-from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import write_results
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.mesh_file import write_mesh
+from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.record_config import RecordConfig
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_log import RunLog
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import (
@@ -96,28 +94,24 @@ class RunRecorder:
         folder: RunFolder,
         truth: GroundTruth,
         true_view: Callable[[], TrueView] | None = None,
+        record: RecordConfig | None = None,
     ) -> None:
         self._folder = folder
         self._true_view = true_view
         self._truth = truth
         with writing(folder.ground_truth):
             truth.save(folder.ground_truth)
-        self._steps = LineWriter(folder.steps)
-        self._plans = LineWriter(folder.plans)
-        self._frames = LineWriter(folder.frames)
-        self._trajectory = LineWriter(folder.trajectory)
+        self._log = RunLog(folder, record or RecordConfig())
         self._curve_file = LineWriter(folder.curve)
         self._curve_file.line(CURVE_HEADER)
         self._curve = CompletionCurve(truth)
         self._statistics = EpisodeStatistics()
         self._evaluation_s = 0.0
-        self._poses: list[Pose2] = []
-        self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
 
     @property
     def poses(self) -> list[Pose2]:
         """Poses of the base so far."""
-        return self._poses
+        return self._log.poses
 
     @property
     def completion(self) -> CurveRow | None:
@@ -127,78 +121,23 @@ class RunRecorder:
     def observation(self, observation: Observation) -> None:
         """Record an observation; the first one comes before any action."""
         begin = time.perf_counter()
-        self._take(observation)
-        self._evaluation_s += time.perf_counter() - begin
-
-    def _take(self, observation: Observation) -> None:
-        if not self._poses:
-            _write_camera(self._folder.camera, observation)
-        true = None if self._true_view is None else self._true_view()
         # Only the truth counts as seen, and only where the sensor gave a value.
-        depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
-        path = self._folder.depth(observation.step)
-        with writing(path):
-            # The lowest compression: a fifth larger than the highest, at a fraction of its time.
-            Image.fromarray(depth_mm).save(path, compress_level=1)
-        pose = observation.pose
-        true_pose, T_true_camera = pose, observation.T_world_camera
-        line = {
-            "step": observation.step,
-            "time_s": observation.time_s,
-            **_where(pose, observation.T_world_camera),
-        }
-        if true is not None:
-            true_pose, T_true_camera = true.pose, true.T_world_camera
-            line["true"] = _where(true_pose, T_true_camera)
-        self._frames.json(line)
-        self._trajectory.line(tum_line(observation.time_s, pose))
-        self._poses.append(pose)
-        row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, T_true_camera, true_pose)
+        true = None if self._true_view is None else self._true_view()
+        depth_mm = self._log.observation(observation, true)
+        where = observation if true is None else true
+        row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose)
         if row is not None:
             self._curve_file.line(row.csv)
+        self._evaluation_s += time.perf_counter() - begin
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """Record an executed action; ``pose`` is the pose after it."""
         self._statistics = self._statistics.after(result.action, result.collided, result.moved_m, stage_ms)
-        self._steps.json(
-            {
-                "step": step,
-                "action": result.action.name,
-                "x_m": pose.x_m,
-                "y_m": pose.y_m,
-                "yaw_rad": pose.yaw_rad,
-                "collided": result.collided,
-                "moved_m": result.moved_m,
-                "left_radps": result.wheel_speeds.left_radps,
-                "right_radps": result.wheel_speeds.right_radps,
-                "loss": update.loss,
-                "iterations": update.num_iterations,
-                "keyframes": update.num_keyframes,
-                "ms": stage_ms,
-            }
-        )
+        self._log.step(step, result, pose, update, stage_ms)
 
     def plan(self, step: int, plan: Plan) -> None:
         """Record a decision."""
-        if plan.target_xy_m is not None:
-            self._last_target_xy_m = plan.target_xy_m
-        path = plan.path_xy_m
-        self._plans.json(
-            {
-                "step": step,
-                "reason": plan.reason,
-                "target_xy_m": plan.target_xy_m,
-                "path_length_m": sum(math.dist(a, b) for a, b in pairwise(path)),
-                "headings_rad": plan.headings_rad,
-                "actions": [action.name for action in plan.actions],
-                "stop": plan.stop,
-                "unexplored": plan.unexplored,
-                "vertices": None if plan.graph is None else len(plan.graph.vertex_xy_m),
-                "regions": len(plan.regions),
-                "candidates": plan.candidates,
-                "ms": plan.stage_ms,
-            }
-        )
+        self._log.plan(step, plan)
 
     def finish(
         self, stop_reason: StopReason, finished: FinishedMap, survey: Survey, *, wall_s: float, loop_s: float
@@ -224,6 +163,7 @@ class RunRecorder:
         write_json(self._folder.metrics, summary)
         with writing(self._folder.map):
             finished.save(self._folder.map)
+        write_plan(self._folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
         from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
@@ -234,16 +174,16 @@ class RunRecorder:
                 survey.topdown,
                 survey.graph,
                 survey.regions,
-                self._poses,
-                target_xy_m=self._last_target_xy_m,
+                self.poses,
+                target_xy_m=self._log.last_target_xy_m,
                 title=_title(self._folder.path.name, metrics),
             )
         return metrics
 
     def close(self) -> None:
         """Close all files; a second time does nothing."""
-        for file in (self._steps, self._plans, self._frames, self._trajectory, self._curve_file):
-            file.close()
+        self._log.close()
+        self._curve_file.close()
 
     def __enter__(self) -> RunRecorder:
         return self
@@ -252,39 +192,11 @@ class RunRecorder:
         self.close()
 
 
-def tum_line(time_s: float, pose: Pose2) -> str:
-    """A base pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
-    half = pose.yaw_rad / 2.0
-    values = (time_s, pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
-    return " ".join(f"{value:.9g}" for value in values)
-
-
 def peak_rss_mib() -> float:
     """Peak resident memory of this process [MiB]."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Linux counts in KiB, macOS in bytes.
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
-
-
-def _where(pose: Pose2, T_world_camera: Float[np.ndarray, "4 4"]) -> dict[str, Any]:
-    """Poses of base and camera, in the keys of ``frames.jsonl``."""
-    return {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad, "T_world_camera": T_world_camera}
-
-
-def _write_camera(path: Path, observation: Observation) -> None:
-    rows, cols = reduce_depth(observation.depth_m).shape
-    write_json(
-        path,
-        {
-            "intrinsics": observation.intrinsics,
-            "depth": {
-                "rows": rows,
-                "cols": cols,
-                "unit": "millimetre of planar z, 0 where nothing",
-                "pixels": "row i is row floor(i * height / rows) of the original image, columns likewise",
-            },
-        },
-    )
 
 
 def _title(name: str, metrics: Metrics) -> str:

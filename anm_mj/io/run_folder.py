@@ -58,7 +58,7 @@ class RunFolder:
         if not os.path.isdir(path):  # Unlike Path.is_dir, never an error.
             raise RunFolderError(f"{path} is not a folder; give the folder that a run wrote.")
         folder = cls(path)
-        for needed in (folder.steps, folder.frames, folder.camera, folder.ground_truth):
+        for needed in (folder.steps, folder.frames, folder.camera):
             if not needed.is_file():
                 raise RunFolderError(f"{path} is not the folder of a run: it has no {needed.name}.")
         return folder
@@ -150,6 +150,19 @@ class RunFolder:
             RunFolderError: The file cannot be written.
         """
         write_json(self.config, config)
+
+    @property
+    def survey(self) -> Path:
+        """Top-down map, graph and regions of the final map (:mod:`anm_mj.io.plan_file`)."""
+        return self.path / "survey.npz"
+
+    def plan(self, step: int) -> Path:
+        """What the decision after ``step`` actions was read from (:mod:`anm_mj.io.plan_file`)."""
+        return self.path / "plans" / f"{step:06d}.npz"
+
+    def image(self, step: int) -> Path:
+        """Colour image of the observation after ``step`` actions."""
+        return self.path / "rgb" / f"{step:06d}.jpg"
 
     def depth(self, step: int) -> Path:
         """Reduced depth of the observation after ``step`` actions: 16-bit PNG [mm], 0 without a hit."""

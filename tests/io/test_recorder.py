@@ -9,7 +9,8 @@ from PIL import Image
 from anm_mj.errors import RunFolderError
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
-from anm_mj.io.recorder import peak_rss_mib, tum_line
+from anm_mj.io.recorder import peak_rss_mib
+from anm_mj.io.run_log import tum_line
 from anm_mj.types import Action, Plan, Pose2, StopReason
 from tests.box_room import CAMERA, FakeMap, new_recorder, observe, record_steps, room_depth, room_plan
 

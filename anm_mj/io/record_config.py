@@ -1,0 +1,28 @@
+"""What a run folder keeps besides its numbers, for replay, film and exports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from anm_mj.errors import RunFolderError
+from anm_mj.utils.settings import check_settings, setting
+
+IMAGE_SIZES = ("none", "small", "full")
+
+
+@dataclass(frozen=True)
+class RecordConfig:
+    """What is kept of the observations and decisions; no other file of the run depends on it."""
+
+    images: str = setting("small", choices=IMAGE_SIZES)
+    """Colour images: ``none``, ``small`` (128 pixels, about 4 KB each) or ``full`` (as the camera gave them)."""
+    plans: bool = True
+    """Whether the map, graph, regions and path of every decision are kept, about 10 KB each."""
+
+    def __post_init__(self) -> None:
+        """Check the settings.
+
+        Raises:
+            RunFolderError: ``images`` is none of the sizes.
+        """
+        check_settings(self, "record", RunFolderError)
