@@ -47,6 +47,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "evaluation.fixed_views": _BASE
     | {"io", "scene", "robot", "sim.make_robot", "evaluation", "evaluation.rerender", "evaluation.novel_views"}
     | {"mapping"},
+    # A finished run, frame by frame: page and film. Asks the map how certain it is.
+    "replay": _BASE | {"io", "viz", "evaluation", "evaluation.rerender", "mapping"},
     "sensor_monitor": _BASE,
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"sensor_monitor"},
@@ -75,6 +77,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
         "evaluation",
         "evaluation.novel_views",
         "evaluation.fixed_views",
+        "replay",
     },
 }
 """What each module or folder of the package may import from the package, beside itself."""

@@ -10,10 +10,8 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from pathlib import Path
 from typing import Any
 
-import meshcat
 import umsgpack
 from meshcat.commands import SetObject, SetProperty, SetTransform
 from tornado.httpserver import HTTPServer
@@ -21,6 +19,7 @@ from tornado.web import Application, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from anm_mj.errors import RenderError
+from anm_mj.viz.assets import bundle_folder
 
 ADDRESS = "127.0.0.1"
 FIRST_PORT = 7000
@@ -103,12 +102,11 @@ class PageServer:
     async def _serve(self, listening: socket.socket) -> None:
         self._stop = asyncio.Event()
         self._loop = asyncio.get_running_loop()
-        page = Path(meshcat.__file__).parent / "viewer" / "dist"
         application = Application(log_function=lambda handler: None)
         application.add_handlers(
             HOSTS,
             [
-                (r"/static/(.*)", _Page, {"path": str(page), "default_filename": "index.html"}),
+                (r"/static/(.*)", _Page, {"path": str(bundle_folder()), "default_filename": "index.html"}),
                 (r"/", _Browser, {"server": self}),
             ],
         )

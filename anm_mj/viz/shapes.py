@@ -75,11 +75,16 @@ def region_marks(regions: Sequence[Region], colour: int) -> Object:
     most = max((region.num_members for region in regions), default=1)
     parts = []
     for region in regions:
-        ball = trimesh.creation.icosphere(subdivisions=1, radius=0.06 + 0.08 * (region.num_members / most) ** 0.5)
+        ball = trimesh.creation.icosphere(subdivisions=1, radius=region_radius_m(region.num_members, most))
         parts.append(ball.apply_translation(region.centre_m))
         peg = np.stack([region.centre_m, region.centre_m + 0.3 * region.normal])
         parts.append(trimesh.creation.cylinder(radius=0.012, segment=peg, sections=6))
     return _solid(parts, colour)
+
+
+def region_radius_m(num_members: int, most: int) -> float:
+    """Radius of a region's ball [m], from its number of members and that of the largest region."""
+    return 0.06 + 0.08 * (num_members / most) ** 0.5
 
 
 def robot_body(camera_height_m: float, colour: int) -> Object:
@@ -91,11 +96,16 @@ def robot_body(camera_height_m: float, colour: int) -> Object:
     return _solid([chassis, mast, head], colour)
 
 
-def camera_frustum(intrinsics: Intrinsics, colour: int) -> Object:
-    """The view frustum in camera axes (x right, y down, z forward)."""
+def frustum_corners(intrinsics: Intrinsics) -> Float[np.ndarray, "4 3"]:
+    """Far corners of the drawn frustum in camera axes [m]: top left, top right, bottom right, bottom left."""
     u = (np.array([0.0, intrinsics.width, intrinsics.width, 0.0]) - intrinsics.cx) / intrinsics.fx
     v = (np.array([0.0, 0.0, intrinsics.height, intrinsics.height]) - intrinsics.cy) / intrinsics.fy
-    corners = FRUSTUM_DEPTH_M * np.stack([u, v, np.ones(4)], axis=1)
+    return FRUSTUM_DEPTH_M * np.stack([u, v, np.ones(4)], axis=1)
+
+
+def camera_frustum(intrinsics: Intrinsics, colour: int) -> Object:
+    """The view frustum in camera axes (x right, y down, z forward)."""
+    corners = frustum_corners(intrinsics)
     spokes = np.stack([np.zeros((4, 3)), corners], axis=1)
     frame = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     ends = np.concatenate([spokes, frame]).reshape(-1, 3).astype(np.float32)

@@ -170,7 +170,13 @@ def test_run_folder(place):
 
 def test_options(capsys):
     known = {"--heldout"}  # Accepted, but shown in no help text.
-    for words in (["explore"], ["eval"], ["bench"], *(["scene", action] for action in ("import", "generate", "check"))):
+    for words in (
+        ["explore"],
+        ["eval"],
+        ["view"],
+        ["bench"],
+        *(["scene", action] for action in ("import", "generate", "check")),
+    ):
         known |= set(re.findall(r"--[a-z][a-z-]*", help_of(words, capsys)))
     for script in (ROOT / "scripts").glob("*.py"):
         text = script.read_text()
@@ -231,7 +237,14 @@ def test_folders_of_the_readme_are_those_of_the_package():
 
 def anm_mj_command(words, command, place, monkeypatch, capsys):
     """Execute a command of the program."""
-    if not words or words in (["scene"], ["scene", "import"], ["scene", "generate"], ["scene", "check"], ["eval"]):
+    if not words or words in (
+        ["scene"],
+        ["scene", "import"],
+        ["scene", "generate"],
+        ["scene", "check"],
+        ["eval"],
+        ["view"],
+    ):
         help_of(words, capsys)  # Only the name of a command.
     elif words in (["explore"], ["bench"]) or "--help" in words:
         help_of([word for word in words if word != "--help"], capsys)
@@ -243,6 +256,13 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert read_jobs(place / parsed.file)
         else:
             assert parsed.file.is_file()
+    elif words[:2] == ["view", "runs/latest"]:
+        if "--export-html" in words:
+            if not (place / words[1]).exists():
+                run_for_real()
+            assert main(words) == 0
+        else:
+            parse(words, monkeypatch)  # tests/replay serves a page.
     elif words == ["eval", "runs/latest"]:
         if not (place / words[1]).exists():  # The real run may be a test of another process.
             run_for_real()

@@ -1,0 +1,89 @@
+"""When each part of the final mesh was first seen, so that a replay can let the mesh grow.
+
+The mesh is that of the finished map. A vertex appears with the first frame whose depth has a surface within a tolerance
+of it. So nothing has to be stored during the run, and a run of an older version grows as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt16
+from scipy.spatial import KDTree
+
+from anm_mj.io.read_run import Run
+from anm_mj.types import Intrinsics
+
+TOLERANCE_M, TOLERANCE_SHARE = 0.06, 0.02
+"""A vertex is seen where depth differs from its own by less than this [m], plus this share of it."""
+
+
+def first_seen(
+    run: Run,
+    vertices_m: Float[np.ndarray, "v 3"],
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Int[np.ndarray, " v"]:
+    """Index of the frame that first saw each vertex; a vertex that none saw takes that of its nearest neighbour.
+
+    Args:
+        run: The run; depth and believed poses are read.
+        vertices_m: World [m].
+        on_progress: Called with frames done and in all.
+
+    Raises:
+        RunFolderError: A depth image is missing or damaged.
+    """
+    points = np.asarray(vertices_m, np.float32)
+    first = np.full(len(points), -1)
+    waiting = np.arange(len(points))
+    for index, frame in enumerate(run.frames):
+        if len(waiting):
+            depth_m = run.depth_mm(frame).astype(np.float32) / 1000.0
+            seen = _seen(points[waiting], depth_m, run.intrinsics, frame.T_world_camera)
+            first[waiting[seen]] = index
+            waiting = waiting[~seen]
+        on_progress(index + 1, len(run.frames))
+    if len(waiting):
+        found = first >= 0
+        first[waiting] = first[found][KDTree(points[found]).query(points[waiting])[1]] if found.any() else 0
+    return first
+
+
+def _seen(
+    points_m: Float32[np.ndarray, "n 3"],
+    depth_m: Float32[np.ndarray, "rows cols"],
+    intrinsics: Intrinsics,
+    T_world_camera: Float[np.ndarray, "4 4"],
+) -> np.ndarray:
+    """Which points a frame has a surface at."""
+    rotation, origin = T_world_camera[:3, :3].astype(np.float32), T_world_camera[:3, 3].astype(np.float32)
+    x, y, z = ((points_m - origin) @ rotation).T
+    safe_z = np.where(z > 0.05, z, np.float32(1.0))
+    rows, cols = depth_m.shape
+    col = np.floor((intrinsics.fx * x / safe_z + intrinsics.cx) * (cols / intrinsics.width)).astype(np.int64)
+    row = np.floor((intrinsics.fy * y / safe_z + intrinsics.cy) * (rows / intrinsics.height)).astype(np.int64)
+    inside = (z > 0.05) & (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
+    seen = np.zeros(len(points_m), bool)
+    measured = depth_m[row[inside], col[inside]]
+    seen[inside] = (measured > 0.0) & (np.abs(measured - z[inside]) < TOLERANCE_M + TOLERANCE_SHARE * z[inside])
+    return seen
+
+
+def depth_points(
+    depth_mm: UInt16[np.ndarray, "rows cols"], intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
+    """World points [m] of a reduced depth image, and the flat index of each one's pixel.
+
+    Args:
+        depth_mm: Reduced depth [mm], 0 where nothing.
+        intrinsics: Of the original image.
+        T_world_camera: Camera to world.
+    """
+    rows, cols = depth_mm.shape
+    pixel = np.flatnonzero(depth_mm)
+    row, col = np.divmod(pixel, cols)
+    z = depth_mm.ravel()[pixel] / 1000.0
+    u, v = col * intrinsics.width // cols + 0.5, row * intrinsics.height // rows + 0.5
+    camera = np.stack([(u - intrinsics.cx) / intrinsics.fx * z, (v - intrinsics.cy) / intrinsics.fy * z, z], axis=1)
+    return camera @ T_world_camera[:3, :3].T + T_world_camera[:3, 3], pixel

@@ -1,0 +1,200 @@
+"""The replay of a run as one HTML page that needs no server and no network.
+
+The page holds meshcat's bundle of three.js, which the live view has anyway. Of the libraries at hand, viser and rerun
+fetch their data from a server or a second file, which a browser refuses for a page opened from disk.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+from collections.abc import Callable
+from typing import Any
+
+import matplotlib
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image
+
+from anm_mj.io.plan_file import PlanRecord
+from anm_mj.replay.pictures import pictures
+from anm_mj.replay.surface import GrowingMesh, growing_mesh
+from anm_mj.replay.timeline import Timeline
+from anm_mj.viz import assets, palette, shapes
+
+MAX_FACES = 300_000
+"""Larger meshes are thinned, so that the page stays below some 15 MB."""
+MAX_IMAGES = 600
+"""Longer runs show every second, third ... image."""
+IMAGE_PX = 160
+IMAGE_QUALITY = 75
+LEGEND = (
+    ("surface", "surface of the map", "#a8b3bd"),
+    ("robot", "robot", palette.ROBOT),
+    ("camera", "camera", palette.CAMERA),
+    ("trajectory", "trajectory", palette.TRAJECTORY),
+    ("graph", "Voronoi graph", palette.GRAPH),
+    ("regions", "regions of interest", palette.REGION),
+    ("path", "planned path", palette.PATH),
+    ("target", "target", palette.TARGET),
+)
+"""Name of the object in the page, words, colour."""
+
+
+COVERAGE_OF = {"observable": "the observable surface", "completion": "the surface"}
+
+
+def replay_page(
+    timeline: Timeline,
+    scene: str | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> str:
+    """The page's HTML.
+
+    Args:
+        timeline: The run.
+        scene: Present name or folder of its scene, if it has moved; needed where no colour images were kept.
+        on_progress: Called with what is done and in all; the unit is a frame, each comes up twice.
+
+    Raises:
+        RunFolderError: A file of the run is damaged.
+        MapError: The run's map cannot be read.
+    """
+    total = 2 * timeline.num_frames
+    mesh = growing_mesh(timeline.run, MAX_FACES, lambda done, _: on_progress(done, total))
+    images = _images(timeline, scene, lambda done: on_progress(timeline.num_frames + done, total))
+    data = json.dumps({**_data(timeline, mesh), **images}, separators=(",", ":"), allow_nan=False)
+    parts = {
+        "TITLE": html.escape(timeline.title),
+        "STYLE": assets.page_asset("style.css"),
+        "LICENCE": assets.bundle_licence(),
+        "BUNDLE": assets.bundle(),
+        # No text of a run may end the script element.
+        "DATA": data.replace("<", "\\u003c"),
+        "PROGRAM": assets.page_asset("replay.js"),
+    }
+    page, *rest = assets.page_asset("replay.html").split("@")
+    for k, piece in enumerate(rest):
+        page += parts[piece] if k % 2 == 0 else piece
+    return page
+
+
+def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
+    run = timeline.run
+    plans, graphs = _plans(timeline)
+    name, coverage = timeline.coverage
+    bounds = timeline.xy_m if mesh is None or not len(mesh.vertices_m) else mesh.vertices_m[:, :2]
+    low, high = bounds.min(axis=0), bounds.max(axis=0)
+    poses = [(frame.pose.x_m, frame.pose.y_m, frame.pose.yaw_rad) for frame in run.frames]
+    # Column-major, as three.js has it.
+    cameras = [frame.T_world_camera.T.ravel() for frame in run.frames]
+    return {
+        "steps": timeline.steps.tolist(),
+        "poses": _base64(np.array(poses, np.float32)),
+        "cameras": _base64(np.array(cameras, np.float32)),
+        "plan_of_frame": timeline.plan_of_frame.tolist(),
+        "plans": plans,
+        "graphs": graphs,
+        "coverage_of": COVERAGE_OF[name],
+        "coverage": [None if np.isnan(value) else round(float(value), 2) for value in coverage],
+        "mesh": None if mesh is None or not len(mesh.faces) else _mesh(mesh, timeline.num_frames),
+        "table": _base64(table()),
+        "frustum": shapes.frustum_corners(run.intrinsics).tolist(),
+        "body": {
+            "radius": shapes.CHASSIS_RADIUS_M,
+            "height": shapes.CHASSIS_HEIGHT_M,
+            "camera": float(run.frames[0].T_world_camera[2, 3]),
+        },
+        "heights": {
+            "graph": shapes.GRAPH_HEIGHT_M,
+            "trajectory": shapes.TRAJECTORY_HEIGHT_M,
+            "path": shapes.PATH_HEIGHT_M,
+        },
+        "colours": {key: palette.number(colour) for key, _, colour in LEGEND},
+        "legend": LEGEND,
+        "centre": ((low + high) / 2.0).tolist(),
+        "size": float(max(high - low)),
+    }
+
+
+def _plans(timeline: Timeline) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """The decisions, and the graphs that they refer to by index: many follow one another on the same graph."""
+    plans, graphs, index = [], [], None
+    for k, line in enumerate(timeline.run.plans):
+        record = timeline.plan(k)
+        if record.graph is not None:
+            graph = _graph(record)
+            if index is None or graphs[index] != graph:
+                index = len(graphs)
+                graphs.append(graph)
+        plans.append(
+            {
+                "reason": line.get("reason", ""),
+                "target": line.get("target_xy_m"),
+                "path": np.round(record.path_xy_m, 3).ravel().tolist(),
+                "graph": index,
+            }
+        )
+    return plans, graphs
+
+
+def _graph(record: PlanRecord) -> dict[str, Any]:
+    assert record.graph is not None
+    most = max((region.num_members for region in record.regions), default=1)
+    return {
+        "vertices": _base64(record.graph.vertex_xy_m.astype(np.float32)),
+        "edges": _base64(record.graph.edges.astype(np.uint32)),
+        "regions": [
+            [*np.round(region.centre_m, 3).tolist(), shapes.region_radius_m(region.num_members, most)]
+            for region in record.regions
+        ],
+    }
+
+
+def _mesh(mesh: GrowingMesh, num_frames: int) -> dict[str, Any]:
+    age = np.rint(255.0 * mesh.first_frame / max(1, num_frames - 1)).astype(np.uint8)
+    return {
+        "vertices": _base64(mesh.vertices_m),
+        "faces": _base64(mesh.faces.astype(np.uint32)),
+        "rgb": _base64(mesh.rgb),
+        "uncertainty": None if mesh.uncertainty is None else _base64(levels(mesh.uncertainty)),
+        "age": _base64(age),
+        "counts": _base64(mesh.face_count.astype(np.uint32)),
+    }
+
+
+def levels(values: np.ndarray) -> UInt8[np.ndarray, " n"]:
+    """Values as 0 to 255, in the logarithm, from their 2nd to their 98th percentile."""
+    logs = np.log(np.maximum(values.astype(np.float64), np.finfo(np.float32).tiny))
+    low, high = np.percentile(logs, (2.0, 98.0))
+    return np.rint(255.0 * np.clip((logs - low) / max(high - low, 1e-9), 0.0, 1.0)).astype(np.uint8)
+
+
+def table() -> UInt8[np.ndarray, "256 3"]:
+    """Colours of 256 levels, even to the eye: viridis."""
+    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 1.0, 256))
+    return np.rint(255.0 * colours[:, :3]).astype(np.uint8)
+
+
+def _images(timeline: Timeline, scene: str | None, on_progress: Callable[[int], None]) -> dict[str, Any]:
+    every = -(-timeline.num_frames // MAX_IMAGES)
+    images = []
+    for index, rgb in enumerate(pictures(timeline.run, scene)):
+        if rgb is not None and index % every == 0:
+            images.append(_jpeg(rgb))
+        on_progress(index + 1)
+    return {"images": images, "image_of_frame": [index // every for index in range(timeline.num_frames)]}
+
+
+def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> str:
+    image = Image.fromarray(rgb)
+    image.thumbnail((IMAGE_PX, IMAGE_PX), Image.Resampling.BOX)
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=IMAGE_QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def _base64(array: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<")).tobytes()).decode()

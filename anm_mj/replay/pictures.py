@@ -1,0 +1,47 @@
+"""The colour images of a finished run: those it kept, or rendered again from its scene."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import UInt8
+
+from anm_mj.errors import AnmError
+from anm_mj.evaluation.rerender import explored_scene, observations_of
+from anm_mj.io.image import read_image
+from anm_mj.io.read_run import Run
+
+_logger = logging.getLogger(__name__)
+
+
+def kept_images(run: Run) -> bool:
+    """Whether the run kept its colour images."""
+    return bool(run.frames) and all(run.folder.image(frame.step).is_file() for frame in run.frames)
+
+
+def pictures(run: Run, scene: str | None = None) -> Iterator[UInt8[np.ndarray, "h w 3"] | None]:
+    """The colour image of each frame, in order; None for all where there is none to be had, which is logged.
+
+    Args:
+        run: The run.
+        scene: Present name or folder of its scene, if it has moved.
+
+    Raises:
+        RunFolderError: A kept image is damaged.
+    """
+    if kept_images(run):
+        for frame in run.frames:
+            yield read_image(run.folder.image(frame.step), "RGB")
+        return
+    try:
+        world = explored_scene(run, scene)
+        first = next(rendered := observations_of(run, world))
+    except AnmError as err:
+        _logger.warning("The run kept no colour images, and they cannot be rendered again: %s", err)
+        yield from [None] * len(run.frames)
+        return
+    yield first.rgb
+    for observation in rendered:
+        yield observation.rgb

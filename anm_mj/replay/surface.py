@@ -1,0 +1,101 @@
+"""The final mesh of a run as replay and film show it: how certain it is, and when each face was first seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Float32, Int, UInt8
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.read_run import Run
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.replay.growth import first_seen
+
+CEILING_CUT_M = 2.0
+"""Faces above this height are left out, for a look into the rooms from above [m]."""
+
+
+@dataclass(frozen=True)
+class GrowingMesh:
+    """The mesh of the finished map below the ceiling cut, its faces in the order in which they were first seen."""
+
+    vertices_m: Float32[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    rgb: UInt8[np.ndarray, "v 3"]
+    first_frame: Int[np.ndarray, " v"]
+    """Index of the frame that first saw each vertex."""
+    face_count: Int[np.ndarray, " n"]
+    """Number of faces seen up to and with each frame."""
+    uncertainty: Float32[np.ndarray, " v"] | None
+    """Uncertainty of the final map at each vertex, a variance up to a constant factor; None without a map."""
+
+
+def growing_mesh(
+    run: Run,
+    max_faces: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> GrowingMesh | None:
+    """The mesh of a run; None where it has none, as a killed run.
+
+    Args:
+        run: The run.
+        max_faces: Vertices are merged until there are at most so many faces; None = as they are.
+        on_progress: Called with frames done and in all.
+
+    Raises:
+        RunFolderError: Mesh or depth cannot be read.
+        MapError: The map cannot be read.
+    """
+    if not run.folder.mesh.is_file():
+        return None
+    try:
+        mesh = trimesh.load_mesh(run.folder.mesh, process=False)
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        rgb = np.asarray(mesh.visual.vertex_colors)[:, :3]  # type: ignore[union-attr]
+    except Exception as err:
+        # Readers of trimesh raise whatever the damaged bytes lead them to.
+        raise RunFolderError(f"{run.folder.mesh} cannot be read as a mesh ({err}); copy the run again.") from err
+    vertices, faces, rgb = _below(vertices, faces, rgb, CEILING_CUT_M)
+    size_m = 0.05
+    while max_faces is not None and len(faces) > max_faces:
+        size_m *= 1.25
+        vertices, faces, rgb = merged(vertices, faces, rgb, size_m)
+    first = first_seen(run, vertices, on_progress)
+    of_face = first[faces].max(axis=1) if len(faces) else np.zeros(0, np.int64)
+    order = np.argsort(of_face, kind="stable")
+    count = np.searchsorted(of_face[order], np.arange(len(run.frames)), side="right")
+    uncertainty = None
+    if run.folder.map.is_file() and len(vertices):
+        uncertainty = NeuralMap.load(run.folder.map, device="cpu").uncertainty(vertices.astype(np.float64))
+    return GrowingMesh(vertices.astype(np.float32), faces[order], rgb, first, count, uncertainty)
+
+
+def merged(
+    vertices_m: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    rgb: UInt8[np.ndarray, "v 3"],
+    size_m: float,
+) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"], UInt8[np.ndarray, "w 3"]]:
+    """A lighter mesh: all vertices of a cube become their mean, and faces that collapse go.
+
+    Source: Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
+    """
+    cell = np.floor(vertices_m / size_m).astype(np.int64)
+    _, place, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    place = place.reshape(-1)
+    both = np.concatenate([vertices_m, rgb], axis=1)
+    mean = np.stack([np.bincount(place, column) for column in both.T], axis=1) / count[:, None]
+    faces = place[faces]
+    a, b, c = faces.T
+    return mean[:, :3], faces[(a != b) & (b != c) & (a != c)], np.rint(mean[:, 3:]).astype(np.uint8)
+
+
+def _below(
+    vertices: np.ndarray, faces: np.ndarray, rgb: np.ndarray, height_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    kept = faces[(vertices[faces, 2] < height_m).all(axis=1)]
+    used, place = np.unique(kept, return_inverse=True)
+    return vertices[used], place.reshape(-1, 3), rgb[used]

@@ -1,0 +1,113 @@
+"""A finished run, frame by frame: where the robot was, what it had decided, what it had covered."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.plan_file import PlanRecord, read_plan
+from anm_mj.io.read_run import Run, read_run
+
+EMPTY_PATH = np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """A run in the order of its frames; killed runs end at their last whole frame."""
+
+    run: Run
+
+    def __post_init__(self) -> None:
+        """Check that there is something to show.
+
+        Raises:
+            RunFolderError: The run has no frame.
+        """
+        if not self.run.frames:
+            raise RunFolderError(f"{self.run.folder.path} holds no frame yet; wait for the run's first step.")
+
+    @property
+    def num_frames(self) -> int:
+        """Number of observations."""
+        return len(self.run.frames)
+
+    @property
+    def title(self) -> str:
+        """Scene, policy and seed."""
+        return run_title(self.run)
+
+    @cached_property
+    def steps(self) -> Int[np.ndarray, " n"]:
+        """Actions before each frame."""
+        return np.array([frame.step for frame in self.run.frames])
+
+    @cached_property
+    def xy_m(self) -> Float[np.ndarray, "n 2"]:
+        """Place of the base at each frame, world [m], as the robot believed it."""
+        return np.array([frame.pose.xy_m for frame in self.run.frames])
+
+    @cached_property
+    def plan_of_frame(self) -> Int[np.ndarray, " n"]:
+        """Index of the latest decision at each frame; -1 before the first."""
+        decided = np.array([plan["step"] for plan in self.run.plans], dtype=np.int64)
+        return np.searchsorted(decided, self.steps, side="right") - 1
+
+    def plan(self, index: int) -> PlanRecord:
+        """What a decision was read from; only its target where the run kept no more.
+
+        Raises:
+            RunFolderError: The file of the decision is damaged.
+        """
+        line = self.run.plans[index]
+        path = self.run.folder.plan(line["step"])
+        if path.is_file():
+            return read_plan(path)
+        target = line.get("target_xy_m")
+        return PlanRecord(EMPTY_PATH if target is None else np.array([target], dtype=np.float64))
+
+    @cached_property
+    def coverage(self) -> tuple[str, Float[np.ndarray, " n"]]:
+        """Name and values of the headline metric at each frame [%]; NaN where it was not measured.
+
+        The completion ratio of the observable surface where that is known, else of the whole surface.
+        """
+        rows = read_curve(self.run.folder.curve)
+        for name, key in (("observable", "observable_ratio"), ("completion", "completion_ratio")):
+            known = [(float(row["step"]), float(row[key])) for row in rows if row.get(key)]
+            if known:
+                steps, values = np.array(known).T
+                return name, np.interp(self.steps, steps, values, left=np.nan)
+        return "completion", np.full(self.num_frames, np.nan)
+
+
+def read_timeline(path: Path) -> Timeline:
+    """Open a run folder.
+
+    Raises:
+        RunFolderError: The folder contains no run, or a file in it is damaged.
+    """
+    return Timeline(read_run(path))
+
+
+def run_title(run: Run) -> str:
+    """Scene, policy and seed of a run, for a figure; the folder's name where the manifest is missing."""
+    facts = run.manifest
+    if "scene" not in facts:
+        return run.folder.path.name
+    policy = f", {facts['policy']}" if facts.get("policy") else ""
+    seed = f", seed {facts['seed']}" if facts.get("seed") is not None else ""
+    return f"{Path(facts['scene']).name}{policy}{seed}"
+
+
+def read_curve(path: Path) -> list[dict[str, str]]:
+    """Rows of ``curve.csv`` by column; an incomplete last row, as a killed run leaves it, is skipped."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return [row for row in csv.DictReader(file) if all(value is not None for value in row.values())]

@@ -1,0 +1,28 @@
+"""The files that pages are made of: our own, and meshcat's bundle of three.js."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import meshcat
+
+
+def page_asset(name: str) -> str:
+    """The text of a file of ``anm_mj/viz/pages``."""
+    return resources.files("anm_mj.viz").joinpath("pages", name).read_text(encoding="utf-8")
+
+
+def bundle() -> str:
+    """Meshcat's viewer with three.js as one script; it defines ``MeshCat``."""
+    return (bundle_folder() / "main.min.js").read_text(encoding="utf-8")
+
+
+def bundle_licence() -> str:
+    """The licences of the bundle, to stand in an HTML comment."""
+    return (bundle_folder() / "main.min.js.LICENSE.txt").read_text(encoding="utf-8").replace("--", "- -")
+
+
+def bundle_folder() -> Path:
+    """Where meshcat keeps its page."""
+    return Path(meshcat.__file__).parent / "viewer" / "dist"

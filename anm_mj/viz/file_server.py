@@ -1,0 +1,82 @@
+"""Serves one page to the browsers of this machine."""
+
+from __future__ import annotations
+
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from anm_mj.errors import RenderError
+
+ADDRESS = "127.0.0.1"
+FIRST_PORT = 7000
+PORTS_TRIED = 100
+HOSTS = (ADDRESS, "localhost")
+
+
+class FileServer:
+    """A thread that answers every request for ``/`` with the same page.
+
+    Args:
+        page: The page.
+        first_port: The first port to try; 0 = any.
+
+    Raises:
+        RenderError: No port is free.
+    """
+
+    def __init__(self, page: bytes, first_port: int = FIRST_PORT) -> None:
+        self._server = _free_server(_handler(page), first_port)
+        self._thread = threading.Thread(target=self._server.serve_forever, name="replay", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{ADDRESS}:{self._server.server_address[1]}/"
+
+    def wait(self) -> None:
+        """Wait until the server is closed, or for Ctrl-C."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)
+
+    def close(self) -> None:
+        """End the thread and free the port."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def __enter__(self) -> FileServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _handler(page: bytes) -> type[BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            # A foreign name that resolves to this machine is refused (DNS rebinding).
+            host = self.headers.get("Host", "").rpartition(":")[0]
+            if self.path != "/" or host not in HOSTS:
+                self.send_error(404)
+                return
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(page)))
+            self.end_headers()
+            self.wfile.write(page)
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Say nothing."""
+
+    return Handler
+
+
+def _free_server(handler: type[BaseHTTPRequestHandler], first_port: int) -> ThreadingHTTPServer:
+    for port in range(first_port, first_port + PORTS_TRIED):
+        try:
+            return ThreadingHTTPServer((ADDRESS, port), handler)
+        except (OSError, OverflowError):
+            continue
+    last = first_port + PORTS_TRIED - 1
+    raise RenderError(f"None of the ports {first_port} to {last} is free on {ADDRESS}; choose another with --port.")

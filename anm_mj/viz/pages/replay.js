@@ -1,0 +1,267 @@
+"use strict";
+// The replay of a finished run. All data stand in this page; nothing is fetched.
+(function () {
+  const THREE = MeshCat.THREE;
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const element = (id) => document.getElementById(id);
+
+  function bytes(text) {
+    const raw = atob(text), out = new Uint8Array(raw.length);
+    for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
+    return out;
+  }
+  const floats = (text) => new Float32Array(bytes(text).buffer);
+  const integers = (text) => new Uint32Array(bytes(text).buffer);
+
+  const viewer = new MeshCat.Viewer(element("meshcat-pane"));
+  viewer.set_property(["Background"], "top_color", [1.0, 1.0, 1.0]);
+  viewer.set_property(["Background"], "bottom_color", [0.9, 0.91, 0.93]);
+  viewer.set_property(["Grid"], "visible", false);
+  viewer.set_property(["Axes"], "visible", false);
+
+  const objects = {};
+  function add(name, object) {
+    objects[name] = object;
+    viewer.set_object(["run", name], object);
+    return object;
+  }
+  const flat = (colour) => new THREE.MeshBasicMaterial({ color: colour, side: THREE.DoubleSide });
+  const solid = (colour) => new THREE.MeshLambertMaterial({ color: colour });
+
+  // Flat bands between pairs of points; browsers ignore the width of lines.
+  function bands(pairs, z, width) {
+    const count = pairs.length / 4, position = new Float32Array(12 * count), index = new Uint32Array(6 * count);
+    for (let k = 0; k < count; k++) {
+      let [ax, ay, bx, by] = pairs.slice(4 * k, 4 * k + 4);
+      const length = Math.hypot(bx - ax, by - ay) || 1;
+      const ux = ((bx - ax) / length) * (width / 2), uy = ((by - ay) / length) * (width / 2);
+      ax -= ux; ay -= uy; bx += ux; by += uy;
+      position.set([ax + uy, ay - ux, z, ax - uy, ay + ux, z, bx - uy, by + ux, z, bx + uy, by - ux, z], 12 * k);
+      const first = 4 * k;
+      index.set([first, first + 3, first + 1, first + 1, first + 3, first + 2], 6 * k);
+    }
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
+    geometry.setIndex(new THREE.BufferAttribute(index, 1));
+    return geometry;
+  }
+  const along = (xy) => {
+    const pairs = [];
+    for (let i = 0; i + 3 < xy.length; i += 2) pairs.push(xy[i], xy[i + 1], xy[i + 2], xy[i + 3]);
+    return pairs;
+  };
+
+  // The surface: its faces stand in the order in which they were first seen.
+  let surface = null;
+  const colourings = [];
+  if (data.mesh) {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(floats(data.mesh.vertices), 3));
+    geometry.setIndex(new THREE.BufferAttribute(integers(data.mesh.faces), 1));
+    geometry.computeVertexNormals();
+    const rgb = bytes(data.mesh.rgb), table = bytes(data.table);
+    const through = (values) => {
+      const out = new Uint8Array(3 * values.length);
+      for (let i = 0; i < values.length; i++) out.set(table.subarray(3 * values[i], 3 * values[i] + 3), 3 * i);
+      return out;
+    };
+    colourings.push({ name: "colour", rgb: rgb });
+    if (data.mesh.uncertainty) {
+      colourings.push({ name: "uncertainty", rgb: through(bytes(data.mesh.uncertainty)), low: "low", high: "high" });
+    }
+    colourings.push({ name: "first seen", rgb: through(bytes(data.mesh.age)), low: "step 0", high: "step " + data.steps[data.steps.length - 1] });
+    geometry.setAttribute("color", new THREE.BufferAttribute(new Uint8Array(rgb), 3, true));
+    // Front faces only, so that near walls do not hide a room.
+    surface = add("surface", new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.FrontSide })));
+    surface.frustumCulled = false;
+  }
+  const counts = data.mesh ? integers(data.mesh.counts) : [];
+
+  const { colours, heights, body } = data;
+  const robot = add("robot", new THREE.Group());
+  function part(geometry, z) {
+    const mesh = new THREE.Mesh(geometry, solid(colours.robot));
+    mesh.position.z = z;
+    if (geometry.type === "CylinderGeometry" || geometry.type === "CylinderBufferGeometry") mesh.rotation.x = Math.PI / 2;
+    robot.add(mesh);
+  }
+  part(new THREE.CylinderGeometry(body.radius, body.radius, body.height, 32), body.height / 2 + 0.02);
+  part(new THREE.CylinderGeometry(0.02, 0.02, body.camera - body.height, 12), (body.camera + body.height) / 2);
+  part(new THREE.BoxGeometry(0.06, 0.12, 0.06), body.camera);
+  const nose = new THREE.Mesh(new THREE.ConeGeometry(0.06, 0.16, 16), solid(colours.camera));
+  nose.rotation.z = -Math.PI / 2;
+  nose.position.set(body.radius + 0.03, 0, body.height);
+  robot.add(nose);
+
+  const camera = add("camera", new THREE.Group());
+  const corners = data.frustum, spokes = [];
+  for (let i = 0; i < 4; i++) spokes.push(0, 0, 0, ...corners[i], ...corners[i], ...corners[(i + 1) % 4]);
+  const edges = new THREE.BufferGeometry();
+  edges.setAttribute("position", new THREE.Float32BufferAttribute(spokes, 3));
+  camera.add(new THREE.LineSegments(edges, new THREE.LineBasicMaterial({ color: colours.camera })));
+  let screen = null, texture = null;
+  if (data.images.length) {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners.flat(), 3));
+    geometry.setAttribute("uv", new THREE.Float32BufferAttribute([0, 1, 1, 1, 1, 0, 0, 0], 2));
+    geometry.setIndex([0, 1, 2, 0, 2, 3]);
+    texture = new THREE.Texture();
+    screen = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ map: texture, side: THREE.DoubleSide }));
+    screen.visible = false;
+    camera.add(screen);
+  } else {
+    element("picture").hidden = true;
+  }
+
+  const poses = floats(data.poses), cameras = floats(data.cameras), n = data.steps.length;
+  const places = [];
+  for (let i = 0; i < n; i++) places.push(poses[3 * i], poses[3 * i + 1]);
+  const trajectory = add("trajectory", new THREE.Mesh(bands(along(places), heights.trajectory, 0.045), flat(colours.trajectory)));
+  trajectory.frustumCulled = false;
+  const graph = add("graph", new THREE.Mesh(bands([], 0, 0), flat(colours.graph)));
+  const path = add("path", new THREE.Mesh(bands([], 0, 0), flat(colours.path)));
+  const regions = add("regions", new THREE.Group());
+  const target = add("target", new THREE.Group());
+  const pin = new THREE.Mesh(new THREE.ConeGeometry(0.09, 0.5, 16), solid(colours.target));
+  pin.rotation.x = -Math.PI / 2;
+  pin.position.z = 0.25;
+  target.add(pin);
+
+  let shownPlan = null;
+  function showPlan(index) {
+    if (index === shownPlan) return;
+    shownPlan = index;
+    const plan = index < 0 ? null : data.plans[index];
+    const drawn = plan && plan.graph !== null ? data.graphs[plan.graph] : null;
+    const xy = drawn ? floats(drawn.vertices) : [], ends = drawn ? integers(drawn.edges) : [], pairs = [];
+    for (let k = 0; k < ends.length; k += 2) pairs.push(xy[2 * ends[k]], xy[2 * ends[k] + 1], xy[2 * ends[k + 1]], xy[2 * ends[k + 1] + 1]);
+    for (const [mesh, list, z, width] of [[graph, pairs, heights.graph, 0.025], [path, along(plan ? plan.path : []), heights.path, 0.05]]) {
+      mesh.geometry.dispose();
+      mesh.geometry = bands(list, z, width);
+      mesh.frustumCulled = false;
+    }
+    regions.clear();
+    for (const [x, y, z, radius] of drawn ? drawn.regions : []) {
+      const ball = new THREE.Mesh(new THREE.SphereGeometry(radius, 12, 8), solid(colours.regions));
+      ball.position.set(x, y, z);
+      regions.add(ball);
+    }
+    const goal = plan ? plan.target : null;
+    pin.visible = goal !== null;
+    if (goal) target.position.set(goal[0], goal[1], 0);
+    element("reason").textContent = plan ? plan.reason : "before the first decision";
+  }
+
+  const curve = element("curve"), pen = curve.getContext("2d");
+  function showCurve(frame) {
+    const { width, height } = curve, at = (i) => [4 + (width - 8) * (i / Math.max(1, n - 1)), height - 4 - (height - 8) * (data.coverage[i] / 100)];
+    pen.clearRect(0, 0, width, height);
+    for (const [last, style] of [[n - 1, "#c9d6e2"], [frame, "#2b6ca3"]]) {
+      pen.strokeStyle = style;
+      pen.lineWidth = 4;
+      pen.beginPath();
+      for (let i = 0; i <= last; i++) if (data.coverage[i] !== null) pen.lineTo(...at(i));
+      pen.stroke();
+    }
+  }
+
+  let frame = -1;
+  function show(next) {
+    frame = Math.max(0, Math.min(n - 1, next));
+    const yaw = poses[3 * frame + 2];
+    robot.position.set(poses[3 * frame], poses[3 * frame + 1], 0);
+    robot.rotation.z = yaw;
+    camera.matrixAutoUpdate = false;
+    camera.matrix.fromArray(cameras, 16 * frame);
+    camera.matrixWorldNeedsUpdate = true;
+    trajectory.geometry.setDrawRange(0, 6 * frame);
+    if (surface) surface.geometry.setDrawRange(0, 3 * counts[frame]);
+    showPlan(data.plan_of_frame[frame]);
+    const covered = data.coverage[frame];
+    element("step").textContent = data.steps[frame] + " of " + data.steps[n - 1];
+    element("coverage").textContent = covered === null ? "not measured" : covered.toFixed(1) + " % of " + data.coverage_of;
+    element("time").textContent = data.steps[frame] + " / " + data.steps[n - 1];
+    element("slider").value = frame;
+    showCurve(frame);
+    const image = data.images[data.image_of_frame[frame]];
+    if (image && element("picture").src !== image) element("picture").src = image;
+    viewer.set_dirty();
+  }
+  element("picture").addEventListener("load", (event) => {
+    if (!screen) return;
+    texture.image = event.target;
+    texture.needsUpdate = true;
+    screen.visible = true;
+    viewer.set_dirty();
+  });
+
+  function colour(index) {
+    const chosen = colourings[index], attribute = surface.geometry.attributes.color;
+    attribute.array.set(chosen.rgb);
+    attribute.needsUpdate = true;
+    const scale = element("scale");
+    scale.hidden = chosen.low === undefined;
+    const [low, high] = scale.querySelectorAll("span");
+    low.textContent = chosen.low || "";
+    high.textContent = chosen.high || "";
+    viewer.set_dirty();
+  }
+  for (const [name, words, swatch] of data.legend) {
+    if (!objects[name]) continue;
+    const label = document.createElement("label"), box = document.createElement("input"), patch = document.createElement("span");
+    box.type = "checkbox";
+    box.checked = true;
+    box.addEventListener("change", () => { objects[name].visible = box.checked; viewer.set_dirty(); });
+    patch.className = "swatch";
+    patch.style.background = swatch;
+    label.append(box, patch, words);
+    element("layers").append(label);
+  }
+  colourings.forEach((one, index) => element("colouring").append(new Option("surface: " + one.name, index)));
+  element("colouring").hidden = colourings.length === 0;
+  element("colouring").addEventListener("change", (event) => colour(Number(event.target.value)));
+  const strip = element("scale").querySelector("canvas").getContext("2d"), table = bytes(data.table);
+  for (let i = 0; i < 256; i++) {
+    strip.fillStyle = "rgb(" + table.subarray(3 * i, 3 * i + 3).join(",") + ")";
+    strip.fillRect(i, 0, 1, 1);
+  }
+  if (window.innerWidth <= 640) element("legend").open = false;
+
+  let playing = null;
+  function play(on) {
+    if (playing !== null) clearTimeout(playing);
+    playing = null;
+    element("play").textContent = on ? "Pause" : "Play";
+    if (!on) return;
+    if (frame >= n - 1) show(0);
+    const tick = () => {
+      show(frame + 1);
+      if (frame >= n - 1) play(false);
+      else playing = setTimeout(tick, 1000 / Number(element("speed").value));
+    };
+    playing = setTimeout(tick, 0);
+  }
+  element("play").addEventListener("click", () => play(playing === null));
+  element("slider").max = n - 1;
+  element("slider").addEventListener("input", (event) => { play(false); show(Number(event.target.value)); });
+  document.addEventListener("keydown", (event) => {
+    if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName)) return;
+    if (event.key === " ") play(playing === null);
+    else if (event.key === "ArrowRight") show(frame + 1);
+    else if (event.key === "ArrowLeft") show(frame - 1);
+  });
+
+  // The page's camera stands in a node that turns y up into z up.
+  const { centre, size } = data, lens = viewer.camera, wide = window.innerWidth > 640;
+  lens.fov = 50;
+  lens.far = 100 + 20 * size;
+  // The card at the left covers a part of a wide page.
+  const aspect = (window.innerWidth - (wide ? 300 : 0)) / (window.innerHeight - (wide ? 70 : 250));
+  const away = (0.55 * size) / (Math.tan((25 * Math.PI) / 180) * Math.min(1.4, aspect)) / 1.2 + 1.5;
+  lens.position.set(centre[0], 1.25 * away, -centre[1] + 0.75 * away);
+  viewer.controls.target.set(centre[0], 0, -centre[1]);
+  viewer.controls.update();
+  show(0);
+  // For tests: what is shown, and the way to show something else.
+  window.replay = { show, play, num: n, robot, surface, state: () => ({ frame, playing: playing !== null, x: robot.position.x, y: robot.position.y }) };
+})();

@@ -1,0 +1,17 @@
+"""Colours of what figures, film and pages draw, as ``#rrggbb``; each has one meaning everywhere."""
+
+from __future__ import annotations
+
+UNKNOWN, WALL = "#e7e5e1", "#3a3a3f"
+NEAR, CLEAR = "#dfe9f2", "#ffffff"
+"""Free space beside an obstacle, and far from all."""
+GRAPH, REGION, TARGET = "#3b8a5a", "#e08a1e", "#c8323c"
+PATH, TRAJECTORY = "#c8323c", "#7a3fa0"
+ROBOT, CAMERA = "#4a5568", "#2b6ca3"
+START, END = "#1f1f1f", "#2b6ca3"
+RATIO, DISTANCE = "#2b6ca3", "#c8641e"
+
+
+def number(colour: str) -> int:
+    """A colour as 0xRRGGBB, as three.js takes it."""
+    return int(colour.removeprefix("#"), 16)

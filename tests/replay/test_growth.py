@@ -1,0 +1,54 @@
+import numpy as np
+
+from anm_mj.io.read_run import read_run
+from anm_mj.replay.growth import depth_points, first_seen
+from anm_mj.replay.surface import growing_mesh, merged
+from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room
+
+
+def test_a_wall_appears_when_the_camera_turns_to_it(run_folder):
+    run = read_run(run_folder)
+    # The robot looks along x first and turns left: east, north, west wall.
+    points = np.array([[2.0, 0.2, 1.2], [0.2, 1.5, 1.2], [-2.0, 0.2, 1.2]])
+    east, north, west = first_seen(run, points)
+    assert east == 0
+    yaw = np.degrees([run.frames[k].pose.yaw_rad for k in (north, west)])
+    # It comes into view at 45 degrees from the axis of a camera with 90 degrees.
+    assert 25.0 < yaw[0] < 60.0
+    assert 115.0 < yaw[1] < 160.0
+
+
+def test_what_no_frame_saw_appears_with_its_neighbour(run_folder):
+    hidden = np.array([[2.0, 0.2, 1.2], [2.4, 0.2, 1.2]])
+    assert first_seen(read_run(run_folder), hidden).tolist() == [0, 0]
+
+
+def test_points_of_a_depth_image_lie_on_the_walls(run_folder):
+    run = read_run(run_folder)
+    points, pixel = depth_points(run.depth_mm(run.frames[5]), run.intrinsics, run.frames[5].T_world_camera)
+    assert len(points) == len(pixel) == 128 * 128
+    to_wall = np.minimum(points - ROOM_LOW_M, ROOM_HIGH_M - points).min(axis=1)
+    assert np.abs(to_wall).max() < 0.002
+
+
+def test_faces_stand_in_the_order_in_which_they_were_seen(run_folder):
+    mesh = growing_mesh(read_run(run_folder))
+    assert mesh is not None
+    assert (np.diff(mesh.face_count) >= 0).all()
+    assert 0 < mesh.face_count[0] < mesh.face_count[-1] == len(mesh.faces)
+    for frame in (0, 10, 30):
+        shown = mesh.faces[: mesh.face_count[frame]]
+        assert mesh.first_frame[shown].max() <= frame
+    assert mesh.vertices_m[:, 2].max() <= 2.0
+
+
+def test_merging_keeps_the_surface():
+    mesh = room().subdivide_loop(0)
+    for _ in range(6):
+        mesh = mesh.subdivide()
+    rgb = np.full((len(mesh.vertices), 3), 90, np.uint8)
+    vertices, faces, colour = merged(np.asarray(mesh.vertices), np.asarray(mesh.faces), rgb, 0.2)
+    assert len(faces) < len(mesh.faces) / 3
+    assert (colour == 90).all()
+    assert np.abs(np.minimum(vertices - ROOM_LOW_M, ROOM_HIGH_M - vertices).min(axis=1)).max() < 0.11
+    assert (vertices.min(axis=0) >= ROOM_LOW_M - 1e-9).all()
