@@ -1,4 +1,4 @@
-"""The command line: ``anm-mj explore | eval | view | bench | scene | doctor``.
+"""The command line: ``anm-mj explore | eval | view | export | bench | scene | doctor``.
 
 Wrong input ends with one sentence and exit status 2. Heavy packages are imported by the commands that need them, so
 that ``--help`` and a mistyped option answer at once.
@@ -13,6 +13,7 @@ from typing import NoReturn
 from anm_mj.cli.bench import add_bench
 from anm_mj.cli.evaluate import add_evaluate
 from anm_mj.cli.explore import add_explore
+from anm_mj.cli.export import add_export
 from anm_mj.cli.scene import add_scene
 from anm_mj.cli.view import add_view
 from anm_mj.errors import AnmError
@@ -65,6 +66,7 @@ def _parser() -> _Parser:
     add_explore(commands)
     add_evaluate(commands)
     add_view(commands)
+    add_export(commands)
     add_bench(commands)
     add_scene(commands)
     doctor = commands.add_parser("doctor", help="what this machine has, and what will be used")

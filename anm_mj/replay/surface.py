@@ -37,6 +37,8 @@ def growing_mesh(
     run: Run,
     max_faces: int | None = None,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    with_uncertainty: bool = True,
 ) -> GrowingMesh | None:
     """The mesh of a run; None where it has none, as a killed run.
 
@@ -44,6 +46,7 @@ def growing_mesh(
         run: The run.
         max_faces: Vertices are merged until there are at most so many faces; None = as they are.
         on_progress: Called with frames done and in all.
+        with_uncertainty: Whether the map is asked how certain it is.
 
     Raises:
         RunFolderError: Mesh or depth cannot be read.
@@ -68,7 +71,7 @@ def growing_mesh(
     order = np.argsort(of_face, kind="stable")
     count = np.searchsorted(of_face[order], np.arange(len(run.frames)), side="right")
     uncertainty = None
-    if run.folder.map.is_file() and len(vertices):
+    if with_uncertainty and run.folder.map.is_file() and len(vertices):
         uncertainty = NeuralMap.load(run.folder.map, device="cpu").uncertainty(vertices.astype(np.float64))
     return GrowingMesh(vertices.astype(np.float32), faces[order], rgb, first, count, uncertainty)
 

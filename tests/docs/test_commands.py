@@ -256,8 +256,8 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert read_jobs(place / parsed.file)
         else:
             assert parsed.file.is_file()
-    elif words[:2] == ["view", "runs/latest"]:
-        if "--export-html" in words:
+    elif words[:2] in (["view", "runs/latest"], ["export", "runs/latest"]):
+        if len(words) > 2:
             if not (place / words[1]).exists():
                 run_for_real()
             assert main(words) == 0

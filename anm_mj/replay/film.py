@@ -1,0 +1,210 @@
+"""A film of a finished run: colour with the target, depth, map with graph and path, growing surface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image, ImageDraw
+
+from anm_mj.errors import AnmError
+from anm_mj.io.plan_file import PlanRecord
+from anm_mj.io.write import writing
+from anm_mj.replay.film_panels import MARGIN_M, PANEL_PX, MapPanel, SurfacePanel, colour_panel, depth_panel, font
+from anm_mj.replay.pictures import pictures
+from anm_mj.replay.surface import GrowingMesh, growing_mesh
+from anm_mj.replay.timeline import EMPTY_PATH, Timeline
+from anm_mj.types import UNKNOWN
+from anm_mj.utils.files import atomic_write
+from anm_mj.viz import palette
+
+GAP_PX, HEAD_PX, FOOT_PX = 8, 60, 34
+WIDTH_PX = 2 * PANEL_PX + 3 * GAP_PX
+HEIGHT_PX = HEAD_PX + 2 * PANEL_PX + GAP_PX + FOOT_PX
+MAX_FACES = 400_000
+COVERAGE_OF = {"observable": "of the observable surface", "completion": "of the surface"}
+GIF_WIDTH_PX, GIF_FPS = 640, 10
+LEGEND = (
+    ("free", palette.NEAR),
+    ("occupied", palette.WALL),
+    ("unknown", palette.UNKNOWN),
+    ("Voronoi graph", palette.GRAPH),
+    ("region of interest", palette.REGION),
+    ("trajectory", palette.TRAJECTORY),
+    ("path, target", palette.PATH),
+    ("robot", palette.CAMERA),
+)
+
+
+class FilmError(AnmError):
+    """A film cannot be written."""
+
+
+def write_film(
+    timeline: Timeline,
+    path: Path,
+    *,
+    fps: float = 15.0,
+    every: int = 1,
+    scene: str | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> None:
+    """Write a film as MP4 (H.264) or GIF, by the file's ending.
+
+    Args:
+        timeline: The run.
+        path: ``.mp4`` or ``.gif``.
+        fps: Frames of the run per second of the film.
+        every: Only every so-manieth frame is shown.
+        scene: Present name or folder of the run's scene, if it has moved; needed where no images were kept.
+        on_progress: Called with frames done and in all.
+
+    Raises:
+        FilmError: The file's ending is another, or a number is out of range.
+        RunFolderError: A file of the run is damaged, or the film cannot be written.
+    """
+    if path.suffix not in (".mp4", ".gif"):
+        raise FilmError(f"{path} ends in '{path.suffix}'; a film is an .mp4 or a .gif file.")
+    if not 0.1 <= fps <= 120.0:
+        raise FilmError(f"The film would have {fps:g} frames per second; choose 0.1 to 120.")
+    if every < 1:
+        raise FilmError(f"Every {every}th frame cannot be shown; give a whole number from 1 up.")
+    with writing(path), atomic_write(path) as partial:
+        # ffmpeg reads the format from the ending.
+        named = partial.with_name(partial.name + path.suffix)
+        try:
+            out = imageio_ffmpeg.write_frames(str(named), (WIDTH_PX, HEIGHT_PX), fps=fps, **_coding(path.suffix, fps))
+            out.send(None)
+            for image in film_frames(timeline, every=every, scene=scene, on_progress=on_progress):
+                out.send(image)
+            out.close()
+            named.replace(partial)
+        finally:
+            named.unlink(missing_ok=True)
+
+
+def film_frames(
+    timeline: Timeline,
+    *,
+    every: int = 1,
+    scene: str | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+    """The pictures of a film; arguments and errors as of :func:`write_film`."""
+    run, total = timeline.run, timeline.num_frames
+    mesh = growing_mesh(run, MAX_FACES, with_uncertainty=False)
+    surface = None if mesh is None or not len(mesh.faces) else SurfacePanel(mesh)
+    map_panel = MapPanel(*_bounds(timeline, mesh))
+    far_m = _far_m(timeline)
+    background = _background()
+    shown, plan, reason = -1, PlanRecord(EMPTY_PATH), ""
+    for index, (frame, rgb) in enumerate(zip(run.frames, pictures(run, scene), strict=True)):
+        on_progress(index + 1, total)
+        if index % every and index != total - 1:
+            continue
+        decided = int(timeline.plan_of_frame[index])
+        if decided != shown:
+            shown, plan, reason = decided, timeline.plan(decided), run.plans[decided].get("reason", "")
+            map_panel.decide(plan)
+        target = plan.path_xy_m[-1] if len(plan.path_xy_m) else None
+        trajectory = timeline.xy_m[: index + 1]
+        panels = (
+            colour_panel(rgb, frame, run.intrinsics, target),
+            depth_panel(run.depth_mm(frame), far_m, run.intrinsics),
+            map_panel.draw(trajectory, frame.pose.yaw_rad, plan.path_xy_m, target),
+            surface.draw(index, trajectory) if surface else _no_surface(),
+        )
+        yield np.asarray(_composed(background, panels, timeline.title, _status(timeline, index), reason))
+
+
+def _composed(
+    background: Image.Image, panels: tuple[Image.Image, ...], title: str, status: str, reason: str
+) -> Image.Image:
+    image = background.copy()
+    draw = ImageDraw.Draw(image)
+    draw.text((GAP_PX + 2, 18), title, "#23262b", font(17), anchor="lm")
+    draw.text((WIDTH_PX - GAP_PX - 2, 18), status, "#23262b", font(17), anchor="rm")
+    draw.text((GAP_PX + 2, 43), _cut(reason, draw), "#5d6570", font(15), anchor="lm")
+    for k, (panel, name) in enumerate(zip(panels, ("colour", "depth", "map", "surface of the map"), strict=True)):
+        corner = (GAP_PX + k % 2 * (PANEL_PX + GAP_PX), HEAD_PX + k // 2 * (PANEL_PX + GAP_PX))
+        image.paste(panel, corner)
+        x, y = corner[0] + 8, corner[1] + 8
+        right = x + 14 + draw.textlength(name, font(14))
+        draw.rounded_rectangle([x, y, right, y + 22], 4, "white")
+        draw.text((x + 7, y + 11), name, "#23262b", font(14), anchor="lm")
+    return image
+
+
+def _background() -> Image.Image:
+    """What is the same in every frame of every film: the legend."""
+    image = Image.new("RGB", (WIDTH_PX, HEIGHT_PX), "white")
+    draw = ImageDraw.Draw(image)
+    x, y = float(GAP_PX + 2), HEIGHT_PX - FOOT_PX // 2
+    for name, colour in LEGEND:
+        draw.rectangle([x, y - 6, x + 12, y + 6], colour, "#8a8a8a")
+        draw.text((x + 18, y), name, "#23262b", font(14), anchor="lm")
+        x += 18 + draw.textlength(name, font(14)) + 18
+    return image
+
+
+def _status(timeline: Timeline, index: int) -> str:
+    name, values = timeline.coverage
+    steps = timeline.steps
+    covered = "" if math.isnan(values[index]) else f"   {values[index]:.1f} % {COVERAGE_OF[name]}"
+    return f"step {steps[index]} of {steps[-1]}{covered}"
+
+
+def _cut(text: str, draw: ImageDraw.ImageDraw) -> str:
+    """A text that fits into a line."""
+    if draw.textlength(text, font(15)) <= WIDTH_PX - 2 * GAP_PX:
+        return text
+    while text and draw.textlength(text + " …", font(15)) > WIDTH_PX - 2 * GAP_PX:
+        text = text[:-1]
+    return text + " …"
+
+
+def _no_surface() -> Image.Image:
+    panel = Image.new("RGB", (PANEL_PX, PANEL_PX), "#f3f4f6")
+    text = "no mesh: the run did not end"
+    ImageDraw.Draw(panel).text((PANEL_PX // 2, PANEL_PX // 2), text, "#5d6570", font(18), anchor="mm")
+    return panel
+
+
+def _bounds(timeline: Timeline, mesh: GrowingMesh | None) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Corners of what the map panel shows: all that is known at the end."""
+    points = [timeline.xy_m]
+    if mesh is not None:
+        points.append(mesh.vertices_m[:, :2].astype(np.float64))
+    known = (timeline.plan(k).topdown for k in reversed(range(len(timeline.run.plans))))
+    last = next((topdown for topdown in known if topdown is not None), None)
+    if last is not None:
+        row, col = np.nonzero(last.state != UNKNOWN)
+        points.append(last.origin_xy_m + last.resolution_m * np.stack([col, row], axis=1))
+    both = np.concatenate(points)
+    return both.min(axis=0) - MARGIN_M, both.max(axis=0) + MARGIN_M
+
+
+def _far_m(timeline: Timeline) -> float:
+    """Depth at the end of the scale: what 98 % of the pixels are nearer than, in whole metres."""
+    some = [timeline.run.depth_mm(frame) for frame in timeline.run.frames[:: max(1, timeline.num_frames // 20)]]
+    depths = np.concatenate([depth[depth > 0] for depth in some])
+    return float(max(1, math.ceil(np.percentile(depths, 98.0) / 1000.0))) if len(depths) else 10.0
+
+
+def _coding(suffix: str, fps: float) -> dict[str, Any]:
+    """Options of ffmpeg."""
+    if suffix == ".mp4":
+        options = ["-preset", "veryfast", "-crf", "23"]
+        return {"codec": "libx264", "quality": None, "macro_block_size": 2, "output_params": options}
+    chain = (
+        f"fps={min(fps, GIF_FPS):g},scale={GIF_WIDTH_PX}:-1:flags=lanczos,split[a][b]",
+        "[a]palettegen=max_colors=96:stats_mode=diff[p]",
+        "[b][p]paletteuse=dither=none:diff_mode=rectangle",
+    )
+    options = ["-vf", ";".join(chain)]
+    return {"codec": "gif", "quality": None, "macro_block_size": 1, "pix_fmt_out": "pal8", "output_params": options}

@@ -1,0 +1,220 @@
+"""The four pictures of a film's frame: colour, depth, map, surface."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from jaxtyping import Float, UInt8, UInt16
+from matplotlib.colors import to_rgb
+from PIL import Image, ImageDraw, ImageFont
+
+from anm_mj.io.plan_file import PlanRecord
+from anm_mj.io.read_run import FrameRecord
+from anm_mj.replay.oblique_view import ObliqueView, project
+from anm_mj.replay.surface import GrowingMesh
+from anm_mj.types import FREE, OCCUPIED, Intrinsics, TopDownMap
+from anm_mj.viz import palette
+
+PANEL_PX = 480
+SUPERSAMPLING = 2
+"""Lines are drawn at this multiple of the panel's size, and averaged."""
+MARGIN_M = 0.4
+ROBOT_RADIUS_M = 0.18
+TARGET_HEIGHT_M = 0.4
+"""Height of the mark of a target in the colour image [m]."""
+NEAR_M = 0.05
+FULL_CLEARANCE_M = 1.5
+
+
+def font(size_px: int) -> ImageFont.FreeTypeFont:
+    """Matplotlib's own font, so that film and figures look alike."""
+    return _font(size_px)
+
+
+@lru_cache
+def _font(size_px: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size_px)
+
+
+def rgb_of(colour: str) -> tuple[int, int, int]:
+    """A colour of the palette as bytes."""
+    red, green, blue = (round(255 * part) for part in to_rgb(colour))
+    return red, green, blue
+
+
+def colour_panel(
+    rgb: UInt8[np.ndarray, "h w 3"] | None,
+    frame: FrameRecord,
+    intrinsics: Intrinsics,
+    target_xy_m: Float[np.ndarray, "2"] | None,
+) -> Image.Image:
+    """The camera's picture with a pin at the target; grey where there is no picture."""
+    if rgb is None:
+        panel = Image.new("RGB", (PANEL_PX, PANEL_PX), "#cdd2d8")
+        text = "no colour images"
+        ImageDraw.Draw(panel).text((PANEL_PX // 2, PANEL_PX // 2), text, "#5d6570", font(18), anchor="mm")
+        return panel
+    panel, scale, corner = _fitted(Image.fromarray(rgb), intrinsics)
+    if target_xy_m is not None:
+        foot, head = (
+            _pixel(np.array([*target_xy_m, z]), frame.T_world_camera, intrinsics) for z in (0.0, TARGET_HEIGHT_M)
+        )
+        if foot is not None and head is not None:
+            (x0, y0), (x1, y1) = foot * scale + corner, head * scale + corner
+            draw = ImageDraw.Draw(panel)
+            draw.line([(x0, y0), (x1, y1)], "white", 5)
+            draw.line([(x0, y0), (x1, y1)], palette.TARGET, 3)
+            draw.ellipse([x1 - 8, y1 - 8, x1 + 8, y1 + 8], palette.TARGET, "white", 2)
+    return panel
+
+
+def depth_panel(depth_mm: UInt16[np.ndarray, "rows cols"], far_m: float, intrinsics: Intrinsics) -> Image.Image:
+    """Depth in colours from 0 (dark) to ``far_m``, grey where there is none, with its scale."""
+    level = np.rint(np.clip(depth_mm / (1000.0 * far_m), 0.0, 1.0) * 255.0).astype(np.uint8)
+    image = _depth_table()[level]
+    image[depth_mm == 0] = rgb_of("#9aa0a6")
+    panel, _, _ = _fitted(Image.fromarray(image), intrinsics, Image.Resampling.NEAREST)
+    draw = ImageDraw.Draw(panel)
+    strip = Image.fromarray(np.tile(_depth_table()[None, ::-1].transpose(1, 0, 2), (1, 12, 1)))
+    left, top = PANEL_PX - 62, PANEL_PX - 276
+    draw.rounded_rectangle([left - 8, top - 12, PANEL_PX - 6, PANEL_PX - 8], 5, "white")
+    panel.paste(strip, (left, top))
+    for share in (0.0, 0.5, 1.0):
+        draw.text((left + 17, top + 255 * (1.0 - share)), f"{far_m * share:g} m", "black", font(13), anchor="lm")
+    return panel
+
+
+class MapPanel:
+    """The top-down map with graph, path and trajectory.
+
+    Args:
+        low_m: South-west corner that is shown.
+        high_m: North-east corner.
+    """
+
+    def __init__(self, low_m: Float[np.ndarray, "2"], high_m: Float[np.ndarray, "2"]) -> None:
+        self._side_px = PANEL_PX * SUPERSAMPLING
+        self._metres_per_px = float(max(high_m - low_m)) / self._side_px
+        self._low_m = (low_m + high_m) / 2.0 - self._side_px * self._metres_per_px / 2.0
+        self._base = Image.new("RGB", (self._side_px, self._side_px), palette.UNKNOWN)
+
+    def decide(self, plan: PlanRecord) -> None:
+        """Draw what changes with a decision only: map, graph, regions."""
+        if plan.topdown is not None:
+            self._base = Image.fromarray(self._map(plan.topdown))
+        if plan.graph is None:
+            return
+        draw = ImageDraw.Draw(self._base)
+        ends = self._px(plan.graph.vertex_xy_m[plan.graph.edges].reshape(-1, 2)).reshape(-1, 4)
+        for x0, y0, x1, y1 in ends.tolist():
+            draw.line([(x0, y0), (x1, y1)], palette.GRAPH, 3)
+        for x, y in self._px(np.array([region.centre_m[:2] for region in plan.regions]).reshape(-1, 2)).tolist():
+            draw.ellipse([x - 8, y - 8, x + 8, y + 8], palette.REGION)
+
+    def draw(
+        self,
+        trajectory_xy_m: Float[np.ndarray, "n 2"],
+        yaw_rad: float,
+        path_xy_m: Float[np.ndarray, "k 2"],
+        target_xy_m: Float[np.ndarray, "2"] | None,
+    ) -> Image.Image:
+        """The panel at a frame."""
+        image = self._base.copy()
+        draw = ImageDraw.Draw(image)
+        for line, colour, width in ((trajectory_xy_m, palette.TRAJECTORY, 6), (path_xy_m, palette.PATH, 5)):
+            if len(line) > 1:
+                draw.line([tuple(point) for point in self._px(line).tolist()], colour, width, "curve")
+        if target_xy_m is not None:
+            ((x, y),) = self._px(target_xy_m[None]).tolist()
+            draw.ellipse([x - 11, y - 11, x + 11, y + 11], palette.TARGET, "white", 3)
+        self._draw_robot(draw, trajectory_xy_m[-1], yaw_rad)
+        return image.reduce(SUPERSAMPLING)
+
+    def _draw_robot(self, draw: ImageDraw.ImageDraw, xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> None:
+        ((x, y),) = self._px(xy_m[None]).tolist()
+        radius = max(ROBOT_RADIUS_M / self._metres_per_px, 12.0)
+        angle = -np.degrees(yaw_rad)
+        draw.pieslice(
+            [x - 3 * radius, y - 3 * radius, x + 3 * radius, y + 3 * radius], angle - 45, angle + 45, "#bcd2e6"
+        )
+        draw.ellipse([x - radius, y - radius, x + radius, y + radius], palette.CAMERA, "white", 3)
+
+    def _map(self, topdown: TopDownMap) -> UInt8[np.ndarray, "side side 3"]:
+        at = self._low_m[:, None] + (np.arange(self._side_px) + 0.5) * self._metres_per_px
+        col, row = np.floor((at - topdown.origin_xy_m[:, None]) / topdown.resolution_m).astype(np.int64)
+        rows, cols = topdown.state.shape
+        inside = ((row >= 0) & (row < rows))[:, None] & ((col >= 0) & (col < cols))
+        pick = np.ix_(np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1))
+        image = np.where(inside[..., None], tint(topdown)[pick], np.uint8(rgb_of(palette.UNKNOWN)))
+        return np.ascontiguousarray(image[::-1])
+
+    def _px(self, xy_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        x, y = ((xy_m - self._low_m) / self._metres_per_px).T
+        return np.stack([x, self._side_px - y], axis=1)
+
+
+class SurfacePanel:
+    """The growing mesh with the robot and its trajectory."""
+
+    def __init__(self, mesh: GrowingMesh) -> None:
+        flat = project(mesh.vertices_m)
+        low, high = flat.min(axis=0) - MARGIN_M, flat.max(axis=0) + MARGIN_M
+        side_px = PANEL_PX * SUPERSAMPLING
+        self._metres_per_px = float(max(high - low)) / side_px
+        self._low_m = (low + high) / 2.0 - side_px * self._metres_per_px / 2.0
+        self._view = ObliqueView(mesh, self._low_m, self._metres_per_px, (side_px, side_px), rgb_of("#f3f4f6"))
+
+    def draw(self, frame: int, trajectory_xy_m: Float[np.ndarray, "n 2"]) -> Image.Image:
+        """The panel at a frame; to be asked for in order."""
+        image = Image.fromarray(self._view.at(frame))
+        draw = ImageDraw.Draw(image)
+        floor = np.concatenate([trajectory_xy_m, np.zeros((len(trajectory_xy_m), 1))], axis=1)
+        x, y = ((project(floor) - self._low_m) / self._metres_per_px).T
+        line = list(zip(x.tolist(), (image.height - y).tolist(), strict=True))
+        if len(line) > 1:
+            draw.line(line, palette.TRAJECTORY, 5, "curve")
+        (x, y), r = line[-1], 13
+        draw.ellipse([x - r, y - r, x + r, y + r], palette.CAMERA, "white", 3)
+        return image.reduce(SUPERSAMPLING)
+
+
+def tint(topdown: TopDownMap) -> UInt8[np.ndarray, "rows cols 3"]:
+    """Colours of the cells: free space brighter with its clearance."""
+    near, clear = (np.array(rgb_of(colour), float) for colour in (palette.NEAR, palette.CLEAR))
+    share = np.clip(topdown.clearance_m / FULL_CLEARANCE_M, 0.0, 1.0)[..., None]
+    image = np.empty((*topdown.state.shape, 3), np.uint8)
+    image[:] = rgb_of(palette.UNKNOWN)
+    free = topdown.state == FREE
+    image[free] = np.rint(near + (clear - near) * share)[free]
+    image[topdown.state == OCCUPIED] = rgb_of(palette.WALL)
+    return image
+
+
+def _pixel(
+    point_m: Float[np.ndarray, "3"], T_world_camera: Float[np.ndarray, "4 4"], intrinsics: Intrinsics
+) -> Float[np.ndarray, "2"] | None:
+    """Where a world point lies in the image [px]; None behind the camera."""
+    x, y, z = T_world_camera[:3, :3].T @ (point_m - T_world_camera[:3, 3])
+    if z < NEAR_M:
+        return None
+    return np.array([intrinsics.fx * x / z + intrinsics.cx, intrinsics.fy * y / z + intrinsics.cy])
+
+
+def _fitted(
+    image: Image.Image, intrinsics: Intrinsics, resample: Image.Resampling = Image.Resampling.BICUBIC
+) -> tuple[Image.Image, float, np.ndarray]:
+    """An image scaled into a panel; the scale from pixels of the original image, and where its corner went."""
+    scale = PANEL_PX / max(intrinsics.width, intrinsics.height)
+    size = (round(intrinsics.width * scale), round(intrinsics.height * scale))
+    corner = ((PANEL_PX - size[0]) // 2, (PANEL_PX - size[1]) // 2)
+    panel = Image.new("RGB", (PANEL_PX, PANEL_PX), "#23262b")
+    panel.paste(image.resize(size, resample), corner)
+    return panel, scale, np.array(corner, float)
+
+
+@lru_cache
+def _depth_table() -> UInt8[np.ndarray, "256 3"]:
+    return np.rint(255.0 * matplotlib.colormaps["turbo"](np.linspace(0.0, 1.0, 256))[:, :3]).astype(np.uint8)

@@ -1,0 +1,99 @@
+import subprocess
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from anm_mj.cli.main import main
+from anm_mj.io.read_run import read_run
+from anm_mj.replay.film import GIF_WIDTH_PX, HEIGHT_PX, WIDTH_PX, film_frames
+from anm_mj.replay.film_panels import PANEL_PX, MapPanel, SurfacePanel, colour_panel, rgb_of
+from anm_mj.replay.surface import growing_mesh
+from anm_mj.replay.timeline import read_timeline
+from anm_mj.viz import palette
+from tests.box_room import room_plan
+
+
+def close_to(image, colour, tolerance=30):
+    return np.abs(np.asarray(image).astype(int) - rgb_of(colour)).max(axis=2) < tolerance
+
+
+def test_a_film_has_the_frames_of_the_run(run_folder, tmp_path):
+    path = tmp_path / "film.mp4"
+    assert main(["export", str(run_folder), "--video", str(path), "--every", "8", "--fps", "5"]) == 0
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    words = [ffmpeg, "-loglevel", "info", "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(words, capture_output=True, check=True)
+    assert f"{WIDTH_PX}x{HEIGHT_PX}" in done.stderr.decode()
+    assert " 5 fps" in done.stderr.decode()
+    frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, HEIGHT_PX, WIDTH_PX, 3)
+    assert len(frames) == 6  # Steps 0, 8, ..., 40.
+    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 3.0
+
+
+def test_a_gif_is_small_and_moves(run_folder, tmp_path):
+    path = tmp_path / "film.gif"
+    assert main(["export", str(run_folder), "--video", str(path), "--every", "10"]) == 0
+    with Image.open(path) as film:
+        assert film.size[0] == GIF_WIDTH_PX
+        assert film.n_frames >= 3
+        assert path.stat().st_size < 400_000
+
+
+def test_the_surface_grows_in_the_film(run_folder):
+    mesh = growing_mesh(read_run(run_folder), with_uncertainty=False)
+    assert mesh is not None
+    timeline = read_timeline(run_folder)
+    panel = SurfacePanel(mesh)
+    filled = [(~close_to(panel.draw(frame, timeline.xy_m[: frame + 1]), "#f3f4f6", 3)).mean() for frame in (0, 20, 40)]
+    assert 0.02 < filled[0] < filled[1] < filled[2]
+    # The floor, 4 x 3 m, of a picture about 4.8 m wide, and walls.
+    assert filled[2] > 0.35
+
+
+def test_the_map_has_north_up_and_the_robot_in_its_place():
+    plan = room_plan()
+    panel = MapPanel(np.array([-2.5, -2.5]), np.array([2.5, 2.5]))
+    image = panel.draw(np.array([[0.0, 0.0], [1.5, 1.0]]), 0.0, plan.path_xy_m, None)
+    rows, cols = np.nonzero(close_to(image, palette.CAMERA, 10))
+    assert np.median(cols) == pytest.approx(PANEL_PX * (1.5 + 2.5) / 5.0, abs=3)
+    assert np.median(rows) == pytest.approx(PANEL_PX * (2.5 - 1.0) / 5.0, abs=3)
+
+
+def test_the_target_stands_in_the_picture_where_it_is(run_folder):
+    run = read_run(run_folder)
+    rgb = np.full((256, 256, 3), 128, np.uint8)
+    frame = run.frames[0]
+    plain = colour_panel(rgb, frame, run.intrinsics, None)
+    # From (0, 0) along x, a camera at 1.25 m: 1.5 m ahead, half a metre to the left.
+    marked = close_to(colour_panel(rgb, frame, run.intrinsics, np.array([1.5, 0.5])), palette.TARGET)
+    rows, cols = np.nonzero(marked)
+    assert not close_to(plain, palette.TARGET).any()
+    assert np.median(cols) == pytest.approx(PANEL_PX * (0.5 - 0.5 * 0.5 / 1.5), abs=4)
+    assert rows.min() == pytest.approx(PANEL_PX * (0.5 + 0.5 * (1.25 - 0.4) / 1.5), abs=12)
+    # Behind the camera there is nothing to mark.
+    assert not close_to(colour_panel(rgb, frame, run.intrinsics, np.array([-1.0, 0.0])), palette.TARGET).any()
+
+
+def test_a_run_without_mesh_and_images_makes_a_film(run_folder, tmp_path):
+    for name in ("steps.jsonl", "frames.jsonl", "camera.json", "depth"):
+        (tmp_path / name).symlink_to(run_folder / name)
+    frames = list(film_frames(read_timeline(tmp_path), every=40))
+    assert [frame.shape for frame in frames] == [(HEIGHT_PX, WIDTH_PX, 3)] * 2
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--video", "film.avi"], "an .mp4 or a .gif file"),
+        (["--video", "film.mp4", "--fps", "0"], "choose 0.1 to 120"),
+        (["--video", "film.mp4", "--every", "0"], "from 1 up"),
+        ([], "Nothing to export"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(run_folder, tmp_path, monkeypatch, capsys, options, words):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", str(run_folder), *options]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
