@@ -103,7 +103,7 @@ def physics_figures(world: Scene, actions: int) -> list[Figure]:
         root, asked = robot.model.body("robot/base").id, robot.pose
         # Obstacle boxes are up to a cell thicker than the obstacles.
         wide = replace(robot.footprint, radius_m=robot.footprint.radius_m + ROOM_M)
-        for action in mixed_actions(robot, Clearance(*world.triangles(), wide), actions):
+        for action in mixed_actions(robot, Clearance(*world.obstacles(), wide), actions):
             before, start_s = robot.pose, time.process_time()
             result = robot.act(action)
             cpu_ms.append(1e3 * (time.process_time() - start_s))
@@ -178,7 +178,7 @@ def push_figures(world: Scene, pushes: int, push_n: float) -> list[Figure]:
         from anm_mj.geometry.clearance import Clearance
 
         footprint = robot.footprint
-        core = Clearance(*world.triangles(), Footprint(CORE_M, footprint.z_min_m, footprint.z_max_m))
+        core = Clearance(*world.obstacles(), Footprint(CORE_M, footprint.z_min_m, footprint.z_max_m))
         area, root = scene_area(world, footprint), robot.model.body("robot/base").id
         row, col = np.nonzero((area.component == 1) & (area.clearance_m < footprint.radius_m + NEAR_M))
         beside = area.grid.origin_xy_m + (np.stack([col, row], axis=1) + 0.5) * area.grid.resolution_m

@@ -14,7 +14,7 @@ def add_scene(commands: Any) -> None:
     scene = commands.add_parser("scene", help="import, generate, check and list scenes")
     actions = scene.add_subparsers(required=True, metavar="ACTION")
     imported = actions.add_parser(
-        "import", help="turn a mesh, a Gazebo world, a scan or a floor plan into a scene folder"
+        "import", help="turn a mesh, a Gazebo or MuJoCo world, a scan or a floor plan into a scene folder"
     )
     imported.add_argument("src", type=Path, metavar="SRC", help="a file or a scene's folder (docs/scenes.md)")
     imported.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
@@ -22,7 +22,8 @@ def add_scene(commands: Any) -> None:
         "--format",
         "--kind",
         default="auto",
-        help="format of SRC: gazebo, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, floorplan, mesh",
+        help="format of SRC: gazebo, mjcf, hssd, replicacad, habitat, hm3d, matterport3d, gibson, replica, floorplan, "
+        "mesh",
     )
     imported.add_argument(
         "--up", choices=("x", "y", "z", "auto"), default="auto", help="axis of SRC that points up (default: found)"
@@ -40,6 +41,7 @@ def add_scene(commands: Any) -> None:
         help="a folder of models that SRC refers to; may be given several times",
     )
     imported.add_argument("--no-furniture", action="store_true", help="leave the rooms of a floor plan empty")
+    _add_choice(imported)
     imported.set_defaults(command=_scene_import)
     generated = actions.add_parser("generate", help="generate a furnished building")
     generated.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
@@ -52,6 +54,50 @@ def add_scene(commands: Any) -> None:
     generated.set_defaults(command=_scene_generate)
     add_check(actions)
     actions.add_parser("list", help="the scenes that can be named").set_defaults(command=_scene_list)
+
+
+def _add_choice(imported: argparse.ArgumentParser) -> None:
+    """Add the options that say what of a source is wanted, and in what state."""
+    choice = imported.add_argument_group("what of SRC is imported")
+    choice.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="PATTERN",
+        help="only parts with a matching name, as in 'floor*' 'wall*'",
+    )
+    choice.add_argument(
+        "--leave-out", nargs="+", default=[], metavar="PATTERN", help="no parts with a matching name, as in 'door_*'"
+    )
+    choice.add_argument(
+        "--doors", choices=("as-is", "open", "closed"), default="as-is", help="state of door leaves (default: as-is)"
+    )
+    choice.add_argument(
+        "--storey",
+        metavar="N|Z",
+        help="one storey: its number from 1 at the bottom, or the height of its floor, as in 3.2",
+    )
+    choice.add_argument("--settle", action="store_true", help="MuJoCo worlds: drop all bodies until they rest")
+    choice.add_argument(
+        "--movable", action="store_true", help="MuJoCo worlds: the robot may push free bodies (--drive physics)"
+    )
+    choice.add_argument(
+        "--groups",
+        metavar="N,N,...",
+        help="MuJoCo worlds: geom groups that the camera sees (default: 0,1,2, as MuJoCo draws)",
+    )
+
+
+def _groups(text: str | None) -> list[int] | None:
+    """The geom groups of --groups."""
+    from anm_mj.errors import SceneError
+
+    if text is None:
+        return None
+    words = text.split(",")
+    if not all(word.strip() in ("0", "1", "2", "3", "4", "5") for word in words):
+        raise SceneError(f"--groups is '{text}'; give numbers of geom groups from 0 to 5, as in 0,2.")
+    return [int(word) for word in words]
 
 
 def _scene_import(parsed: argparse.Namespace) -> int:
@@ -69,6 +115,13 @@ def _scene_import(parsed: argparse.Namespace) -> int:
         source=parsed.source,
         model_paths=parsed.model_path,
         furniture=not parsed.no_furniture,
+        only=parsed.only,
+        leave_out=parsed.leave_out,
+        doors=parsed.doors,
+        storey=parsed.storey,
+        settle=parsed.settle,
+        movable=parsed.movable,
+        groups=_groups(parsed.groups),
     )
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]

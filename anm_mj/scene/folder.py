@@ -3,7 +3,8 @@
 scene.toml     name, licence, source, how axes and units were found, bounds, start poses, hash
 scene.xml      MJCF that MuJoCo loads by itself
 assets/        meshes and textures of scene.xml
-geometry.npz   vertices (V, 3) float32 in the world [m] and faces (F, 3) int32: the exact source triangles
+geometry.npz   vertices (V, 3) float32 in the world [m] and faces (F, 3) int32: the exact source triangles;
+               obstacle_vertices and obstacle_faces where the robot meets something else than the camera sees
 """
 
 from __future__ import annotations
@@ -73,6 +74,16 @@ class Scene:
             SceneError: if geometry.npz cannot be read.
         """
         return _read_geometry(self.folder / GEOMETRY, self.hash)
+
+    def obstacles(self) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
+        """Vertices in the world [m] and faces of what the robot meets, most often the source triangles themselves.
+
+        Read-only, loaded once.
+
+        Raises:
+            SceneError: if geometry.npz cannot be read.
+        """
+        return _read_geometry(self.folder / GEOMETRY, self.hash, "obstacle_")
 
     def geometry(self) -> trimesh.Trimesh:
         """The exact source triangles as a mesh in the world [m]; loaded once, not to be changed.
@@ -213,12 +224,19 @@ def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
 
 
 @functools.lru_cache(maxsize=4)
-def _read_geometry(path: Path, content_hash: str) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
-    """Vertices and faces of a geometry.npz; the hash invalidates the cache when a scene is imported again."""
-    del content_hash
+def _read_geometry(
+    path: Path, content_hash: str, prefix: str = ""
+) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
+    """Vertices and faces of a geometry.npz; the hash invalidates the cache when a scene is imported again.
+
+    Where there are none with the prefix, those without.
+    """
     try:
         with path.open("rb") as file, np.load(file) as arrays:
-            vertices, faces = arrays["vertices"].astype(np.float32), arrays["faces"].astype(np.int32)
+            if prefix and f"{prefix}vertices" not in arrays:
+                return _read_geometry(path, content_hash)
+            vertices = arrays[f"{prefix}vertices"].astype(np.float32)
+            faces = arrays[f"{prefix}faces"].astype(np.int32)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as err:
         raise SceneError(f"{path} cannot be read ({err}): import the scene again.") from err
     vertices.setflags(write=False)

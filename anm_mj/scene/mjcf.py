@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32, Int32, Integer
+from scipy.spatial.transform import Rotation
+
+from anm_mj.scene.movable import Movable
 
 VISUAL_GROUP = 2
 """Geom group that the camera sees."""
@@ -30,10 +33,16 @@ class Drawn:
     mesh_file: str
     texture_file: str | None
     rgb: tuple[float, float, float]
+    part: str = ""
+    """Of a movable object that it belongs to."""
 
 
 def scene_mjcf(
-    name: str, drawn: list[Drawn], boxes_m: Float[np.ndarray, "n 4"], bounds_m: Float[np.ndarray, "2 3"]
+    name: str,
+    drawn: list[Drawn],
+    boxes_m: Float[np.ndarray, "n 4"],
+    bounds_m: Float[np.ndarray, "2 3"],
+    movables: tuple[Movable, ...] = (),
 ) -> str:
     """MJCF text of a scene whose assets lie in ``assets/``.
 
@@ -60,6 +69,7 @@ def scene_mjcf(
 
     asset, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
     textures: set[str] = set()
+    bodies = {movable.part: (movable, _movable_body(world, asset, movable, i)) for i, movable in enumerate(movables)}
     for submesh in drawn:
         material = ET.SubElement(asset, "material", name=submesh.name, rgba=_numbers((*submesh.rgb, 1.0)))
         material.attrib.update(specular="0", shininess="0", reflectance="0")
@@ -70,7 +80,15 @@ def scene_mjcf(
                 textures.add(texture)
                 ET.SubElement(asset, "texture", name=texture, type="2d", file=submesh.texture_file)
         ET.SubElement(asset, "mesh", name=submesh.name, file=submesh.mesh_file, inertia="shell")
-        ET.SubElement(world, "geom", {"class": "visual"}, name=submesh.name, mesh=submesh.name, material=submesh.name)
+        look = {"class": "visual", "name": submesh.name, "mesh": submesh.name, "material": submesh.name}
+        holder = bodies.get(submesh.part)
+        if holder is None:
+            ET.SubElement(world, "geom", look)
+        else:
+            # Its mesh is stored where it stands at first.
+            movable, body = holder
+            T_object_world = np.linalg.inv(movable.T_world_object)
+            ET.SubElement(body, "geom", look | _pose(T_object_world))
     ET.SubElement(
         world, "geom", {"class": "collision"}, name="floor", type="plane", size="0 0 1", rgba="0.5 0.5 0.5 0.2"
     )
@@ -80,6 +98,45 @@ def scene_mjcf(
         ET.SubElement(world, "geom", {"class": "collision"}, name=f"box_{i}", pos=_numbers(centre), size=_numbers(half))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _movable_body(world: ET.Element, asset: ET.Element, movable: Movable, index: int) -> ET.Element:
+    """The body of a movable object, without what is drawn of it."""
+    name = f"movable_{index}"
+    body = ET.SubElement(world, "body", {"name": name} | _pose(movable.T_world_object))
+    ET.SubElement(body, "freejoint", name=name)
+    inertia = movable.inertia_kgm2
+    entries = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
+    ET.SubElement(
+        body,
+        "inertial",
+        pos=_exact(movable.centre_m),
+        mass=f"{movable.mass_kg:.9g}",
+        fullinertia=_exact(np.array(entries)),
+    )
+    for i, solid in enumerate(movable.solids):
+        geom = ET.SubElement(body, "geom", {"class": "collision"}, name=f"{name}_{i}", type=solid.kind)
+        geom.attrib.update(pos=_exact(solid.position_m), quat=_exact(solid.quaternion))
+        geom.set("friction", _exact(np.array(solid.friction)))
+        if solid.hull_m is None:
+            geom.set("size", _exact(np.array(solid.size_m)))
+        else:
+            ET.SubElement(
+                asset, "mesh", name=f"{name}_{i}", vertex=_exact(np.unique(solid.hull_m.round(6), axis=0).ravel())
+            )
+            geom.set("mesh", f"{name}_{i}")
+    return body
+
+
+def _pose(T: Float[np.ndarray, "4 4"]) -> dict[str, str]:
+    """Attributes of a pose; the quaternion is scalar first."""
+    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat()[[3, 0, 1, 2]]
+    return {"pos": _exact(T[:3, 3]), "quat": _exact(quaternion)}
+
+
+def _exact(values: Float[np.ndarray, " n"]) -> str:
+    """Numbers of MJCF with nine digits."""
+    return " ".join(f"{float(value):.9g}" for value in values)
 
 
 def _numbers(values: Float[np.ndarray, " n"] | tuple[float, ...]) -> str:

@@ -57,16 +57,25 @@ class NavigableArea:
         return self.grid.centres_m(*np.nonzero(self.component == component))
 
 
-def navigable_area(triangles_m: Float[np.ndarray, "f 3 3"], footprint: Footprint) -> NavigableArea:
+def navigable_area(
+    triangles_m: Float[np.ndarray, "f 3 3"],
+    footprint: Footprint,
+    obstacles_m: Float[np.ndarray, "o 3 3"] | None = None,
+) -> NavigableArea:
     """Where an upright cylinder can stand on a floor at z = 0 among triangles in the world.
 
-    Distances between cell centres are exact to one cell; :func:`is_clear` is exact.
+    The floor is whatever lies level at z = 0 among triangles and obstacles. Obstacles are the triangles themselves
+    unless given. Distances between cell centres are exact to one cell; :func:`is_clear` is exact.
 
     Raises:
         SceneError: if there is hardly such a place.
     """
+    if obstacles_m is None:
+        obstacles_m = triangles_m
+    else:
+        triangles_m = np.concatenate([triangles_m, obstacles_m])
     grid = grid_over(triangles_m, RESOLUTION_M, 2 * RESOLUTION_M)
-    blocked = rasterise(clip_to_slab(triangles_m, footprint.z_min_m, footprint.z_max_m), grid)
+    blocked = rasterise(clip_to_slab(obstacles_m, footprint.z_min_m, footprint.z_max_m), grid)
     # Joints between floor tiles and thresholds leave slits that no wheel falls into.
     floor = floor_cells(triangles_m, grid, closing_cells=2)
     clearance = (distance_cells(~blocked) * grid.resolution_m).astype(np.float32)
@@ -138,20 +147,22 @@ def scene_area(scene: Scene, footprint: Footprint) -> NavigableArea:
         SceneError: if there is hardly such a place.
     """
     vertices, faces = scene.triangles()
-    return navigable_area(vertices[faces], footprint)
+    solid_vertices, solid_faces = scene.obstacles()
+    same = solid_faces is faces
+    return navigable_area(vertices[faces], footprint, None if same else solid_vertices[solid_faces])
 
 
 @functools.lru_cache(maxsize=4)
 def scene_clearance(scene: Scene, footprint: Footprint) -> Clearance:
-    """Exact clearance of a robot among a scene's triangles; built once per scene and footprint."""
+    """Exact clearance of a robot among a scene's obstacles; built once per scene and footprint."""
     # Loads coal, which takes a third of a second: too long for commands that only list or import scenes.
     from anm_mj.geometry.clearance import Clearance
 
-    return Clearance(*scene.triangles(), footprint)
+    return Clearance(*scene.obstacles(), footprint)
 
 
 def is_clear(scene: Scene, pose: Pose2, footprint: Footprint) -> bool:
-    """True if the robot's cylinder touches no triangle at a pose and has floor below; exact up to the floor's grid."""
+    """True if the robot's cylinder touches no obstacle at a pose and has floor below; exact up to the floor's grid."""
     area = scene_area(scene, footprint)
     col, row = np.floor((pose.xy_m - area.grid.origin_xy_m) / area.grid.resolution_m).astype(int)
     if not (0 <= row < area.grid.rows and 0 <= col < area.grid.cols) or area.clearance_m[row, col] == 0.0:

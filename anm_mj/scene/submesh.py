@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +34,8 @@ class Submesh:
     tiled: bool = False
     """Whether the texture holds a tile per triangle (:mod:`anm_mj.scene.importing.bake`), so that it must keep its
     size."""
+    part: str = ""
+    """The part of the source that it belongs to, such as a model and its link, outermost first, joined by "/"."""
 
     def __post_init__(self) -> None:
         """Check that the numbers fit together."""
@@ -67,7 +70,13 @@ def without_degenerate_faces(submesh: Submesh) -> Submesh | None:
         None if submesh.uv is None else submesh.uv[used],
         submesh.texture,
         submesh.tiled,
+        submesh.part,
     )
+
+
+def is_within(part: str, others: Collection[str]) -> bool:
+    """Whether a part is one of others, or belongs to one of them."""
+    return bool(part) and any(part == other or part.startswith(f"{other}/") for other in others)
 
 
 def merge_geometry(submeshes: list[Submesh]) -> tuple[Float[np.ndarray, "v 3"], Integer[np.ndarray, "f 3"]]:
@@ -89,15 +98,19 @@ def transformed(
     return replace(submesh, vertices_m=vertices, faces=faces)
 
 
-def merge_alike(submeshes: list[Submesh]) -> list[Submesh]:
+def merge_alike(submeshes: list[Submesh], apart: Collection[str] = ()) -> list[Submesh]:
     """Submeshes of equal colour and texture as one, in order of first appearance.
+
+    Those of parts in ``apart`` are joined only with others of their part; the others lose the names of their parts.
 
     Worlds of hundreds of small objects render and compile several times as fast, and the renderer takes at most a
     thousand textured materials.
     """
     groups: dict[tuple[object, ...], list[Submesh]] = {}
     for submesh in submeshes:
-        groups.setdefault((submesh.rgb, None if submesh.texture is None else id(submesh.texture)), []).append(submesh)
+        own = next((part for part in apart if is_within(submesh.part, [part])), "")
+        look = (submesh.rgb, None if submesh.texture is None else id(submesh.texture), own)
+        groups.setdefault(look, []).append(replace(submesh, part=own))
     return [_merged(group) for group in groups.values()]
 
 

@@ -9,13 +9,13 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float32, Int32, UInt8
 from PIL import Image
 
 from anm_mj.errors import SceneError
@@ -23,9 +23,10 @@ from anm_mj.scene.collision import collision_boxes
 from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_folder
 from anm_mj.scene.importing.canonical_axes import covered_share
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
-from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, choose_starts, navigable_area
+from anm_mj.scene.movable import Movable
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.rooms import find_rooms
-from anm_mj.scene.submesh import Submesh, merge_geometry, without_degenerate_faces
+from anm_mj.scene.submesh import Submesh, is_within, merge_geometry, without_degenerate_faces
 from anm_mj.types import Pose2
 
 _PNG_COMPRESSION = 3
@@ -50,6 +51,8 @@ class SceneInfo:
     """"found" or "given"."""
     floor_removed_m: float = 0.0
     """Height of the source's floor, subtracted so that the floor is at z = 0 [m]."""
+    origin_m: tuple[float, float] = (0.0, 0.0)
+    """Where x = y = 0 lies in the source, turned to z up and scaled to metres [m]."""
     rooms: int | None = None
     """Number of rooms; None to count them by segmentation."""
     budget_steps: int | None = None
@@ -58,7 +61,16 @@ class SceneInfo:
     wall would open the view into the next room."""
 
 
-def write_scene(submeshes: list[Submesh], info: SceneInfo, out: Path, starts: tuple[Pose2, ...] | None = None) -> Scene:
+def write_scene(
+    submeshes: list[Submesh],
+    info: SceneInfo,
+    out: Path,
+    starts: tuple[Pose2, ...] | None = None,
+    *,
+    obstacles: list[Submesh] | None = None,
+    movables: tuple[Movable, ...] = (),
+    on_area: Callable[[NavigableArea], None] = lambda area: None,
+) -> Scene:
     """Write a scene folder and read it back.
 
     Collision boxes, whether there is a ceiling, and the number of rooms and start poses (unless given) follow
@@ -69,6 +81,10 @@ def write_scene(submeshes: list[Submesh], info: SceneInfo, out: Path, starts: tu
         info: Name, origin and licence.
         out: The scene folder to make.
         starts: Start poses, the default one first; None to choose them.
+        obstacles: What the robot meets, if that is not what is in ``submeshes``.
+        movables: Objects that the robot may push. Submeshes and obstacles hold them too, as they stand at first, in
+            parts of their name.
+        on_area: Called with where the robot can stand, unless starts and rooms are given.
 
     Raises:
         SceneError: if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
@@ -80,12 +96,14 @@ def write_scene(submeshes: list[Submesh], info: SceneInfo, out: Path, starts: tu
         raise SceneError(
             f"Scene {info.name} holds no triangles (of {len(submeshes)} submeshes): give a file with a surface."
         )
-    vertices, faces = merge_geometry(proper)
-    vertices, faces = vertices.astype(np.float32), faces.astype(np.int32)
+    vertices, faces = _single(proper)
     triangles = vertices[faces]
+    solid = None if obstacles is None else _single(obstacles)
+    solid_triangles = None if solid is None else solid[0][solid[1]]
     rooms = info.rooms
     if starts is None or rooms is None:
-        area = navigable_area(triangles, DEFAULT_FOOTPRINT)
+        area = navigable_area(triangles, DEFAULT_FOOTPRINT, solid_triangles)
+        on_area(area)
         starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
         # A scan may have no wall that submeshes a room from the open.
         rooms = rooms or len(find_rooms(triangles, area).area_m2) or None
@@ -99,6 +117,7 @@ def write_scene(submeshes: list[Submesh], info: SceneInfo, out: Path, starts: tu
         "scale": info.scale,
         "scale_how": info.scale_how,
         "floor_removed": round(info.floor_removed_m, 4),
+        "origin": list(info.origin_m) if any(info.origin_m) else None,
         "bounds": bounds.round(4).tolist(),
         "triangles": len(faces),
         "rooms": rooms,
@@ -107,15 +126,29 @@ def write_scene(submeshes: list[Submesh], info: SceneInfo, out: Path, starts: tu
         "cull_face": info.cull_face,
         "starts": [[pose.x_m, pose.y_m, round(math.degrees(pose.yaw_rad), 2)] for pose in starts],
         "budget_steps": info.budget_steps,
-        "hash": _content_hash(proper),
+        "movables": [movable.part for movable in movables] or None,
+        "hash": _content_hash(proper, obstacles or [], movables),
     }
+    moving = [movable.part for movable in movables]
+    fixed = [submesh for submesh in obstacles or proper if not is_within(submesh.part, moving)]
+    boxes = np.zeros((0, 4))
+    if fixed:
+        own_vertices, own_faces = _single(fixed)
+        boxes = collision_boxes(own_vertices[own_faces])
+    arrays = {} if solid is None else {"obstacle_vertices": solid[0], "obstacle_faces": solid[1]}
     with replaced_folder(out) as folder:
         drawn = _write_assets(proper, folder / ASSETS)
-        mjcf = scene_mjcf(info.name, drawn, collision_boxes(triangles), bounds)
+        mjcf = scene_mjcf(info.name, drawn, boxes, bounds, movables)
         (folder / XML).write_text(mjcf, encoding="utf-8")
-        np.savez_compressed(folder / GEOMETRY, vertices=vertices, faces=faces)
+        np.savez_compressed(folder / GEOMETRY, vertices=vertices, faces=faces, **arrays)
         (folder / TOML).write_text(_toml(entries), encoding="utf-8")
     return read_scene_folder(out)
+
+
+def _single(submeshes: list[Submesh]) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
+    """Vertices and faces of submeshes, as they are stored."""
+    vertices, faces = merge_geometry(submeshes)
+    return vertices.astype(np.float32), faces.astype(np.int32)
 
 
 @contextmanager
@@ -183,7 +216,7 @@ def _write_assets(submeshes: list[Submesh], assets: Path) -> list[Drawn]:
         write_msh(
             assets / f"{name}.msh", submesh.vertices_m, submesh.faces, None if texture_file is None else submesh.uv
         )
-        drawn.append(Drawn(name, f"{name}.msh", texture_file, submesh.rgb))
+        drawn.append(Drawn(name, f"{name}.msh", texture_file, submesh.rgb, submesh.part))
     return drawn
 
 
@@ -192,10 +225,12 @@ def _write_png(path: Path, image: UInt8[np.ndarray, "h w 3"]) -> None:
     Image.fromarray(image).save(path, compress_level=_PNG_COMPRESSION)
 
 
-def _content_hash(submeshes: list[Submesh]) -> str:
+def _content_hash(submeshes: list[Submesh], obstacles: list[Submesh], movables: tuple[Movable, ...]) -> str:
     """sha256 over everything that can be seen or bumped into."""
     digest = hashlib.sha256()
-    for submesh in submeshes:
+    for movable in movables:
+        digest.update(repr(movable).encode())
+    for submesh in [*submeshes, *obstacles]:
         arrays: list[Float[np.ndarray, "..."] | None] = [submesh.vertices_m, submesh.faces, submesh.uv, submesh.texture]
         for array in arrays:
             digest.update(b"-" if array is None else f"{array.dtype.str}{array.shape}".encode() + array.tobytes())

@@ -76,7 +76,7 @@ def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
     A building on its side has levels too, its walls, but they are smaller than floors, and there are more of them.
     """
     storeys: list[Level] = []
-    for level in sorted(_levels(triangles_m), key=lambda level: -level.walkable_m2):
+    for level in sorted(levels(triangles_m), key=lambda level: -level.walkable_m2):
         if all(abs(level.z_m - taken.z_m) > _HEADROOM_M for taken in storeys):
             storeys.append(level)
     height_m = float(np.ptp(triangles_m[:, :, 2]))
@@ -91,16 +91,16 @@ def find_floor(triangles_m: Float[np.ndarray, "f 3 3"]) -> Level | None:
     A level is large if it has at least half the area of the largest one. That excludes cellar slabs and undersides, and
     of two storeys it takes the lower one.
     """
-    levels = _levels(triangles_m)
-    if not levels:
+    found_levels = levels(triangles_m)
+    if not found_levels:
         return None
-    most = max(found.walkable_m2 for found in levels)
-    large = [found for found in levels if found.walkable_m2 >= 0.5 * most]
+    most = max(found.walkable_m2 for found in found_levels)
+    large = [found for found in found_levels if found.walkable_m2 >= 0.5 * most]
     # A thin floor slab has two large levels; the robot stands on the upper one.
     return [found for found in large if found.z_m <= large[0].z_m + _FLOOR_ROUGHNESS_M][-1]
 
 
-def _levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
+def levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
     """The largest horizontal surfaces of triangles with z up, from the lowest to the highest; at most eight."""
     level = triangles_m[level_mask(triangles_m)]
     if not len(level):

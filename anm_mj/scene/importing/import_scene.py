@@ -6,31 +6,22 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
-from anm_mj.scene.importing.canonical_axes import UNITS, find_floor, find_scale, find_up, rotation_to_z_up
+from anm_mj.scene.importing.canonical_axes import UNITS
+from anm_mj.scene.importing.doors import Doors
 from anm_mj.scene.importing.floorplan import import_floorplan, is_floorplan
+from anm_mj.scene.importing.placing import Choice, UpAxis, place
+from anm_mj.scene.importing.reach import report_reach
 from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
-from anm_mj.scene.importing.readers.texture_limit import limit_textures
-from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
-from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
+from anm_mj.scene.importing.readers.mjcf.read import DRAWN_GROUPS, read_mjcf
+from anm_mj.scene.writer import check_destination, write_scene
 
 _logger = logging.getLogger(__name__)
-
-_FLOOR_AT_ZERO_M = 0.01
-"""A floor this near to z = 0 was put there on purpose: coordinates then stay those of the file [m]."""
-
-_MAX_EXTENT_M = 500.0
-"""Larger extents mostly mean misread units or a stray part [m]."""
-
-UpAxis = Literal["x", "y", "z", "auto"]
 
 
 def import_scene(
@@ -45,8 +36,15 @@ def import_scene(
     source: str | None = None,
     model_paths: Sequence[Path] = (),
     furniture: bool = True,
+    only: Sequence[str] = (),
+    leave_out: Sequence[str] = (),
+    doors: Doors = "as-is",
+    storey: str | None = None,
+    settle: bool = False,
+    movable: bool = False,
+    groups: Sequence[int] | None = None,
 ) -> Scene:
-    """Make the scene folder ``out`` from a mesh file, a Gazebo world, a scene of a known data set or a floor plan.
+    """Make the scene folder ``out`` from a mesh, a Gazebo or MuJoCo world, a scene of a data set or a floor plan.
 
     The scene is rotated to z up, scaled to metres and lowered onto its floor; x and y stay. One log line and scene.toml
     say which axes and units were found or given. What cannot be imported is logged, a sentence per problem.
@@ -63,6 +61,13 @@ def import_scene(
         source: Where the source came from; by default the data set and the file.
         model_paths: Folders that hold models which the source refers to.
         furniture: False to leave the rooms of a floor plan empty.
+        only: Patterns of names of parts; if there are any, only parts that match one are imported.
+        leave_out: Patterns of names of parts that are not imported.
+        doors: State of the leaves of doors that are parts of their own.
+        storey: Of several storeys only this: a number from 1 at the bottom, or the height of its floor [m].
+        settle: MuJoCo worlds: drop all bodies until they rest.
+        movable: MuJoCo worlds: keep free bodies as objects that the robot may push.
+        groups: MuJoCo worlds: geom groups that are drawn; None for those that MuJoCo draws, 0 to 2.
 
     Raises:
         SceneError: if the source cannot be used, an option has no meaning for it, or the folder cannot be written.
@@ -81,17 +86,28 @@ def import_scene(
             raise SceneError(
                 f"{src} is a floor plan, whose format fixes axes and units: leave --up, --scale and --model-path out."
             )
+        if only or leave_out or doors != "as-is" or storey is not None:
+            raise SceneError(
+                f"{src} is a floor plan, which has one storey, open doors and no parts: leave --only, --leave-out, "
+                "--doors and --storey out."
+            )
         return import_floorplan(src, out, name=name, licence=licence, source=source, furniture=furniture)
     found = find_format(src, source_format)
     if not furniture:
         raise SceneError(
             f"{src} is no floor plan ({found.name}), so that its furniture stays: leave --no-furniture out."
         )
+    read = found.read
+    if found.name == "mjcf":
+        read = partial(read_mjcf, settle=settle, movable=movable, groups=DRAWN_GROUPS if groups is None else groups)
+    elif settle or movable or groups is not None:
+        raise SceneError(f"{src} is no MuJoCo world ({found.name}): leave --settle, --movable and --groups out.")
     report = ImportReport()
-    parsed = found.read(src, list(model_paths), report)
+    parsed = read(src, list(model_paths), report)
     report.log()
 
-    info, submeshes = _placed(parsed, src, up, scale)
+    placed = place(parsed, src, up, scale, Choice(only, leave_out, doors, storey))
+    info = placed.info
     _logger.info(
         "%s (%s): %s is up (%s), 1 unit is %g m (%s, %s), the floor was at %.3f m",
         src.name,
@@ -103,56 +119,19 @@ def import_scene(
         info.scale_how,
         info.floor_removed_m,
     )
+    if any(info.origin_m):
+        _logger.info("x = y = 0 is at (%.0f, %.0f) m of the source, which lies far from its origin", *info.origin_m)
     info = replace(
         info,
         name=name or out.resolve().name,
         source=source or parsed.source,
         licence=licence or parsed.licence,
     )
-    return write_scene(submeshes, info, out)
-
-
-def _placed(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None) -> tuple[SceneInfo, list[Submesh]]:
-    """The submeshes in the world, with textures that can be rendered, and how axes and units were found."""
-    submeshes = parsed.submeshes
-    vertices, faces = merge_geometry(submeshes)
-    if not len(faces):
-        raise SceneError(f"{src} holds no triangles: give a file with a surface.")
-    scale_how, up_how = ("given" if scale is not None else "found"), ("given" if up != "auto" else "found")
-    if scale is None and parsed.scale is not None:
-        scale, scale_how = parsed.scale, "known"
-    if scale is None:
-        scale = find_scale(np.ptp(vertices[faces].reshape(-1, 3), axis=0))
-    triangles = vertices[faces] * scale
-    largest_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    if largest_m > _MAX_EXTENT_M:
-        raise SceneError(
-            f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "
-            "give another scale, or remove stray parts."
-        )
-    if up == "auto" and math.isinf(parsed.up_certainty):
-        up, up_how = parsed.up, "known"
-    elif up == "auto":
-        up = find_up(triangles, parsed.up, parsed.up_certainty)
-    rotation = rotation_to_z_up(up)
-    turned = triangles @ rotation.T
-    floor = find_floor(turned)
-    floor_m = float(turned[:, :, 2].min()) if floor is None else floor.z_m
-    if abs(floor_m) < _FLOOR_AT_ZERO_M:
-        floor_m = 0.0
-
-    def to_world(submesh: Submesh) -> Submesh:
-        moved = submesh.vertices_m * scale @ rotation.T - np.array([0.0, 0.0, floor_m])
-        return replace(submesh, vertices_m=moved.astype(np.float32))
-
-    info = SceneInfo(
-        name="",
-        source="",
-        licence="",
-        up=up,
-        up_how=up_how,
-        scale=scale,
-        scale_how=scale_how,
-        floor_removed_m=floor_m,
+    return write_scene(
+        placed.submeshes,
+        info,
+        out,
+        obstacles=placed.obstacles,
+        movables=placed.movables,
+        on_area=partial(report_reach, placed=placed, doors=doors),
     )
-    return info, merge_alike(limit_textures([to_world(submesh) for submesh in submeshes]))

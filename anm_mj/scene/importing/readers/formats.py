@@ -14,6 +14,8 @@ from anm_mj.scene.importing.readers.habitat import DATASETS, is_scene_instance, 
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import read_mesh_scene
 from anm_mj.scene.importing.readers.mesh_check import MESH_SUFFIXES
+from anm_mj.scene.importing.readers.mjcf.model import is_mjcf
+from anm_mj.scene.importing.readers.mjcf.read import read_mjcf
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.scans import SCAN_LAYOUTS, read_scan
 
@@ -32,6 +34,7 @@ class SceneFormat:
 
 FORMATS = (
     SceneFormat("gazebo", is_gazebo, read_gazebo),
+    SceneFormat("mjcf", is_mjcf, read_mjcf),
     *(
         SceneFormat(data.name, partial(is_scene_instance, dataset=data), partial(read_scene_instance, data))
         for data in DATASETS
@@ -55,7 +58,7 @@ def find_format(src: Path, name: str = "auto") -> SceneFormat:
     """
     if not os.path.exists(src):  # Unlike Path.exists, never an error.
         raise SceneError(
-            f"{src} does not exist: give the path of a mesh file, a Gazebo world, a data set's scene or a floor plan."
+            f"{src} does not exist: give the path of a mesh file, a world, a data set's scene or a floor plan."
         )
     if name != "auto":
         named = next((form for form in FORMATS if form.name == name), None)
@@ -77,5 +80,6 @@ def find_format(src: Path, name: str = "auto") -> SceneFormat:
         )
     raise SceneError(
         f"{src} is in no format that can be imported: give a mesh file ({', '.join(MESH_SUFFIXES)}), a Gazebo world "
-        "(.world, .sdf), a scene of a Habitat data set (.scene_instance.json) or a floor plan (.json)."
+        "(.world, .sdf), a MuJoCo world (.xml), a scene of a Habitat data set (.scene_instance.json) or a floor plan "
+        "(.json)."
     )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
+from anm_mj.scene.importing.joints import Joint
+from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh
 
 UNKNOWN_LICENCE = "unknown"
@@ -25,3 +28,9 @@ class ParsedScene:
     (:func:`anm_mj.scene.importing.canonical_axes.find_up`); infinite where the format fixes the axis."""
     scale: float | None = None
     """Metres per unit, or None to find it from the size."""
+    obstacles: list[Submesh] | None = None
+    """What the robot meets, where that is not what the camera sees."""
+    joints: Mapping[str, Joint] = field(default_factory=dict)
+    """How parts can move, by :attr:`anm_mj.scene.submesh.Submesh.part`."""
+    movables: tuple[Movable, ...] = ()
+    """Parts that the robot may push, in addition to their submeshes."""

@@ -1,0 +1,253 @@
+"""Brings a source into the world: metres, z up, floor at z = 0; chooses parts, doors and a storey on the way."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.canonical_axes import find_floor, find_scale, find_up, rotation_to_z_up
+from anm_mj.scene.importing.doors import Doors, Leaf, door_motions, find_leaves, with_motions
+from anm_mj.scene.importing.joints import Joint
+from anm_mj.scene.importing.parts import chosen, some
+from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.texture_limit import limit_textures
+from anm_mj.scene.importing.storeys import Storey, cut_to_storey, find_storeys, pick_storey
+from anm_mj.scene.importing.stray import split_stray
+from anm_mj.scene.movable import Movable
+from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
+from anm_mj.scene.writer import SceneInfo
+
+_logger = logging.getLogger(__name__)
+
+_FLOOR_AT_ZERO_M = 0.01
+"""A floor this near to z = 0 was put there on purpose: coordinates then stay those of the file [m]."""
+_MAX_EXTENT_M = 500.0
+"""Larger extents mostly mean misread units [m]."""
+_FAR_M = 1000.0
+"""Farther from the origin, single precision is coarser than a tenth of a millimetre [m]."""
+
+UpAxis = Literal["x", "y", "z", "auto"]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What of a source is wanted, and in what state."""
+
+    only: Sequence[str] = ()
+    leave_out: Sequence[str] = ()
+    doors: Doors = "as-is"
+    storey: str | None = None
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A source in the world."""
+
+    info: SceneInfo
+    submeshes: list[Submesh]
+    obstacles: list[Submesh] | None
+    movables: tuple[Movable, ...]
+    leaves: tuple[Leaf, ...]
+    """The doors' leaves as they were found, in the source's heights."""
+    storeys: tuple[Storey, ...]
+    """All storeys of the source, heights from the floor that is now at z = 0."""
+    storey_taken: bool
+    """Whether one of them was chosen."""
+
+
+def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choice: Choice) -> Placed:
+    """A parsed source in the world, with textures that can be rendered, and how axes and units were found.
+
+    Raises:
+        SceneError: if the source holds no triangles, is too large, or does not hold what is wanted.
+    """
+    parsed = chosen(parsed, choice.only, choice.leave_out)
+    vertices, faces = merge_geometry(parsed.submeshes) if parsed.submeshes else (np.zeros((0, 3)), np.zeros((0, 3)))
+    if not len(faces):
+        raise SceneError(f"{src} holds no triangles: give a file with a surface.")
+    scale_how, up_how = ("given" if scale is not None else "found"), ("given" if up != "auto" else "found")
+    if scale is None and parsed.scale is not None:
+        scale, scale_how = parsed.scale, "known"
+    if scale is None:
+        scale = find_scale(np.ptp(vertices[faces].reshape(-1, 3), axis=0))
+    parsed = _without_stray(parsed, scale)
+    triangles = _triangles(parsed.submeshes) * scale
+    _check_extent(triangles, src, scale)
+    if up == "auto" and math.isinf(parsed.up_certainty):
+        up, up_how = parsed.up, "known"
+    elif up == "auto":
+        up = find_up(triangles, parsed.up, parsed.up_certainty)
+    rotation = rotation_to_z_up(up)
+    triangles = triangles @ rotation.T
+    origin = _origin(triangles)
+    # Only a source whose axes are known has joints.
+    world = _turned(parsed, rotation, scale, np.array([-origin[0], -origin[1], 0.0]))
+    leaves = find_leaves(world.submeshes, world.joints)
+    world = _with_doors(world, leaves, choice.doors)
+    if choice.doors != "as-is" or origin.any():
+        triangles = _triangles(world.submeshes)
+    storeys = find_storeys(triangles) if choice.storey is not None or _may_have_storeys(triangles) else []
+    if choice.storey is not None:
+        storey = pick_storey(storeys, choice.storey)
+        world = _with_storey(world, storey, storeys)
+        floor_m = storey.floor_m
+    else:
+        floor = find_floor(triangles)
+        floor_m = float(triangles[:, :, 2].min()) if floor is None else floor.z_m
+    if abs(floor_m) < _FLOOR_AT_ZERO_M:
+        floor_m = 0.0
+    info = SceneInfo(
+        name="",
+        source="",
+        licence="",
+        up=up,
+        up_how=up_how,
+        scale=scale,
+        scale_how=scale_how,
+        floor_removed_m=floor_m,
+        origin_m=(float(origin[0]), float(origin[1])),
+    )
+    world = _lowered(world, floor_m)
+    apart = [movable.part for movable in world.movables]
+    return Placed(
+        info,
+        merge_alike(limit_textures(world.submeshes), apart),
+        world.obstacles,
+        world.movables,
+        tuple(leaves),
+        tuple(_lowered_storey(storey, floor_m) for storey in storeys),
+        choice.storey is not None,
+    )
+
+
+def _triangles(submeshes: Sequence[Submesh]) -> Float[np.ndarray, "f 3 3"]:
+    vertices, faces = merge_geometry(list(submeshes))
+    return vertices[faces]
+
+
+def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
+    """The scene without parts far away from it, which are named in the log."""
+    kept, stray = split_stray(parsed.submeshes, scale)
+    if not stray:
+        return parsed
+    named = [f"{name} ({away_m:.0f} m away)" for name, away_m in sorted(stray.items(), key=lambda item: -item[1])]
+    _logger.warning("Left out, because they lie far from everything else: %s.", some(named, 8))
+    gone = set(stray) - {submesh.part or submesh.name for submesh in kept}
+    obstacles = parsed.obstacles
+    if obstacles is not None:
+        obstacles, _ = split_stray([own for own in obstacles if (own.part or own.name) not in gone], scale)
+    movables = tuple(movable for movable in parsed.movables if movable.part not in gone)
+    return replace(parsed, submeshes=kept, obstacles=obstacles, movables=movables)
+
+
+def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: float) -> None:
+    """Refuse what is too large for a building."""
+    largest_m = float(np.ptp(triangles_m.reshape(-1, 3), axis=0).max())
+    if largest_m > _MAX_EXTENT_M:
+        raise SceneError(
+            f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "
+            "give another scale, or leave out parts with --leave-out."
+        )
+
+
+def _origin(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "2"]:
+    """The point that becomes x = y = 0: the origin, or whole metres near the middle of a scene far from it [m]."""
+    flat = triangles_m.reshape(-1, 3)[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    if float(np.abs([low, high]).max()) <= _FAR_M:
+        return np.zeros(2)
+    return np.round((low.astype(np.float64) + high) / 2.0)
+
+
+def _turned(
+    parsed: ParsedScene, rotation: Float64[np.ndarray, "3 3"], scale: float, shift_m: Float64[np.ndarray, "3"]
+) -> ParsedScene:
+    """The scene in metres with z up."""
+
+    def turn(submesh: Submesh) -> Submesh:
+        moved = submesh.vertices_m * scale @ rotation.T
+        return replace(submesh, vertices_m=moved + shift_m if shift_m.any() else moved)
+
+    def turn_joint(joint: Joint) -> Joint:
+        factor = 1.0 if joint.hinge else scale
+        limits = None if joint.limits is None else (joint.limits[0] * factor, joint.limits[1] * factor)
+        return replace(
+            joint,
+            axis=rotation @ joint.axis,
+            anchor_m=rotation @ joint.anchor_m * scale + shift_m,
+            value=joint.value * factor,
+            limits=limits,
+        )
+
+    if parsed.movables and scale != 1.0:
+        raise SceneError(
+            f"Objects that can be pushed have no mass at {scale:g} m per unit: leave --scale or --movable out."
+        )
+    return replace(
+        parsed,
+        submeshes=[turn(submesh) for submesh in parsed.submeshes],
+        obstacles=None if parsed.obstacles is None else [turn(submesh) for submesh in parsed.obstacles],
+        joints={part: turn_joint(joint) for part, joint in parsed.joints.items()},
+        movables=tuple(movable.moved(rotation, shift_m) for movable in parsed.movables),
+    )
+
+
+def _with_doors(world: ParsedScene, leaves: list[Leaf], doors: Doors) -> ParsedScene:
+    """The scene with all doors open or closed."""
+    motions = door_motions(leaves, doors)
+    if doors != "as-is":
+        moved = [motion.part for motion in motions if motion.motion is not None]
+        gone = [motion.part for motion in motions if motion.motion is None]
+        word = "opened" if doors == "open" else "closed"
+        said = [f"{word} {len(moved)} ({some(moved, 6)})"] if moved else []
+        said += [f"took out {len(gone)} without a hinge ({some(gone, 6)})"] if gone else []
+        _logger.info("doors: %s", ", ".join(said) or "no part of the source looks like the leaf of a door")
+    if not motions:
+        return world
+    obstacles = None if world.obstacles is None else with_motions(world.obstacles, motions)
+    return replace(world, submeshes=with_motions(world.submeshes, motions), obstacles=obstacles)
+
+
+def _with_storey(world: ParsedScene, storey: Storey, storeys: Sequence[Storey]) -> ParsedScene:
+    """The scene with one storey only."""
+    others = [f"{own.floor_m:.2f} m ({own.walkable_m2:.0f} m2)" for own in storeys if own is not storey]
+    if others:
+        _logger.info("storeys: took the one at %.2f m, left out those at %s", storey.floor_m, ", ".join(others))
+    submeshes = cut_to_storey(world.submeshes, storey)
+    if not submeshes:
+        raise SceneError(f"Nothing is left of the storey at {storey.floor_m:.2f} m.")
+    obstacles = None if world.obstacles is None else cut_to_storey(world.obstacles, storey)
+    inside = [m for m in world.movables if storey.low_m <= m.T_world_object[2, 3] <= storey.high_m]
+    return replace(world, submeshes=submeshes, obstacles=obstacles, movables=tuple(inside))
+
+
+def _may_have_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> bool:
+    """Whether a scene is high enough for two storeys."""
+    return float(np.ptp(triangles_m[:, :, 2])) > 4.5
+
+
+def _lowered(world: ParsedScene, floor_m: float) -> ParsedScene:
+    """The scene with its floor at z = 0, in single precision."""
+    shift = np.array([0.0, 0.0, floor_m])
+
+    def lower(submesh: Submesh) -> Submesh:
+        return replace(submesh, vertices_m=(submesh.vertices_m - shift).astype(np.float32))
+
+    return replace(
+        world,
+        submeshes=[lower(submesh) for submesh in world.submeshes],
+        obstacles=None if world.obstacles is None else [lower(submesh) for submesh in world.obstacles],
+        movables=tuple(movable.moved(np.eye(3), -shift) for movable in world.movables),
+    )
+
+
+def _lowered_storey(storey: Storey, floor_m: float) -> Storey:
+    return Storey(storey.floor_m - floor_m, storey.walkable_m2, storey.low_m - floor_m, storey.high_m - floor_m)

@@ -1,0 +1,115 @@
+"""Compiles a MuJoCo world and brings it to the state that is imported."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from anm_mj.errors import SceneError
+
+if TYPE_CHECKING:
+    import mujoco
+
+_logger = logging.getLogger(__name__)
+
+_HEAD_BYTES = 65536
+_SETTLE_S = 10.0
+"""Bodies that still move after this time are taken as they are [s]."""
+_REST = 0.01
+"""Speeds [m/s, rad/s] below which everything counts as at rest."""
+
+
+def root_tag(src: Path) -> str:
+    """The name of the outermost element of an XML file, found in its beginning; empty for anything else."""
+    try:
+        with src.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return ""
+    found = re.match(
+        rb"(?:\xef\xbb\xbf)?(?:\s|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*<([A-Za-z_][\w.-]*)", head, re.DOTALL
+    )
+    return "" if found is None else found[1].decode()
+
+
+def is_mjcf(src: Path) -> bool:
+    """Whether a file is a MuJoCo model."""
+    return src.suffix.lower() in (".xml", ".mjcf") and src.is_file() and root_tag(src) == "mujoco"
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings to MUJOCO_LOG.TXT in the current folder."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda text: _logger.debug("MuJoCo: %s", text))
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+def compiled(src: Path) -> mujoco.MjModel:
+    """The model in a file.
+
+    Raises:
+        SceneError: if the file is no MJCF, or it or what it includes is missing or damaged.
+    """
+    import mujoco
+
+    if not src.is_file():
+        raise SceneError(f"{src} is no file: give the MJCF file of a world.")
+    if not root_tag(src):
+        raise SceneError(f"{src} is no XML file: give the MJCF file of a world.")
+    if root_tag(src) not in ("mujoco", "mujocoinclude", "robot"):
+        raise SceneError(f"{src} is no MuJoCo model: it begins with <{root_tag(src)}>, not <mujoco>.")
+    try:
+        with quiet():
+            return mujoco.MjSpec.from_file(str(src.absolute())).compile()
+    except (ValueError, RuntimeError, OSError, mujoco.FatalError) as err:
+        said = " ".join(str(err).split()).rstrip(".")
+        raise SceneError(
+            f"MuJoCo cannot compile {src} ({said}): repair it until `python -m mujoco.viewer --mjcf={src.name}` opens "
+            "it."
+        ) from err
+
+
+def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
+    """The model at its first key frame, or else as it is written; dropped until everything rests if asked.
+
+    Raises:
+        SceneError: if the simulation diverges.
+    """
+    import mujoco
+
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    if not settle or not model.nv:
+        return data
+    while data.time < _SETTLE_S:
+        with quiet():
+            mujoco.mj_step(model, data, nstep=max(1, round(0.1 / model.opt.timestep)))
+        # MuJoCo resets a simulation that diverges.
+        if data.time < 0.05 or any(warning.number for warning in _divergences(data)):
+            raise SceneError(
+                "The bodies of the world do not come to rest, they fly apart (its simulation is unstable): import it "
+                "without --settle."
+            )
+        if abs(data.qvel).max() < _REST:
+            break
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def _divergences(data: mujoco.MjData) -> list:
+    """The warnings of a simulation whose state is no longer finite."""
+    import mujoco
+
+    kinds = mujoco.mjtWarning
+    return [data.warning[int(kind)] for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)]

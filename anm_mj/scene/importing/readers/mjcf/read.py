@@ -1,0 +1,190 @@
+"""Reads MuJoCo worlds (MJCF): the camera sees what MuJoCo draws, the robot meets what collides.
+
+The world is compiled by MuJoCo, so that includes, defaults, frames and every format of mesh and texture count as they
+do there. Robots, actuators, cameras, lights and markers are left out. A mesh collides with its own triangles instead of
+its convex hull, which would fill the rooms of a building in one piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.mjcf.bodies import joints_of, part_names, robot_bodies
+from anm_mj.scene.importing.readers.mjcf.ground import cut_height_field, cut_plane, ground_box
+from anm_mj.scene.importing.readers.mjcf.looks import Looks, geom_rgba
+from anm_mj.scene.importing.readers.mjcf.model import compiled, initial_state
+from anm_mj.scene.importing.readers.mjcf.movables import free_bodies, movable_of
+from anm_mj.scene.importing.readers.mjcf.shapes import Shape, geom_shape
+from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.submesh import Submesh, transformed
+
+if TYPE_CHECKING:
+    import mujoco
+
+DRAWN_GROUPS = (0, 1, 2)
+"""Geom groups that MuJoCo draws unless told otherwise."""
+
+_ROBOT = "Left out, because actuators drive them: the robots {names}."
+_OTHERS = "Left out: {names}."
+_NOTHING_SOLID = "Nothing in the world collides but {names}: the robot meets whatever is drawn."
+_FREE = "Stand still where they are: the free bodies {names}; --movable lets the robot push them."
+
+
+def read_mjcf(
+    src: Path,
+    model_paths: Sequence[Path],
+    report: ImportReport,
+    *,
+    settle: bool = False,
+    movable: bool = False,
+    groups: Collection[int] = DRAWN_GROUPS,
+) -> ParsedScene:
+    """The world in an MJCF file, at its first key frame or as it is written.
+
+    Args:
+        src: The file.
+        model_paths: Of no meaning here: MJCF names its files.
+        report: Gets what is left out.
+        settle: Let all bodies drop until they rest.
+        movable: Keep free bodies movable.
+        groups: Geom groups that are drawn.
+
+    Raises:
+        SceneError: if the file cannot be compiled, or nothing in it is drawn.
+    """
+    del model_paths
+    model = compiled(src)
+    data = initial_state(model, settle)
+    reader = _Reader(model, data, groups)
+    _report_left_out(model, reader.names, reader.robots, report)
+    free = [body for body in free_bodies(model) if not reader.robots[body]]
+    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free) if movable else ()
+    if free and not movable:
+        for body in free:
+            report.add(_FREE, reader.names[body])
+    drawn, solid = reader.read()
+    if not drawn:
+        shown = ", ".join(map(str, sorted(groups)))
+        raise SceneError(f"{src} holds nothing that is drawn (no geom in the groups {shown}): --groups names others.")
+    if not reader.solid_walls.any():
+        report.add(_NOTHING_SOLID, "the ground" if solid else "nothing")
+        solid = None
+    elif (reader.drawn == reader.solid).all():
+        solid = None
+    return ParsedScene(
+        drawn,
+        f"MuJoCo world {src.name}",
+        up="z",
+        up_certainty=float("inf"),
+        scale=1.0,
+        obstacles=solid,
+        joints=joints_of(model, data, reader.names),
+        movables=movables,
+    )
+
+
+class _Reader:
+    """Gathers the submeshes of one world."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, groups: Collection[int]) -> None:
+        import mujoco
+
+        self._model, self._data = model, data
+        self._looks = Looks(model)
+        self.names = part_names(model)
+        self.robots = robot_bodies(model, data)
+        kept = ~self.robots[model.geom_bodyid]
+        opacity = np.array([geom_rgba(model, geom)[3] for geom in range(model.ngeom)])
+        self.drawn: Bool[np.ndarray, " g"] = kept & np.isin(model.geom_group, list(groups)) & (opacity > 0.0)
+        self.solid: Bool[np.ndarray, " g"] = kept & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+        kinds = mujoco.mjtGeom
+        self._is_plane = model.geom_type == kinds.mjGEOM_PLANE
+        self._is_field = model.geom_type == kinds.mjGEOM_HFIELD
+        self.solid_walls = self.solid & ~self._is_plane & ~self._is_field
+        """What collides and is no ground."""
+
+    def read(self) -> tuple[list[Submesh], list[Submesh]]:
+        """What is drawn and what collides, in the world [m]."""
+        used = self.drawn | self.solid
+        shapes: dict[int, Shape] = {}
+        for geom in np.flatnonzero(used & ~self._is_plane).tolist():
+            shape = geom_shape(self._model, geom)
+            if shape is not None and len(shape.faces):
+                shapes[geom] = shape
+        self._add_grounds(shapes, np.flatnonzero(used & (self._is_plane | self._is_field)).tolist())
+        drawn, solid = [], []
+        for geom in sorted(shapes):
+            name, part = self._names(geom)
+            rotation, position = self._placement(geom)
+            if self.drawn[geom]:
+                for submesh in self._looks.submeshes(geom, shapes[geom], name, part):
+                    drawn.append(transformed(submesh, rotation, position))
+            if self.solid[geom]:
+                plain = Submesh(name, shapes[geom].vertices_m, shapes[geom].faces, part=part)
+                solid.append(transformed(plain, rotation, position))
+        return drawn, solid
+
+    def _add_grounds(self, shapes: dict[int, Shape], grounds: list[int]) -> None:
+        """Cut planes and height fields to everything else."""
+        fields = {geom: shapes.pop(geom) for geom in grounds if geom in shapes}
+        standing = {geom: self._in_world(geom, shape) for geom, shape in shapes.items()}
+        points = np.concatenate([*standing.values(), np.zeros((0, 3))])
+        obstacles = [standing[geom][shapes[geom].faces] for geom in shapes if self.solid[geom]]
+        box = ground_box(points, np.concatenate([*obstacles, np.zeros((0, 3, 3))]))
+        for geom in grounds:
+            rotation, position = self._placement(geom)
+            if geom in fields:
+                cut = cut_height_field(fields[geom], rotation, position, box)
+            else:
+                half = np.asarray(self._model.geom_size[geom, :2], dtype=np.float64)
+                cut = cut_plane(half, rotation, position, box)
+            if cut is not None:
+                shapes[geom] = cut
+
+    def _in_world(self, geom: int, shape: Shape) -> Float64[np.ndarray, "v 3"]:
+        rotation, position = self._placement(geom)
+        return shape.vertices_m @ rotation.T + position
+
+    def _placement(self, geom: int) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
+        """Rotation and position of a geom in the world."""
+        return self._data.geom_xmat[geom].reshape(3, 3), self._data.geom_xpos[geom]
+
+    def _names(self, geom: int) -> tuple[str, str]:
+        """Names of a geom's submeshes and of its part; a geom of the world itself is a part of its own."""
+        model = self._model
+        own = model.geom(geom).name.replace("/", "_")
+        mesh = int(model.geom_dataid[geom])
+        if not own and model.geom_type[geom] == 7 and mesh >= 0:
+            own = model.mesh(mesh).name.replace("/", "_")
+        part = self.names[int(model.geom_bodyid[geom])]
+        name = own or part.rpartition("/")[2] or f"geom{geom}"
+        return name, part or own
+
+
+def _report_left_out(
+    model: mujoco.MjModel, names: list[str], robots: Bool[np.ndarray, " b"], report: ImportReport
+) -> None:
+    """Say what of a world is not imported."""
+    for body in np.flatnonzero(robots).tolist():
+        if not robots[int(model.body_parentid[body])]:
+            report.add(_ROBOT, names[body])
+    sites = int(np.count_nonzero((model.site_group <= max(DRAWN_GROUPS)) & (model.site_rgba[:, 3] > 0.0)))
+    counted = (
+        (model.nu, "actuator"),
+        (model.ncam, "camera"),
+        (model.nlight, "light"),
+        (sites, "marker (site)"),
+        (model.nflex, "deformable body"),
+        (model.nskin, "skin"),
+    )
+    for number, word in counted:
+        if number:
+            plural = word.replace("body", "bodie").replace(" (", "s (") if number > 1 else word
+            report.add(_OTHERS, f"{number} {plural}{'s' if number > 1 and '(' not in word else ''}")
