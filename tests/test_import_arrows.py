@@ -49,6 +49,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     | {"mapping"},
     # A finished run, frame by frame: page and film. Asks the map how certain it is.
     "replay": _BASE | {"io", "viz", "evaluation", "evaluation.rerender", "mapping"},
+    # A finished run in the formats of other tools; asks the map for its distances.
+    "export": _BASE | {"io", "viz", "replay", "mapping"},
     "sensor_monitor": _BASE,
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"sensor_monitor"},
@@ -78,6 +80,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
         "evaluation.novel_views",
         "evaluation.fixed_views",
         "replay",
+        "export",
     },
 }
 """What each module or folder of the package may import from the package, beside itself."""

@@ -8,11 +8,22 @@ from typing import Any
 
 from rich.console import Console
 
+from anm_mj.export.formats import FORMATS
+
 
 def add_export(commands: Any) -> None:
     """Add ``export`` to the commands of the program."""
-    export = commands.add_parser("export", help="write a finished run as a film")
+    export = commands.add_parser("export", help="write a finished run as a film, or for other tools")
     export.add_argument("run", type=Path, metavar="RUN", help="a run folder")
+    export.add_argument(
+        "--format",
+        action="append",
+        default=[],
+        dest="formats",
+        metavar="NAME",
+        help="; ".join(f"{name}: {entry.words}" for name, entry in FORMATS.items()) + "; all. May be repeated",
+    )
+    export.add_argument("--out", type=Path, metavar="DIR", help="folder of --format (default: RUN/export)")
     export.add_argument("--video", type=Path, metavar="FILE", help="a film, film.mp4 or film.gif")
     export.add_argument("--fps", type=float, default=15.0, help="steps per second of the film (default: 15)")
     export.add_argument("--every", type=int, default=1, metavar="N", help="show every Nth step only (default: 1)")
@@ -26,9 +37,18 @@ def _export(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.bar import progress_bar
     from anm_mj.config import ConfigError
 
-    if parsed.video is None:
-        raise ConfigError("Nothing to export; name a film by --video film.mp4.")
+    if parsed.video is None and not parsed.formats:
+        raise ConfigError("Nothing to export; name a film by --video film.mp4, or a format, as in --format glb.")
     console = Console()
+    if parsed.formats:
+        from anm_mj.export.formats import export_run
+
+        with progress_bar(console, "export") as on_progress:
+            written = export_run(
+                parsed.run, parsed.formats, parsed.out, lambda name, done, total: on_progress(done, total)
+            )
+        for path in written:
+            _say(console, path)
     if parsed.video is not None:
         from anm_mj.replay.film import write_film
         from anm_mj.replay.timeline import read_timeline

@@ -174,6 +174,7 @@ def test_options(capsys):
         ["explore"],
         ["eval"],
         ["view"],
+        ["export"],
         ["bench"],
         *(["scene", action] for action in ("import", "generate", "check")),
     ):
@@ -244,6 +245,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["scene", "check"],
         ["eval"],
         ["view"],
+        ["export"],
     ):
         help_of(words, capsys)  # Only the name of a command.
     elif words in (["explore"], ["bench"]) or "--help" in words:

@@ -1,0 +1,93 @@
+"""The formats that a run is exported to, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.read_run import read_run
+from anm_mj.io.write import writing
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to take a run away."""
+
+    function: str
+    """``module.function`` of this package: ``(run, folder) -> paths``."""
+    words: str
+    """What it writes."""
+    long: bool = False
+    """Whether the function also takes ``on_progress``."""
+    extra: bool = False
+    """Whether it needs a package that is not installed by default; left out of ``all``."""
+
+
+FORMATS = {
+    "glb": Format("surface.export_glb", "the mesh, y up"),
+    "ply": Format("surface.export_ply", "the mesh, z up"),
+    "obj": Format("surface.export_obj", "the mesh, z up"),
+    "tum": Format("trajectory.export_tum", "trajectories of camera and base"),
+    "kitti": Format("trajectory.export_kitti", "trajectory of the camera"),
+    "nerfstudio": Format("images.export_nerfstudio", "images, depth, poses, points: transforms.json"),
+    "colmap": Format("images.export_colmap", "images, poses, points: COLMAP's text files"),
+    "nav2": Format("floor_plan.export_nav2", "the top-down map: map.yaml and map.pgm"),
+    "graphml": Format("floor_plan.export_graphml", "the Voronoi graph"),
+    "geojson": Format("floor_plan.export_geojson", "graph, regions and trajectory"),
+    "sdf": Format("volume.export_sdf", "signed distances as a volume: sdf.npz", long=True),
+    "esdf": Format("volume.export_esdf", "a slice of the Euclidean distance field: esdf.npz", long=True),
+    "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, extra=True),
+}
+ALL = "all"
+
+
+def export_run(
+    run: Path,
+    names: Sequence[str],
+    out: Path | None = None,
+    on_progress: Callable[[str, int, int], None] = lambda name, done, total: None,
+) -> list[Path]:
+    """Write a run in other formats.
+
+    Args:
+        run: The run folder.
+        names: Names of formats, or ``all`` for those that need no further package.
+        out: Folder to write into; None = ``export`` in the run folder.
+        on_progress: Called with the format's name and what is done and in all.
+
+    Returns:
+        The files and folders written.
+
+    Raises:
+        RunFolderError: There is no such format, the run lacks what it needs, or the folder cannot be written.
+        MapError: The run's map cannot be read.
+    """
+    chosen = list(dict.fromkeys(each for name in names for each in _expanded(name)))
+    record = read_run(run)
+    if not record.frames:
+        raise RunFolderError(f"{run} holds no frame yet; wait for the run's first step.")
+    out = out or run / "export"
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
+    written = []
+    for number, name in enumerate(chosen):
+        on_progress(name, number, len(chosen))
+        entry = FORMATS[name]
+        module, _, function = entry.function.partition(".")
+        options: dict[str, Any] = {}
+        if entry.long:
+            options["on_progress"] = lambda done, total, name=name: on_progress(name, done, total)
+        written += getattr(import_module(f"anm_mj.export.{module}"), function)(record, out, **options)
+    return written
+
+
+def _expanded(name: str) -> list[str]:
+    if name == ALL:
+        return [each for each, entry in FORMATS.items() if not entry.extra]
+    if name not in FORMATS:
+        raise RunFolderError(f"There is no format '{name}'; choose from {', '.join((*FORMATS, ALL))}.")
+    return [name]

@@ -1,0 +1,214 @@
+"""Every format is read back by another reader than ours, and compared with the run."""
+
+import base64
+import json
+
+import networkx
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from mcap.reader import make_reader
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from anm_mj.cli.main import main
+from anm_mj.export.formats import FORMATS, export_run
+from anm_mj.io.read_run import read_run
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.mapping.neural_map import NeuralMap
+from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room_plan
+
+
+@pytest.fixture(scope="module")
+def out(run_folder, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("export")
+    words = ["export", str(run_folder), "--format", "all", "--format", "mcap", "--out", str(folder)]
+    assert main(words) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(run_folder):
+    return read_run(run_folder)
+
+
+def to_wall_m(points):
+    """Distance of points to the nearest wall of the box room."""
+    return np.abs(np.minimum(points - ROOM_LOW_M, ROOM_HIGH_M - points)).min(axis=1)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "ply", "obj"])
+def test_mesh(run, out, suffix):
+    ours = trimesh.load_mesh(run.folder.mesh, process=False)
+    mesh = trimesh.load(out / f"mesh.{suffix}", force="mesh", process=False)
+    assert len(mesh.faces) == len(ours.faces)
+    assert mesh.area == pytest.approx(ours.area, rel=1e-5)
+    low, high = np.asarray(mesh.bounds)
+    if suffix == "glb":  # y up, north to -z.
+        low, high = np.array([low[0], -high[2], low[1]]), np.array([high[0], -low[2], high[1]])
+    np.testing.assert_allclose([low, high], [ROOM_LOW_M, ROOM_HIGH_M], atol=1e-5)
+    assert np.asarray(mesh.visual.vertex_colors)[0, :3].tolist() == [200, 180, 160]
+
+
+def test_trajectories(run, out):
+    camera = np.loadtxt(out / "trajectory_camera.tum")
+    kitti = np.loadtxt(out / "trajectory_camera.kitti.txt").reshape(-1, 3, 4)
+    base = np.loadtxt(out / "trajectory_base.tum")
+    assert len(camera) == len(kitti) == len(base) == len(run.frames)
+    for k, frame in enumerate(run.frames):
+        np.testing.assert_allclose(
+            Rotation.from_quat(camera[k, 4:]).as_matrix(), frame.T_world_camera[:3, :3], atol=1e-7
+        )
+        np.testing.assert_allclose(camera[k, :4], [frame.time_s, *frame.T_world_camera[:3, 3]], atol=1e-7)
+        np.testing.assert_allclose(kitti[k], frame.T_world_camera[:3], atol=1e-7)
+        np.testing.assert_allclose(base[k, 1:3], frame.pose.xy_m, atol=1e-7)
+
+
+def test_nerfstudio_pixels_lie_on_the_walls(run, out):
+    facts = json.loads((out / "nerfstudio" / "transforms.json").read_text())
+    assert len(facts["frames"]) == len(run.frames)
+    for entry in facts["frames"][::8]:
+        with Image.open(out / "nerfstudio" / entry["file_path"]) as image:
+            assert image.size == (facts["w"], facts["h"]) == (256, 256)
+        with Image.open(out / "nerfstudio" / entry["depth_file_path"]) as image:
+            depth_m = np.asarray(image) * facts["depth_unit_scale_factor"]
+        row, col = np.mgrid[:128:7, :128:7]
+        z = depth_m[row, col]
+        # nerfstudio's camera looks along -z, with y up; the depth has every second pixel of the image.
+        x = (2 * col + 0.5 - facts["cx"]) / facts["fl_x"] * z
+        y = -(2 * row + 0.5 - facts["cy"]) / facts["fl_y"] * z
+        points = np.stack([x, y, -z, np.ones_like(z)], axis=-1).reshape(-1, 4) @ np.array(entry["transform_matrix"]).T
+        assert to_wall_m(points[:, :3]).max() < 0.002
+    cloud = trimesh.load(out / "nerfstudio" / facts["ply_file_path"])
+    assert to_wall_m(np.asarray(cloud.vertices)).max() < 1e-5
+
+
+def test_colmap_points_project_to_the_depth_of_the_run(run, out):
+    model = out / "colmap" / "sparse" / "0"
+    camera = lines_of(model / "cameras.txt")[0].split()
+    assert camera[1] == "PINHOLE"
+    fx, fy, cx, cy = map(float, camera[4:])
+    points = np.array([[float(word) for word in line.split()[1:7]] for line in lines_of(model / "points3D.txt")])
+    assert (points[:, 3:] == [200, 180, 160]).all()
+    images = lines_of(model / "images.txt")[::2]
+    assert len(images) == len(run.frames)
+    for line, frame in list(zip(images, run.frames, strict=True))[::8]:
+        words = line.split()
+        w, x, y, z = map(float, words[1:5])
+        seen = points[:, :3] @ Rotation.from_quat([x, y, z, w]).as_matrix().T + [float(word) for word in words[5:8]]
+        assert (out / "colmap" / "images" / words[9]).is_file()
+        seen = seen[seen[:, 2] > 0.1]
+        u, v = fx * seen[:, 0] / seen[:, 2] + cx, fy * seen[:, 1] / seen[:, 2] + cy
+        inside = (u >= 1) & (u < 255) & (v >= 1) & (v < 255)
+        assert inside.sum() > 50
+        measured = run.depth_mm(frame)[(v[inside] / 2).astype(int), (u[inside] / 2).astype(int)] / 1000.0
+        # Half a pixel to the side, walls seen at a slant are some centimetres nearer or farther.
+        assert np.median(np.abs(measured - seen[inside, 2])) < 0.02
+
+
+def test_nav2_map_is_the_top_down_map(out):
+    facts = yaml.safe_load((out / "map.yaml").read_text())
+    with Image.open(out / facts["image"]) as image:
+        grey = np.asarray(image).astype(float)
+    share = (255.0 - grey[::-1]) / 255.0
+    state = np.where(share > facts["occupied_thresh"], 1, np.where(share < facts["free_thresh"], 0, -1))
+    topdown = room_plan().topdown
+    assert topdown is not None
+    np.testing.assert_array_equal(state, topdown.state)
+    assert facts["resolution"] == topdown.resolution_m
+    np.testing.assert_allclose(facts["origin"], [*topdown.origin_xy_m, 0.0])
+    assert (facts["negate"], facts["mode"]) == (0, "trinary")
+
+
+def test_graph(run, out):
+    graph = room_plan().graph
+    assert graph is not None
+    read = networkx.read_graphml(out / "graph.graphml", node_type=int)
+    assert networkx.number_connected_components(read) == 1
+    assert {tuple(sorted(edge)) for edge in read.edges} == {tuple(edge) for edge in graph.edges.tolist()}
+    for k, data in read.nodes(data=True):
+        np.testing.assert_allclose([data["x_m"], data["y_m"]], graph.vertex_xy_m[k], atol=1e-6)
+    length = networkx.shortest_path_length(read, 0, 3, weight="length_m")
+    assert length == pytest.approx(graph.edge_length_m[:3].sum(), rel=1e-6)
+    features = json.loads((out / "graph.geojson").read_text())["features"]
+    kinds = [feature["properties"]["kind"] for feature in features]
+    assert [kinds.count(kind) for kind in ("vertex", "edge", "region", "trajectory")] == [5, 4, 2, 1]
+    trajectory = np.array(features[-1]["geometry"]["coordinates"])
+    np.testing.assert_allclose(trajectory, [frame.pose.xy_m for frame in run.frames])
+
+
+def test_signed_distances(run_folder, out):
+    with np.load(out / "sdf.npz") as data:
+        volume = dict(data)
+    known = np.argwhere(np.isfinite(volume["sdf_m"]))
+    np.testing.assert_array_equal(np.isfinite(volume["sdf_m"]), volume["state"] != -1)
+    points = volume["origin_m"] + known[:, ::-1] * volume["spacing_m"]
+    chosen = np.random.default_rng(0).choice(len(points), 2_000, replace=False)
+    neural_map = NeuralMap.load(RunFolder(run_folder).map, device="cpu")
+    np.testing.assert_allclose(volume["sdf_m"][tuple(known[chosen].T)], neural_map.sdf(points[chosen]), atol=1e-5)
+    free = volume["state"][tuple(known.T)] == 0
+    inside = np.minimum(points - ROOM_LOW_M, ROOM_HIGH_M - points).min(axis=1)
+    # What is free lies in the room, whichever way the axes are read.
+    assert np.percentile(inside[free], 1) > -0.1
+
+
+def test_the_slice_of_distances_is_not_cut_off(out):
+    with np.load(out / "esdf.npz") as data:
+        field = dict(data)
+    rows, cols = field["esdf_m"].shape
+    col, row = np.round((np.array([1.2, 0.0]) - field["origin_xy_m"]) / field["spacing_m"]).astype(int)
+    assert 0 <= row < rows
+    assert 0 <= col < cols
+    # More than half a metre from the walls the floor is nearest, at the height of the slice.
+    assert field["esdf_m"][row, col] == pytest.approx(float(field["height_m"]), abs=0.15)
+    assert field["height_m"] == pytest.approx(0.5, abs=0.06)
+
+
+def test_mcap(run, out):
+    messages = {}
+    with (out / "run.mcap").open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            messages.setdefault(channel.topic, []).append((schema.name, message.log_time, json.loads(message.data)))
+    poses = messages["/robot/pose"]
+    assert len(poses) == len(messages["/camera/image"]) == len(messages["/camera/depth"]) == len(run.frames)
+    for (_, at, pose), frame in zip(poses, run.frames, strict=True):
+        assert at == round(frame.time_s * 1e9)
+        assert [pose["pose"]["position"][key] for key in "xy"] == pytest.approx(frame.pose.xy_m)
+    name, _, depth = messages["/camera/depth"][3]
+    assert name == "foxglove.RawImage"
+    image = np.frombuffer(base64.b64decode(depth["data"]), "<u2").reshape(depth["height"], depth["width"])
+    np.testing.assert_array_equal(image, run.depth_mm(run.frames[3]))
+    assert [said["message"] for _, _, said in messages["/plan/reason"]] == [plan["reason"] for plan in run.plans]
+    (cloud,) = (each for _, _, each in messages["/map/surface"])
+    packed = np.frombuffer(base64.b64decode(cloud["data"]), np.uint8).reshape(-1, cloud["point_stride"])
+    assert to_wall_m(packed[:, :12].copy().view("<f4")).max() < 1e-5
+
+
+def test_every_format_is_tested_here(out):
+    assert {path.name for path in out.iterdir()} == {
+        "mesh.glb", "mesh.ply", "mesh.obj", "trajectory_camera.tum", "trajectory_base.tum",
+        "trajectory_camera.kitti.txt", "nerfstudio", "colmap", "map.yaml", "map.pgm", "graph.graphml", "graph.geojson",
+        "sdf.npz", "esdf.npz", "run.mcap",
+    }  # fmt: skip
+    assert len(FORMATS) == 13
+
+
+def test_what_a_run_lacks_is_one_sentence(run_folder, tmp_path, capsys):
+    for name in ("steps.jsonl", "frames.jsonl", "camera.json", "trajectory.tum", "depth"):
+        (tmp_path / name).symlink_to(run_folder / name)
+    for name, words in (
+        ("glb", "has no mesh.ply"),
+        ("colmap", "--keep-images"),
+        ("nav2", "holds no top-down map"),
+        ("sdf", "the run did not end"),
+        ("gbl", "There is no format 'gbl'; choose from glb"),
+    ):
+        assert main(["export", str(tmp_path), "--format", name, "--out", str(tmp_path / "out")]) == 2
+        assert words in " ".join(capsys.readouterr().err.split())
+    assert [path.name for path in export_run(tmp_path, ["tum"])] == ["trajectory_camera.tum", "trajectory_base.tum"]
+    assert (tmp_path / "export" / "trajectory_base.tum").is_file()
+
+
+def lines_of(path):
+    return [line for line in path.read_text().split("\n")[:-1] if not line.startswith("#")]
