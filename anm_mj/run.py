@@ -22,6 +22,7 @@ from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.guard import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_entry
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
@@ -144,7 +145,7 @@ def _make_policy(config: RunConfig, robot: SimRobot, truth: Callable[[], SceneTr
     """The policy; only one that needs the truth waits for it."""
     told = truth() if needs_truth(config.policy) else None
     context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, told)
-    return make_policy(config.policy, context)
+    return GuardedPolicy(make_policy(config.policy, context), config.policy)
 
 
 def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:

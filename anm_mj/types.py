@@ -63,6 +63,8 @@ class StopReason(StrEnum):
     """The robot collided again and again without a free step in between."""
     SENSOR_FAULT = "SENSOR_FAULT"
     """The camera stopped measuring: no depth, or the same image again and again."""
+    POLICY_ERROR = "POLICY_ERROR"
+    """The policy failed, or returned a plan that cannot be executed."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
 

@@ -12,6 +12,9 @@ from typing import Any
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
 from anm_mj.sim.sensors.presets import SENSORS
 
+POLICY_FAILED = 2
+"""Exit status of a run that its policy ended by an error; its files are complete."""
+
 
 def add_explore(commands: Any) -> None:
     """Add ``explore`` to the commands of the program."""
@@ -101,6 +104,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.config import make_config
     from anm_mj.run import run
+    from anm_mj.types import StopReason
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
     sys.path.insert(0, os.getcwd())
@@ -136,7 +140,7 @@ def _explore(parsed: argparse.Namespace) -> int:
         if viewer is not None:
             viewer.close()
     print_metrics(console, metrics, folder.path)
-    return 0
+    return POLICY_FAILED if metrics.stop_reason == StopReason.POLICY_ERROR else 0
 
 
 def _policies() -> list[str]:

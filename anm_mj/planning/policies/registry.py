@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from anm_mj.errors import PlanError
+from anm_mj.errors import AnmError, PlanError
 
 if TYPE_CHECKING:
     from anm_mj.planning.policies.context import PolicyContext
@@ -84,8 +84,9 @@ def policy_class(name: str) -> Any:
     module_name, _, class_name = policy_entry(name).path.partition(":")
     try:
         module = importlib.import_module(module_name)
-    except (ImportError, ValueError, TypeError) as err:
-        raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({err}).") from err
+    # A module of the user's own may raise anything while it is imported.
+    except Exception as err:
+        raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({_said(err)}).") from err
     found = getattr(module, class_name, None)
     if found is None:
         raise PlanError(f"Policy '{name}': module '{module_name}' has no class '{class_name}'.")
@@ -103,7 +104,13 @@ def default_settings(name: str) -> Any:
     """
     from anm_mj.planning.policies.context import PolicyConfig  # Names alone should not cost the import of numpy.
 
-    return getattr(policy_class(name), "Config", PolicyConfig)(**policy_entry(name).defaults)
+    config = getattr(policy_class(name), "Config", PolicyConfig)
+    try:
+        return config(**policy_entry(name).defaults)
+    except TypeError as err:
+        raise PlanError(
+            f"Policy '{name}': its Config cannot be made without arguments ({err}); give every field a default."
+        ) from err
 
 
 def make_policy(name: str, context: PolicyContext[Any]) -> Policy:
@@ -115,5 +122,12 @@ def make_policy(name: str, context: PolicyContext[Any]) -> Policy:
     made = policy_class(name)
     try:
         return made(context)
-    except TypeError as err:
-        raise PlanError(f"Policy '{name}' cannot be made from a PolicyContext: {err}.") from err
+    except AnmError:
+        raise
+    except Exception as err:
+        raise PlanError(f"Policy '{name}' cannot be made from a PolicyContext: {_said(err)}.") from err
+
+
+def _said(err: Exception) -> str:
+    """Type and message of an error."""
+    return f"{type(err).__name__}: {' '.join(str(err).split())}"

@@ -1,0 +1,110 @@
+"""Keeps a faulty policy from ending a run without its files: what it raises or returns wrongly becomes a stop."""
+
+from __future__ import annotations
+
+import logging
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from anm_mj.errors import AnmError, PlanError
+from anm_mj.protocols import Mapper, Policy
+from anm_mj.types import ARRIVED_M, Action, Observation, Plan, Pose2, StopReason
+
+_logger = logging.getLogger(__name__)
+
+
+class GuardedPolicy:
+    """A policy whose first fault becomes a plan that stops the run with ``POLICY_ERROR``.
+
+    Errors that the map or the robot raise within a policy pass through: they are not the policy's.
+    """
+
+    def __init__(self, policy: Policy, name: str) -> None:
+        """Guard ``policy``; sentences call it ``name``."""
+        self._policy = policy
+        self._name = name
+        self._fault: str | None = None
+
+    def observe(self, observation: Observation) -> None:
+        """Take in an observation; a fault shows at the next decision."""
+        self._call("observe", observation.step, self._policy.observe, observation)
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The policy's decision, or the stop that its fault leads to."""
+        plan = self._call("plan", observation.step, self._policy.plan, mapper, observation)
+        if self._fault is None:
+            wrong = plan_fault(plan, observation.pose)
+            if wrong is None:
+                return plan
+            self._note(f"returned a plan at step {observation.step} that cannot be executed: {wrong}")
+        assert self._fault is not None
+        return Plan(self._fault, np.zeros((0, 2)), stop=StopReason.POLICY_ERROR)
+
+    def on_collision(self, pose: Pose2, action: Action) -> None:
+        """Pass on a collision; a fault shows at the next decision."""
+        self._call("on_collision", None, self._policy.on_collision, pose, action)
+
+    def _call(self, method: str, step: int | None, function: Callable[..., Any], *arguments: Any) -> Any:
+        if self._fault is not None:
+            return None
+        try:
+            return function(*arguments)
+        except Exception as err:
+            if isinstance(err, AnmError) and not isinstance(err, PlanError):
+                raise
+            _logger.debug("The error of policy %s:", self._name, exc_info=True)
+            at = "" if step is None else f" at step {step}"
+            self._note(f"failed in {method}{at}: {describe_error(err)}")
+            return None
+
+    def _note(self, what: str) -> None:
+        self._fault = f"policy {self._name} {what}"
+        _logger.error("The run ends because %s.", self._fault)
+
+
+def describe_error(err: Exception) -> str:
+    """Type and message of an error, and the line that raised it."""
+    said = " ".join(str(err).split())
+    frames = traceback.extract_tb(err.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(err).__name__}{f': {said}' if said else ''}{where}"
+
+
+def plan_fault(plan: Any, pose: Pose2) -> str | None:
+    """What is wrong with something that a policy returned; None if it is a plan that can be executed.
+
+    Args:
+        plan: what was returned.
+        pose: where the robot stands.
+    """
+    if not isinstance(plan, Plan):
+        return f"it is {'nothing' if plan is None else f'of type {type(plan).__name__}'}, not an anm_mj.types.Plan"
+    if not isinstance(plan.reason, str):
+        return f"reason is {plan.reason!r}, not a text"
+    if plan.stop is not None:
+        return None if isinstance(plan.stop, StopReason) else f"stop is {plan.stop!r}, not a StopReason"
+    path = np.asarray(plan.path_xy_m)
+    if path.dtype.kind not in "fiu" or path.ndim != 2 or path.shape[1] != 2:
+        return f"path_xy_m has shape {path.shape} and type {path.dtype}, not (k, 2) and numbers"
+    if not np.isfinite(path).all():
+        return "path_xy_m holds places that are not finite"
+    try:
+        finite = all(np.isfinite(float(heading)) for heading in plan.headings_rad)
+    except (TypeError, ValueError):
+        finite = False
+    if not finite:
+        return f"headings_rad is {plan.headings_rad!r}, not a tuple of finite numbers [rad]"
+    moves = set(Action) - {Action.STOP}
+    if not all(isinstance(action, Action) and action in moves for action in plan.actions):
+        return f"actions is {plan.actions!r}; they must be moves and turns, and a stop is a StopReason in stop"
+    if not isinstance(plan.valid_steps, int) or plan.valid_steps < 0:
+        return f"valid_steps is {plan.valid_steps!r}, not a whole number from 0 up"
+    if plan.actions or plan.headings_rad:
+        return None
+    if not len(path) or np.linalg.norm(path[-1] - pose.xy_m) < ARRIVED_M:
+        return "it asks for nothing: the path ends where the robot stands, and there are no headings, actions or stop"
+    return None

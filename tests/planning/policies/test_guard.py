@@ -1,0 +1,111 @@
+"""What a faulty policy does ends the run in a sentence that names it."""
+
+import math
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from anm_mj.errors import MapError, PlanError
+from anm_mj.planning.policies.guard import GuardedPolicy
+from anm_mj.types import Action, Plan, Pose2, StopReason
+from tests.box_room import observe
+
+HERE = Pose2(0.5, 0.5, 0.0)
+NOWHERE = np.zeros((0, 2))
+
+
+class Fake:
+    def __init__(self, plan=None, raises=None, where="plan"):
+        self.answer, self.raises, self.where = plan, raises, where
+        self.calls = 0
+
+    def _maybe(self, where):
+        self.calls += 1
+        if self.raises is not None and self.where == where:
+            raise self.raises
+
+    def observe(self, observation):
+        self._maybe("observe")
+
+    def plan(self, mapper, observation):
+        self._maybe("plan")
+        return self.answer
+
+    def on_collision(self, pose, action):
+        self._maybe("on_collision")
+
+
+def wrong(**values):
+    """A plan with values that the checks of the tests would not let through."""
+    plan = Plan("x", NOWHERE)
+    for name, value in values.items():
+        object.__setattr__(plan, name, value)
+    return plan
+
+
+def decided(policy):
+    return GuardedPolicy(policy, "my:Own").plan(Mock(), observe(3, HERE))
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        Plan("go", np.array([[0.5, 0.5], [1.5, 0.5]])),
+        Plan("look", NOWHERE, headings_rad=(1.0, -2.0)),
+        Plan("turn", NOWHERE, actions=(Action.TURN_LEFT,)),
+        Plan("done", NOWHERE, stop=StopReason.COMPLETE),
+    ],
+)
+def test_a_plan_that_can_be_executed_passes(plan):
+    assert decided(Fake(plan)) is plan
+
+
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        (None, "it is nothing, not an anm_mj.types.Plan"),
+        ((1.0, 2.0), "of type tuple"),
+        (wrong(path_xy_m=np.zeros(2)), r"path_xy_m has shape \(2,\)"),
+        (wrong(path_xy_m=[[1.0, 2.0, 3.0]]), r"path_xy_m has shape \(1, 3\)"),
+        (wrong(path_xy_m=np.array([["a", "b"]])), "not .* numbers"),
+        (wrong(path_xy_m=np.array([[1.0, math.nan]])), "not finite"),
+        (wrong(headings_rad=(math.inf,)), "headings_rad is"),
+        (wrong(headings_rad=0.5), "headings_rad is 0.5"),
+        (wrong(actions=("left",)), "moves and turns"),
+        (wrong(actions=(Action.STOP,)), "moves and turns"),
+        (wrong(stop="COMPLETE!"), "not a StopReason"),
+        (wrong(path_xy_m=np.array([[0.5, 0.51]])), "asks for nothing"),
+        (wrong(), "asks for nothing"),
+        (wrong(path_xy_m=np.array([[1.0, 2.0]]), valid_steps=-1), "valid_steps is -1"),
+        (wrong(reason=None, headings_rad=(1.0,)), "reason is None"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_what_cannot_be_executed_stops_the_run(plan, said, caplog):
+    stopped = decided(Fake(plan))
+    assert stopped.stop is StopReason.POLICY_ERROR
+    with pytest.raises(AssertionError, match=f"policy my:Own returned a plan at step 3 .*{said}"):
+        raise AssertionError(stopped.reason)
+    assert "The run ends because policy my:Own" in caplog.text
+
+
+@pytest.mark.parametrize("where", ["observe", "plan", "on_collision"])
+@pytest.mark.parametrize("error", [ZeroDivisionError("division by zero"), PlanError("no way")])
+def test_what_a_policy_raises_stops_the_run_at_the_next_decision(where, error):
+    fake = Fake(Plan("turn", NOWHERE, actions=(Action.TURN_LEFT,)), error, where)
+    policy = GuardedPolicy(fake, "my:Own")
+    policy.observe(observe(3, HERE))
+    policy.on_collision(HERE, Action.MOVE_FORWARD)
+    stopped = policy.plan(Mock(), observe(3, HERE))
+    assert stopped.stop is StopReason.POLICY_ERROR
+    assert f"policy my:Own failed in {where}" in stopped.reason
+    assert f"{type(error).__name__}: {error} (test_guard.py, line " in stopped.reason
+    calls = fake.calls
+    policy.observe(observe(4, HERE))
+    assert fake.calls == calls  # It is not asked again.
+
+
+def test_an_error_of_the_map_is_not_the_policys():
+    with pytest.raises(MapError, match="loss"):
+        decided(Fake(raises=MapError("the loss is not finite")))
