@@ -60,7 +60,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "environments": _BASE | {"config", "sim.make_robot", "scene", "sim", "control", "mapping", "evaluation"},
     # Many runs, each in a process of its own, and their tables.
     "bench": _BASE
-    | {"scene", "planning", "config", "run", "io", "viz"}
+    | {"robot", "scene", "planning", "config", "run", "io", "viz"}
     | {"evaluation", "evaluation.novel_views", "evaluation.fixed_views"},
     "cli.metrics_table": _BASE | {"evaluation"},
     "cli.progress": _BASE | {"explore", "io.recorder", "evaluation"},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import shlex
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -67,9 +68,12 @@ def run_bench(
     """
     if num_workers < 1:
         raise BenchError(f"--workers is {num_workers}; at least 1 is needed.")
+    # Policies of the user's own lie where the command is given, or beside the file.
+    modules = tuple(dict.fromkeys((str(Path.cwd()), str(file.resolve().parent))))
+    sys.path[:0] = [folder for folder in modules if folder not in sys.path]
     jobs = read_jobs(file)
     with _only_writer(out):
-        return _make_missing(jobs, file, out, num_workers, engine, command, function, on_run)
+        return _make_missing(jobs, file, out, num_workers, engine, command, function, modules, on_run)
 
 
 @contextmanager
@@ -102,6 +106,7 @@ def _make_missing(
     engine: str,
     command: Sequence[str],
     function: str,
+    modules: tuple[str, ...],
     on_run: Callable[[int, int, str], None],
 ) -> Bench:
     runs = out / "runs"
@@ -119,7 +124,7 @@ def _make_missing(
     failures = []
     done, written_s = len(there), time.monotonic()
     on_run(done, len(jobs), "")
-    for job, error in run_jobs(missing, runs, engine, min(num_workers, max(len(missing), 1)), function):
+    for job, error in run_jobs(missing, runs, engine, min(num_workers, max(len(missing), 1)), function, modules):
         done += error is None
         if error is not None:
             failures.append(error)

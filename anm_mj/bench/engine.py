@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
@@ -33,7 +33,7 @@ RESULT = "result.json"
 LOG = "log.txt"
 
 
-def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
+def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[str] = ()) -> str | None:
     """Make one run in a process of its own; returns its error in one sentence, or None.
 
     The run folder gets its name once it is complete, so an aborted run never looks done.
@@ -43,11 +43,13 @@ def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
         runs: Folder that gets the run folder.
         function: Function that makes the run, as ``module:function``; called with the job and an empty folder.
         threads: Threads for numerical libraries.
+        modules: Folders to import modules from, besides the usual ones: those of the user's policies.
     """
     attempt = Path(runs) / f".{job.name}-{uuid.uuid4().hex[:8]}"
     attempt.mkdir(parents=True)
     log = attempt / LOG
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
+    path = os.pathsep.join([*modules, *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), "PYTHONPATH": path}
     with log.open("wb") as output:
         process = subprocess.Popen(
             [sys.executable, "-m", "anm_mj.bench.worker", function],
@@ -76,9 +78,7 @@ def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
         why = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         return f"{job.name} {why}" + (f": {lines[-1]}" if lines else ".")
     made = attempt / "run"
-    # The path of the scene on this machine is private; the hash identifies the scene.
-    facts = {**asdict(job), "scene": job.scene_name}
-    (made / RESULT).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    (made / RESULT).write_text(json.dumps(job.facts, indent=2) + "\n", encoding="utf-8")
     log.replace(made / LOG)
     target = Path(runs) / job.name
     # Only an older version of this program can have left an incomplete folder here.
@@ -89,7 +89,7 @@ def execute(job: Job, runs: str, function: str, threads: int) -> str | None:
 
 
 def run_jobs(
-    jobs: list[Job], runs: Path, engine: str, num_workers: int, function: str
+    jobs: list[Job], runs: Path, engine: str, num_workers: int, function: str, modules: Sequence[str] = ()
 ) -> Iterator[tuple[Job, str | None]]:
     """Make all runs, several in parallel; yields each with its error, or None, as it ends.
 
@@ -99,9 +99,9 @@ def run_jobs(
     threads = max(1, (os.cpu_count() or 1) // num_workers)
 
     if engine == "local":
-        yield from _local(jobs, num_workers, lambda job: execute(job, str(runs), function, threads))
+        yield from _local(jobs, num_workers, lambda job: execute(job, str(runs), function, threads, modules))
     elif engine == "ray":
-        yield from _ray(jobs, num_workers, (str(runs.resolve()), function, threads))
+        yield from _ray(jobs, num_workers, (str(runs.resolve()), function, threads, tuple(modules)))
     else:
         raise BenchError(f"There is no engine '{engine}'; choose one of {', '.join(ENGINES)}.")
 
@@ -117,7 +117,9 @@ def _local(jobs: list[Job], num_workers: int, one: Callable[[Job], str | None]) 
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _ray(jobs: list[Job], num_workers: int, arguments: tuple[str, str, int]) -> Iterator[tuple[Job, str | None]]:
+def _ray(
+    jobs: list[Job], num_workers: int, arguments: tuple[str, str, int, tuple[str, ...]]
+) -> Iterator[tuple[Job, str | None]]:
     if importlib.util.find_spec("ray") is None:
         raise BenchError("--engine ray needs the package ray; install it with pip install 'anm-mj[ray]'.")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")

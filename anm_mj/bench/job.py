@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from anm_mj.robot.config import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
     from anm_mj.config import RunConfig
@@ -31,17 +34,28 @@ class Job:
     """Settings as given to ``--set``."""
     sensor: str = "exact"
     """Name of the sensor whose errors are simulated."""
+    robot: str = DEFAULT_ROBOT
+    """Name of a builtin robot, or its MJCF file."""
+    drive: str = "kinematic"
+    pose: str = "true"
 
     @property
     def name(self) -> str:
         """A readable folder name, unique to the job's content."""
         # The path of a scene does not affect the run.
-        facts = {key: value for key, value in asdict(self).items() if key != "scene"}
-        if self.sensor == "exact":
-            del facts["sensor"]  # Comparisons made before there were sensors go on.
+        facts = {key: value for key, value in self.facts.items() if key != "scene"}
+        for field in fields(self):
+            # Comparisons made before there was a choice go on.
+            if facts.get(field.name) == field.default:
+                del facts[field.name]
         digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:8]
         text = f"{self.scene_name}_{self.policy}_start{self.start}_seed{self.seed}"
         return "".join(c if c.isalnum() or c in "-._" else "-" for c in text) + f"_{digest}"
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Its fields without the folders of this machine, which are private; a hash identifies the scene."""
+        return {**asdict(self), "scene": self.scene_name, "robot": Path(self.robot).name}
 
     def config(self) -> RunConfig:
         """The configuration of the run.
@@ -56,6 +70,9 @@ class Job:
             self.preset,
             list(self.settings),
             sensor=self.sensor,
+            robot=self.robot,
+            drive=self.drive,
+            pose=self.pose,
             scene=self.scene,
             policy=self.policy,
             steps=self.steps,

@@ -47,7 +47,7 @@ def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
     the steps to a ratio that not all runs reached.
     """
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    variants = list(dict.fromkeys(_variant(row) for row in rows))
+    variants = list(dict.fromkeys(variant(row) for row in rows))
     revisions = ", ".join(sorted({row["revision"] or "unknown" for row in rows}))
     parts = [
         f"Made by `{command}`, revision {revisions}, from {len(rows)} runs. Numbers are mean ± standard deviation over "
@@ -57,8 +57,8 @@ def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
         here = [row for row in rows if row["scene"] == scene]
         budget = ", ".join(str(steps) for steps in sorted({row["budget"] for row in here}))
         parts.append(f"## {scene}\n\nScene hash {here[0]['scene_hash'][:12]}, budget {budget} steps.")
-        parts.append(_table([(name, [r for r in here if _variant(r) == name]) for name in variants]))
-    common = [s for s in scenes if {_variant(r) for r in rows if r["scene"] == s} == set(variants)]
+        parts.append(_table([(name, [r for r in here if variant(r) == name]) for name in variants]))
+    common = [s for s in scenes if {variant(r) for r in rows if r["scene"] == s} == set(variants)]
     if len(common) > 1:
         # The mean over scenes of each scene's mean, as in the paper's tables.
         groups = [(name, [_mean_row(rows, scene, name) for scene in common]) for name in variants]
@@ -89,13 +89,8 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
     figure.savefig(path)
 
 
-def _variant(row: dict[str, Any]) -> str:
-    """Variant of a row of the results table."""
-    return variant(row["policy"], row["preset"], row["sensor"], row["settings"])
-
-
 def _mean_row(rows: Sequence[dict[str, Any]], scene: str, name: str) -> dict[str, Any]:
-    here = [row for row in rows if row["scene"] == scene and _variant(row) == name]
+    here = [row for row in rows if row["scene"] == scene and variant(row) == name]
     means = {}
     for column, _, _ in COLUMNS:
         values = _numbers(here, column)

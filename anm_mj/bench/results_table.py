@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.io.read_run import read_json
 from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.registry import needs_truth
+from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.utils.files import atomic_write
 
-USUAL_PRESET, USUAL_SENSOR = "default", "exact"
-"""Preset and sensor that variant names leave out."""
+USUAL = {"preset": "default", "robot": DEFAULT_ROBOT, "drive": "kinematic", "pose": "true", "sensor": "exact"}
+"""What variant names leave out, and what runs had before there was a choice."""
 COMPLETION, OBSERVABLE = 1, 3
 """Columns of a curve: completion ratio, and completion ratio of the observable surface."""
 LEVELS = (90, 95, 99)
@@ -43,13 +44,13 @@ class Result:
 
     @property
     def variant(self) -> str:
-        """Policy, with preset, sensor and settings if these are not the defaults."""
-        return variant(self.job["policy"], self.job["preset"], self.sensor, " ".join(self.job["settings"]))
+        """Policy, with preset, robot, drive, pose, sensor and settings if these are not the defaults."""
+        return variant({**self.job, **self.apparatus, "settings": " ".join(self.job["settings"])})
 
     @property
-    def sensor(self) -> str:
-        """Name of the sensor; runs made before there were sensors had the exact one."""
-        return self.job.get("sensor", USUAL_SENSOR)
+    def apparatus(self) -> dict[str, str]:
+        """Preset, robot, drive, pose and sensor."""
+        return {key: self.job.get(key, usual) for key, usual in USUAL.items()}
 
     def steps_to(self, level: float) -> float:
         """First step of the curve at which the observable completion ratio reaches a level [%]; NaN if none."""
@@ -63,18 +64,15 @@ class Result:
         return float(np.trapezoid(values, steps) / budget)
 
 
-def variant(policy: str, preset: str, sensor: str, settings: str) -> str:
+def variant(row: Mapping[str, Any]) -> str:
     """Name of a variant, such as ``anm-s (policy.target=random)``; its runs differ by start and seed.
 
     Args:
-        policy: Name of the policy.
-        preset: Mapping preset.
-        sensor: Name of the sensor.
-        settings: Settings, as in the results table.
+        row: Of the results table: ``policy``, the keys of ``USUAL``, and ``settings`` as one text.
     """
-    usual = ("", USUAL_PRESET, USUAL_SENSOR)
-    special = " ".join(text for text in (preset, sensor, settings) if text not in usual)
-    return f"{policy} ({special})" if special else policy
+    special = [row[key] for key, usual in USUAL.items() if row[key] != usual]
+    text = " ".join(text for text in (*special, row["settings"]) if text)
+    return f"{row['policy']} ({text})" if text else row["policy"]
 
 
 def read_result(folder: Path) -> Result:
@@ -106,7 +104,7 @@ def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
 def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
     """A row per run, in the order of the results; every row has every column."""
     oracle_steps = {
-        (r.job["scene_name"], r.job["start"], r.sensor, level): r.steps_to(level)
+        (r.job["scene_name"], r.job["start"], *_seen_by(r), level): r.steps_to(level)
         for r in results
         if needs_truth(r.job["policy"])
         for level in LEVELS
@@ -122,8 +120,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             "start": job["start"],
             "seed": job["seed"],
             "revision": result.revision,
-            "preset": job["preset"],
-            "sensor": result.sensor,
+            **result.apparatus,
             "settings": " ".join(job["settings"]),
             "budget": job["steps"],
             **metrics,
@@ -132,12 +129,17 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
         for level in LEVELS:
             steps = result.steps_to(level)
             row[f"steps_to_{level}"] = steps
-            oracle = oracle_steps.get((job["scene_name"], job["start"], result.sensor, level), np.nan)
+            oracle = oracle_steps.get((job["scene_name"], job["start"], *_seen_by(result), level), np.nan)
             row[f"oracle_ratio_{level}"] = steps / oracle
         row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
         rows.append(row)
     columns = list(dict.fromkeys(key for row in rows for key in row))
     return [{column: row.get(column) for column in columns} for row in rows]
+
+
+def _seen_by(result: Result) -> tuple[str, ...]:
+    """What a run must share with the oracle's to be compared with it: all but the preset of the map."""
+    return tuple(value for key, value in result.apparatus.items() if key != "preset")
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:

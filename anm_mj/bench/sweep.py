@@ -13,20 +13,22 @@
     starts = 1
 
 Keys outside of a sweep hold for all sweeps; a file without sweeps is one sweep itself. Every run is one scene, one
-policy, one start and one seed.
+policy, one robot, drive, pose and sensor, one start and one seed.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
+from anm_mj.robot.config import DEFAULT_ROBOT, robot_path
 from anm_mj.scene.folder import Scene, load_scene
 
 
@@ -41,27 +43,42 @@ class Sweep:
     scenes: list[str]
     """Names from the catalogue, or paths of scene folders, relative to the file."""
     policies: list[str]
+    """Names of policies, or ``module:Class``; the module lies beside the file or where the command is given."""
     starts: int = 1
     """Number of start poses of each scene, from the first on."""
     seeds: tuple[int, ...] = (0,)
+    """Seeds of the runs."""
     steps: int | None = None
     """Budget of each run; None = the scene's own, which depends on its number of rooms as in the paper."""
     preset: str = "default"
-    sensor: str = "exact"
-    """Name of the sensor whose errors are simulated."""
+    """Of the map, as ``anm-mj explore --preset`` has it."""
+    sensor: tuple[str, ...] = ("exact",)
+    """Names of the sensors whose errors are simulated; one or a list of them."""
+    robot: tuple[str, ...] = (DEFAULT_ROBOT,)
+    """Names of builtin robots, or MJCF files, relative to the file; one or a list of them."""
+    drive: tuple[str, ...] = ("kinematic",)
+    """``kinematic``, ``physics``, or a list of both."""
+    pose: tuple[str, ...] = ("true",)
+    """``true``, ``odometry``, or a list of both."""
     settings: tuple[str, ...] = ()
+    """Settings as for ``anm-mj explore --set``, for all runs."""
 
 
-FIELDS = {
+_TEXTS = (str, list)
+FIELDS: dict[str, type | tuple[type, ...]] = {
     "scenes": list,
     "policies": list,
     "starts": int,
     "seeds": list,
     "steps": int,
     "preset": str,
-    "sensor": str,
+    "sensor": _TEXTS,
+    "robot": _TEXTS,
+    "drive": _TEXTS,
+    "pose": _TEXTS,
     "settings": list,
 }
+"""Keys of a sweep and their types."""
 
 
 def read_jobs(path: Path) -> list[Job]:
@@ -71,17 +88,25 @@ def read_jobs(path: Path) -> list[Job]:
         BenchError: The file cannot be read, or asks for something that does not exist.
         SceneError: A scene cannot be found or read.
         PlanError: There is no such policy.
-        ConfigError: There is no such preset or setting.
+        ConfigError: There is no such preset, drive, pose or setting.
+        RobotError: There is no such robot or sensor.
     """
     jobs: dict[str, Job] = {}
     for sweep in read_sweeps(path):
         for name in sweep.scenes:
             beside = path.parent / name
             scene = load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
-            for job in _jobs_in(sweep, str(scene.folder), scene):
+            robots = [_beside(path, robot) for robot in sweep.robot]
+            for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
+                robot_path(job.robot)
                 jobs[job.name] = job
     return list(jobs.values())
+
+
+def _beside(path: Path, name: str) -> str:
+    """The file of this name beside the comparison's file, if there is one, else the name."""
+    return str((path.parent / name).resolve()) if (path.parent / name).is_file() else name
 
 
 def read_sweeps(path: Path) -> list[Sweep]:
@@ -107,12 +132,29 @@ def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
         if key not in FIELDS:
             raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(FIELDS)}.")
         if not isinstance(value, FIELDS[key]):
-            raise BenchError(f"{path}: {key} is {value!r}; it must be of type {FIELDS[key].__name__}.")
+            wanted = FIELDS[key]
+            names = " or ".join(one.__name__ for one in (wanted if isinstance(wanted, tuple) else (wanted,)))
+            raise BenchError(f"{path}: {key} is {value!r}; it must be of type {names}.")
+        if wanted_texts(key) and not all(isinstance(text, str) for text in value):
+            raise BenchError(f"{path}: {key} is {value!r}; it must hold texts only.")
     for needed in ("scenes", "policies"):
         if not entries.get(needed):
             raise BenchError(f"{path}: {needed} is missing; name at least one.")
-    entries = {**entries, "seeds": tuple(entries.get("seeds", (0,))), "settings": tuple(entries.get("settings", ()))}
-    return Sweep(**entries)
+    lists = {key: tuple(entries[key]) for key in ("seeds", "settings") if key in entries}
+    texts = {
+        key: (entries[key],) if isinstance(entries[key], str) else tuple(entries[key])
+        for key, wanted in FIELDS.items()
+        if wanted == _TEXTS and key in entries
+    }
+    empty = [key for key, value in texts.items() if not value]
+    if empty:
+        raise BenchError(f"{path}: {empty[0]} is empty; name at least one, or leave it out.")
+    return Sweep(**{**entries, **lists, **texts})
+
+
+def wanted_texts(key: str) -> bool:
+    """Whether a key holds texts."""
+    return key in ("scenes", "policies", "settings") or FIELDS[key] == _TEXTS
 
 
 def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
@@ -132,10 +174,14 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             seed=seed,
             steps=steps,
             preset=sweep.preset,
-            sensor=sweep.sensor,
+            sensor=sensor,
+            robot=robot,
+            drive=drive,
+            pose=source,
             settings=sweep.settings,
         )
         for start, pose in enumerate(scene.starts[: sweep.starts])
         for policy in sweep.policies
+        for robot, drive, source, sensor in itertools.product(sweep.robot, sweep.drive, sweep.pose, sweep.sensor)
         for seed in sweep.seeds
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -32,8 +31,6 @@ def _bench(parsed: argparse.Namespace) -> int:
 
     from anm_mj.bench.bench import run_bench
 
-    # As in the workers, the modules of the working directory can be imported: a policy of the user's own.
-    sys.path.insert(0, os.getcwd())
     console = Console()
     out = parsed.out or Path("bench") / parsed.file.stem
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))

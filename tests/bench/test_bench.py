@@ -68,6 +68,34 @@ def test_a_policy_with_other_settings_is_another_row(tmp_path):
     assert names == ["anm-s", "anm-s (planning.target=random)", "anm-s (paper)", "anm-s (d435i)"]
 
 
+OWN = """
+from anm_mj.planning.policies.random_walk.policy import RandomWalk
+from tests.bench.fake import quick
+
+
+class MyPolicy(RandomWalk):
+    pass
+
+
+def make(job, folder):
+    job.config()
+    quick(job, folder)
+"""
+
+
+def test_a_policy_beside_the_file_is_found(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "beside").mkdir()
+    (tmp_path / "beside" / "bench_own.py").write_text(OWN)
+    file = tmp_path / "beside" / "own.toml"
+    file.write_text('scenes = ["home"]\npolicies = ["bench_own:MyPolicy"]\nsteps = 300\n')
+
+    bench = run_bench(file, tmp_path / "out", function="bench_own:make")
+
+    assert bench.failures == []
+    assert "bench_own:MyPolicy" in (tmp_path / "out" / "table.md").read_text()
+
+
 def test_existing_runs_are_skipped(file, tmp_path):
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
     again = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:refusing")

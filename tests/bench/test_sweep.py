@@ -1,5 +1,8 @@
 import dataclasses
+import hashlib
+import json
 import math
+from pathlib import Path
 
 import pytest
 
@@ -65,9 +68,36 @@ def test_names_are_unique_to_the_content(tmp_path):
     assert dataclasses.replace(job, scene="elsewhere/home").name == job.name
 
 
+def test_robot_drive_pose_and_sensor_vary(tmp_path):
+    (tmp_path / "rover.xml").write_text((Path(__file__).parents[1] / "rover.xml").read_text())
+    text = 'scenes = ["home"]\npolicies = ["gvg"]\ndrive = "physics"\npose = ["true", "odometry"]\n'
+    jobs = jobs_of(tmp_path, text + 'sensor = ["exact", "d435i"]\nrobot = ["diff_drive", "rover.xml"]\n')
+    assert len({job.name for job in jobs}) == len(jobs) == 8
+    assert {job.robot for job in jobs} == {"diff_drive", str(tmp_path / "rover.xml")}
+    job = jobs[-1]
+    config = job.config()
+    assert (config.robot, config.drive, config.pose) == (job.robot, "physics", "odometry")
+    assert config.sensor.name == "d435i"
+    assert job.facts["robot"] == "rover.xml"
+
+
+def test_names_of_former_comparisons_stay(tmp_path):
+    (job,) = jobs_of(tmp_path, 'scenes = ["home"]\npolicies = ["gvg"]\nsteps = 9\n')
+    known = dataclasses.replace(job, scene_hash="0", start_pose=(0.0, 0.0, 0.0))
+    facts = dataclasses.asdict(known)
+    for added in ("scene", "sensor", "robot", "drive", "pose"):
+        del facts[added]
+    assert known.name.endswith(hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:8])
+
+
 @pytest.mark.parametrize(
     ("text", "error", "match"),
     [
+        ('scenes = ["home"]\npolicies = ["gvg"]\ndrive = "magic"\n', AnmError, "--drive is 'magic'"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\nrobot = ["no.xml"]\n', AnmError, r"no robot file no\.xml"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\nsensor = []\n', BenchError, "sensor is empty"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\npose = 3\n', BenchError, "of type str or list"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\npose = [3]\n', BenchError, "texts only"),
         ("", BenchError, "scenes is missing"),
         ('scenes = ["home"]\n', BenchError, "policies is missing"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nstart = 2\n', BenchError, "there is no 'start'"),

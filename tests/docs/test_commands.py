@@ -55,6 +55,8 @@ def place(tmp_path_factory):
     (folder / "my_robot.xml").write_text((ROOT / "tests" / "rover.xml").read_text())
     (folder / "my_package").mkdir()
     (folder / "my_package" / "my_module.py").write_text(own_policy())
+    (folder / "my_policy.py").write_text((ROOT / "docs" / "templates" / "my_policy.py").read_text())
+    (folder / "own_comparison.toml").write_text(own_comparison("policy.md"))
     (folder / "comparison.toml").write_text(own_comparison().replace("my_module", "my_package.my_module"))
     (folder / "docs").symlink_to(ROOT / "docs")
     (folder / "scripts").symlink_to(ROOT / "scripts")
@@ -152,6 +154,12 @@ def test_own_policy():
     own = namespace["MyPolicy"](PolicyContext(Footprint(0.18, 0.05, 1.35), settings))
     assert isinstance(own.plan(None, None), Plan)
     assert isinstance(own, Policy)
+
+
+def test_reference_is_that_of_the_code():
+    page = runpy.run_path(str(ROOT / "scripts" / "make_reference.py"))["page"]()
+    written = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    assert written == page, "call python scripts/make_reference.py"
 
 
 def test_run_folder(place):
@@ -254,7 +262,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         explore(words, command, place, monkeypatch)
     elif words[0] == "bench":
         parsed = parse(words, monkeypatch)
-        if parsed.file == Path("comparison.toml"):
+        if parsed.file in (Path("comparison.toml"), Path("own_comparison.toml")):
             assert read_jobs(place / parsed.file)
         else:
             assert parsed.file.is_file()
@@ -407,12 +415,10 @@ def own_policy():
     )
 
 
-def own_comparison():
-    """The comparison that the documentation shows."""
+def own_comparison(page="benchmarks.md"):
+    """The comparison that a page of the documentation shows."""
     return next(
-        block.text
-        for block in blocks((ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8"))
-        if block.language == "toml"
+        block.text for block in blocks((ROOT / "docs" / page).read_text(encoding="utf-8")) if block.language == "toml"
     )
 
 

@@ -1,0 +1,162 @@
+"""Writes docs/reference.md from the code: all settings, metrics, keys of a comparison, and what a policy is given.
+
+    python scripts/make_reference.py
+
+The text of each field is the docstring below it in its dataclass. A test compares the page with the code.
+"""
+
+import ast
+import inspect
+import textwrap
+from dataclasses import MISSING, fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from anm_mj.bench.sweep import FIELDS, Sweep
+from anm_mj.config import make_config
+from anm_mj.environments.config import ExploreConfig
+from anm_mj.evaluation.metrics import Metrics, RunSummary
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import POLICIES, policy_class
+from anm_mj.protocols import Mapper, Policy
+from anm_mj.types import (
+    Footprint,
+    Intrinsics,
+    Observation,
+    Plan,
+    Pose2,
+    SurfacePoints,
+    TopDownMap,
+    VoronoiGraph,
+    VoxelGrid,
+)
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference.md"
+HEAD = """# Reference
+
+Made from the code by `python scripts/make_reference.py`; edit the docstrings, not this page. Words, units and files are
+defined in [conventions.md](conventions.md).
+"""
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+def page() -> str:
+    """The whole page."""
+    config = make_config("default", [], scene="home")
+    groups = [name for name in ("planning", "mapping", "model", "sensor") if is_dataclass(getattr(config, name))]
+    parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
+    parts.append(_section("Run", "Fields of a run that have options of their own.", _rows(config, "", nested=False)))
+    parts += [_section(f"`{group}.*`", "", _rows(getattr(config, group), f"{group}.")) for group in groups]
+    known: dict[type, list[str]] = {}
+    for name in POLICIES:
+        known.setdefault(getattr(policy_class(name), "Config", object), []).append(name)
+    for settings, names in known.items():
+        if is_dataclass(settings):
+            rows = _rows(settings(), "policy.")
+            if rows:
+                parts.append(_section(f"`policy.*` of {', '.join(f'`{name}`' for name in names)}", "", rows))
+    parts.append("## Metrics\n\nFields of `metrics.json`; `null` where unknown.\n\n" + _table(_metrics()))
+    rows = [(f"`{entry.name}`", _default(entry), texts) for entry, texts in _documented(Sweep) if entry.name in FIELDS]
+    parts.append("## Keys of a comparison\n\nOf the TOML file of `anm-mj bench`.\n\n" + _table(rows))
+    rows = [(f"`{entry.name}`", _default(entry), text) for entry, text in _documented(ExploreConfig)]
+    parts.append("## Options of an environment\n\n" + _table(rows))
+    parts.append("## What a policy is given, and what it returns\n")
+    parts += [_section(f"`{one.__name__}`", _summary(one), _plain(one)) for one in (PolicyContext, Plan, Observation)]
+    parts += [_section(f"`{one.__name__}`", _summary(one), _methods(one)) for one in (Policy, Mapper)]
+    others = (Footprint, Intrinsics, Pose2, VoxelGrid, SurfacePoints, TopDownMap, VoronoiGraph)
+    parts += [_section(f"`{one.__name__}`", _summary(one), _plain(one)) for one in others]
+    return "\n".join(parts)
+
+
+def _section(title: str, text: str, rows: list[tuple[str, str, str]]) -> str:
+    return f"### {title}\n\n" + (f"{text}\n\n" if text else "") + _table(rows)
+
+
+def _table(rows: list[tuple[str, str, str]]) -> str:
+    lines = ["| name | default or type | meaning |", "|---|---|---|"]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _rows(config: Any, prefix: str, *, nested: bool = True) -> list[tuple[str, str, str]]:
+    """Name, default and meaning of every setting below a configuration."""
+    rows = []
+    for entry, text in _documented(type(config)):
+        value = getattr(config, entry.name)
+        if is_dataclass(value):
+            rows += _rows(value, f"{prefix}{entry.name}.") if nested else []
+        elif nested or entry.name != "policy_settings":
+            rows.append((f"`{prefix}{entry.name}`", f"`{value!r}`" if value is not None else "", text))
+    return rows
+
+
+def _plain(one: type) -> list[tuple[str, str, str]]:
+    """Name, type and meaning of every field of a dataclass."""
+    return [(f"`{entry.name}`", f"`{_type_name(entry.type)}`", text) for entry, text in _documented(one)]
+
+
+def _metrics() -> list[tuple[str, str, str]]:
+    """The fields of ``metrics.json``; one without a text of its own belongs to the field above."""
+    known = {name: text for name, _, text in _plain(RunSummary)}
+    return [(name, kind, text or known.get(name, "") or "Likewise.") for name, kind, text in _plain(Metrics)]
+
+
+def _methods(protocol: type) -> list[tuple[str, str, str]]:
+    """Name, signature and meaning of every method and property of a protocol."""
+    rows = []
+    for node in _class_node(protocol).body:
+        if isinstance(node, ast.FunctionDef):
+            arguments = ast.unparse(node.args).removeprefix("self, ").removeprefix("self")
+            call = "" if node.decorator_list else f"({arguments})"
+            result = f" -> {ast.unparse(node.returns)}" if node.returns else ""
+            rows.append((f"`{node.name}`", f"`{_type_name(call + result)}`", _flat(ast.get_docstring(node) or "")))
+    return rows
+
+
+def _documented(one: type) -> list[tuple[Any, str]]:
+    """The fields of a dataclass, each with the docstring below it."""
+    texts: dict[str, str] = {}
+    for base in reversed(one.__mro__):
+        if is_dataclass(base):
+            body = _class_node(base).body
+            for node, after in zip(body, [*body[1:], None], strict=True):
+                if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                    said = after.value if isinstance(after, ast.Expr) else None
+                    texts[node.target.id] = _flat(str(said.value)) if isinstance(said, ast.Constant) else ""
+    return [(entry, texts.get(entry.name, "")) for entry in fields(one)]
+
+
+def _class_node(one: type) -> ast.ClassDef:
+    node = ast.parse(textwrap.dedent(inspect.getsource(one))).body[0]
+    assert isinstance(node, ast.ClassDef)
+    return node
+
+
+def _default(entry: Any) -> str:
+    return "" if entry.default in (MISSING, None) else f"`{entry.default!r}`"
+
+
+def _summary(one: type) -> str:
+    return _flat((inspect.getdoc(one) or "").split("\n\n")[0])
+
+
+def _type_name(annotation: Any) -> str:
+    text = annotation.__name__ if isinstance(annotation, type) and not isinstance(annotation, Enum) else str(annotation)
+    return text.replace("np.", "numpy.").replace("'", "")
+
+
+def _flat(text: str) -> str:
+    """One line of Markdown for a docstring."""
+    one = " ".join(text.split()).replace("``", "`")
+    for role in (":class:`", ":func:`", ":mod:`", ":data:`", ":meth:`"):
+        one = one.replace(f"{role}~", "`").replace(role, "`")
+    return one
+
+
+if __name__ == "__main__":
+    main()
