@@ -124,10 +124,10 @@ def _explore(parsed: argparse.Namespace) -> int:
     )
     console = Console()
     if console.is_terminal:
-        log_to(console)  # The live line makes room for what its own console prints.
+        log_to(console, verbose=parsed.verbose)  # The live line makes room for what its own console prints.
     viewer = _viewer(parsed)
     try:
-        with Interrupt(console) as interrupt, ProgressLine(console) as line:
+        with Interrupt(console) as interrupt, ProgressLine(console, details=parsed.verbose) as line:
             folder, metrics = run(
                 config,
                 out=parsed.out,

@@ -30,6 +30,21 @@ class _Parser(argparse.ArgumentParser):
         self.exit(USAGE_ERROR, f"{self.prog}: {message}; see {self.prog} --help.\n")
 
 
+class _Version(argparse.Action):
+    """Prints the version; looked up only when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib import metadata
+
+        from anm_mj.io.manifest import git_revision
+        from anm_mj.utils.package_data import checkout
+
+        folder = checkout()
+        git = None if folder is None else git_revision(folder)
+        revision = f" (revision {git['revision'][:12]}{', changed' if git['changed'] else ''})" if git else ""
+        parser.exit(0, f"{parser.prog} {metadata.version('anm-mj')}{revision}\n")
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run a command line and return its exit status."""
     arguments = _with_joined_start(sys.argv[1:] if argv is None else argv)
@@ -38,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
 
     from anm_mj.cli.log import log_to
 
-    log_to(Console(stderr=True))
+    log_to(Console(stderr=True), verbose=parsed.verbose)
     try:
         return parsed.command(parsed)
     except AnmError as err:
@@ -62,6 +77,7 @@ def _with_joined_start(argv: list[str]) -> list[str]:
 
 def _parser() -> _Parser:
     parser = _Parser(prog="anm-mj", description="Active neural mapping of indoor scenes with a MuJoCo robot.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version, and the revision of a checkout")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_explore(commands)
     add_evaluate(commands)
@@ -71,6 +87,8 @@ def _parser() -> _Parser:
     add_scene(commands)
     doctor = commands.add_parser("doctor", help="what this machine has, and what will be used")
     doctor.set_defaults(command=_doctor)
+    for command in commands.choices.values():
+        command.add_argument("-v", "--verbose", action="store_true", help="show details, and tracebacks of a policy")
     return parser
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import time
 from types import FrameType
 
 from rich.console import Console
@@ -18,12 +19,20 @@ PLAIN_EVERY = 50
 
 
 class ProgressLine:
-    """One live line: step, rate, completion ratio, target, loss, reason. Without a terminal, plain lines."""
+    """One live line: step, completion ratio, rate, time left. Without a terminal, plain lines."""
 
-    def __init__(self, console: Console):
-        """Nothing is shown before the first step."""
+    def __init__(self, console: Console, *, details: bool = False):
+        """Nothing is shown before the first step.
+
+        Args:
+            console: where the line is shown.
+            details: whether the line also shows target, loss and reason.
+        """
         self._console = console
+        self._details = details
         self._loss = math.nan
+        self._begun: tuple[int, float] | None = None
+        """Step and time [s] of the first report."""
         self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
 
     def __enter__(self) -> ProgressLine:
@@ -46,23 +55,41 @@ class ProgressLine:
         """Show how the run stands."""
         if report.update.num_iterations:  # Not every step trains.
             self._loss = report.update.loss
+        self._begun = self._begun or (report.step, time.monotonic())
         if self._live is None and report.step % PLAIN_EVERY and report.step != num_steps:
             return
-        target = report.plan.target_xy_m
         row = recorder.completion
         parts = [
-            f"step {report.step}/{num_steps}",
-            f"{report.step / max(report.loop_s, 1e-9):.1f} Hz",
+            f"step {report.step} of {num_steps}",
             f"completion {row.completion_ratio:.1f} %" if row is not None else "",
-            f"target {target[0]:.1f},{target[1]:.1f}" if target is not None else "",
-            f"loss {self._loss:.3g}",
-            report.plan.reason,
+            f"{report.step / max(report.loop_s, 1e-9):.1f} steps/s",
+            self._left(report.step, num_steps),
         ]
+        if self._details:
+            target = report.plan.target_xy_m
+            parts += [
+                f"target {target[0]:.1f},{target[1]:.1f}" if target is not None else "",
+                f"loss {self._loss:.3g}",
+                report.plan.reason,
+            ]
         line = " · ".join(part for part in parts if part)
         if self._live is None:
             self._console.print(line, highlight=False, soft_wrap=True)
         else:
             self._live.update(Text(line, no_wrap=True, overflow="ellipsis"))
+
+    def _left(self, step: int, num_steps: int) -> str:
+        """Time left, at the rate since the first report, evaluation included; empty where nothing is known or left."""
+        assert self._begun is not None
+        first, begun_s = self._begun
+        if step <= first or step >= num_steps:
+            return ""
+        left_s = round((time.monotonic() - begun_s) / (step - first) * (num_steps - step))
+        return (
+            f"{left_s // 3600}:{left_s // 60 % 60:02d}:{left_s % 60:02d} left"
+            if left_s >= 3600
+            else (f"{left_s // 60}:{left_s % 60:02d} left")
+        )
 
 
 class Interrupt:

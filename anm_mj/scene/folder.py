@@ -26,6 +26,7 @@ from jaxtyping import Float32, Float64, Int32
 
 from anm_mj.errors import SceneError
 from anm_mj.types import Pose2
+from anm_mj.utils.close_names import close_name
 from anm_mj.utils.package_data import data_folder
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
         if name_or_path not in known:
             names = ", ".join(sorted(known)) or "none yet"
             raise SceneError(
-                f"There is no scene {name_or_path!r}; the catalogue holds {names}. "
+                f"There is no scene {name_or_path!r}{close_name(name_or_path, known)}; the catalogue holds {names}. "
                 "Give one of these, the path of a scene folder, or import a mesh file first."
             )
         path = known[name_or_path]

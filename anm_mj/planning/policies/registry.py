@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.errors import AnmError, PlanError
+from anm_mj.utils.close_names import close_name
 
 if TYPE_CHECKING:
     from anm_mj.planning.policies.context import PolicyContext
@@ -63,7 +64,10 @@ def policy_entry(name: str) -> PolicyEntry:
     if name in POLICIES:
         return POLICIES[name]
     if ":" not in name:
-        raise PlanError(f"Unknown policy '{name}'; use one of {', '.join(POLICIES)}, or module:Class for your own.")
+        raise PlanError(
+            f"Unknown policy '{name}'{close_name(name, POLICIES)}; use one of {', '.join(POLICIES)}, or module:Class "
+            "for your own."
+        )
     return PolicyEntry(name)
 
 
