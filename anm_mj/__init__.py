@@ -1,19 +1,61 @@
-"""Active neural mapping of indoor scenes with a MuJoCo robot."""
+"""Active neural mapping of indoor scenes with a MuJoCo robot.
+
+    import anm_mj
+
+    made = anm_mj.explore_scene("home", steps=300)
+    run = anm_mj.load_run(made.folder)           # steps, poses, metrics as arrays
+    neural_map = anm_mj.load_map(made.folder)    # sdf, rgb, uncertainty, render, mesh
+
+``load_scene``, ``make_robot``, ``make_map`` and ``make_policy`` are the parts, to be put together step by step;
+``load_environment`` is an environment to learn in. docs/library.md has examples.
+"""
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from anm_mj.api import Exploration, LoadedRun, explore_scene, load_map, load_run
     from anm_mj.environments.load import load_environment
+    from anm_mj.errors import AnmError
+    from anm_mj.mapping.make_map import make_map
+    from anm_mj.planning.policies.make_policy import make_policy
+    from anm_mj.scene.folder import load_scene
+    from anm_mj.sim.make_robot import make_robot
 
-__all__ = ["load_environment"]
+__all__ = [
+    "AnmError",
+    "Exploration",
+    "LoadedRun",
+    "explore_scene",
+    "load_environment",
+    "load_map",
+    "load_run",
+    "load_scene",
+    "make_map",
+    "make_policy",
+    "make_robot",
+]
+
+_MODULES = {
+    "AnmError": "anm_mj.errors",
+    "load_environment": "anm_mj.environments.load",
+    "load_scene": "anm_mj.scene.folder",
+    "make_map": "anm_mj.mapping.make_map",
+    "make_policy": "anm_mj.planning.policies.make_policy",
+    "make_robot": "anm_mj.sim.make_robot",
+}
+"""Where names stand that do not stand in ``anm_mj.api``."""
 
 
 def __getattr__(name: str) -> Any:
     """Names that are looked up when they are first asked for: what stands behind them takes time to load."""
-    if name == "load_environment":
-        from anm_mj.environments.load import load_environment
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_MODULES.get(name, "anm_mj.api")), name)
 
-        return load_environment
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+def __dir__() -> list[str]:
+    """The public names too, so that ``help`` and completion show them."""
+    return sorted({*globals(), *__all__})

@@ -232,6 +232,8 @@ def _setting(config: RunConfig, keys: tuple[str, ...]) -> Any:
 def _hint(config: RunConfig, name: str) -> str:
     """What to write instead of an unknown name: settings with a name that is close, or all of its group."""
     names = list(_names(config))
+    if any(full.startswith(f"{name}.") for full in names):
+        return f"; there are {', '.join(full for full in names if full.startswith(f'{name}.'))}."
     leaf = {full: full.rpartition(".")[2] for full in names}
     close = difflib.get_close_matches(name.rpartition(".")[2], set(leaf.values()), n=3)
     found = [full for one in close for full in names if leaf[full] == one]

@@ -56,6 +56,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "explore": _BASE | _STAGES | {"sensor_monitor"},
     # Puts everything together for one run.
     "run": _BASE | _STAGES | {"config", "sim.make_robot", "explore", "io", "io.recorder", "viz", "evaluation"},
+    # What users import: runs, maps and their parts.
+    "api": _BASE | _STAGES | {"config", "run", "explore", "io", "evaluation"},
     # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.
     "environments": _BASE | {"config", "sim.make_robot", "scene", "sim", "control", "mapping", "evaluation"},
     # Many runs, each in a process of its own, and their tables.

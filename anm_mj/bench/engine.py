@@ -33,7 +33,7 @@ RESULT = "result.json"
 LOG = "log.txt"
 
 
-def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[str] = ()) -> str | None:
+def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[str]) -> str | None:
     """Make one run in a process of its own; returns its error in one sentence, or None.
 
     The run folder gets its name once it is complete, so an aborted run never looks done.

@@ -1,4 +1,6 @@
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -156,3 +158,40 @@ def test_help_answers_at_once_and_shows_every_option():
 def test_the_catalogue_is_listed(capsys):
     assert main(["scene", "list"]) == 0
     assert "home" in capsys.readouterr().out
+
+
+def test_the_version_is_printed(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert re.match(r"anm-mj \d+\.\d+\.\d+", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"), [(["explore", "hom"], "home"), (["explore", "room", "--policy", "frontir"], "frontier")]
+)
+def test_a_close_name_is_proposed(capsys, words, meant):
+    assert f"(did you mean {meant}?)" in fails(capsys, *words)
+
+
+FAULTY = """
+from anm_mj.planning.policies.random_walk.policy import RandomWalk
+
+
+class Faulty(RandomWalk):
+    def plan(self, mapper, observation):
+        return super().plan(mapper, observation) if observation.step < 2 else 1 / 0
+"""
+
+
+def test_a_policy_that_fails_leaves_a_complete_run_and_a_sentence(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "faulty_policy.py").write_text(FAULTY)
+    quick = ["--set", "image_px=32", "--set", "mapping.schedule.first_iterations=5", "-v"]
+    assert main(["explore", "room", "--policy", "faulty_policy:Faulty", "--steps", "5", "--out", "run", *quick]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "The run ends because policy faulty_policy:Faulty failed in plan at step 2: ZeroDivisionError" in said
+    assert "(faulty_policy.py, line 7)" in said
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["stop_reason"] == "POLICY_ERROR"
+    assert (tmp_path / "run" / "mesh.ply").is_file()

@@ -1,0 +1,226 @@
+"""The library behind ``import anm_mj``: runs and maps as arrays, explorations from Python, the parts step by step."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from anm_mj.config import make_config, read_config
+from anm_mj.errors import AnmError, MapError
+from anm_mj.evaluation.metrics import read_metrics
+from anm_mj.io.read_run import Run, read_json, read_run
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.planning.policies.registry import DEFAULT_POLICY, policy_entry
+
+if TYPE_CHECKING:
+    from anm_mj.explore import StepReport
+    from anm_mj.mapping.neural_map import NeuralMap
+    from anm_mj.protocols import Viewer
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """The outcome of :func:`explore_scene`."""
+
+    folder: Path
+    """The run folder."""
+    metrics: dict[str, Any]
+    """The fields of ``metrics.json``."""
+
+
+@dataclass(frozen=True)
+class LoadedRun:
+    """A run as arrays; n steps, n + 1 observations, the first before any action."""
+
+    content: Run
+    """The records of the folder, one by one."""
+    metrics: dict[str, Any]
+    """The fields of ``metrics.json``; empty for a run that was killed before its end."""
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The effective configuration."""
+        return self.content.config
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What made the run: versions, machine, scene, seed."""
+        return self.content.manifest
+
+    @property
+    def plans(self) -> tuple[dict[str, Any], ...]:
+        """The decisions, as in ``plans.jsonl``."""
+        return self.content.plans
+
+    @cached_property
+    def steps(self) -> dict[str, np.ndarray]:
+        """One array of length n per quantity of the steps.
+
+        ``step``, ``action`` (names), ``x_m``, ``y_m``, ``yaw_rad``, ``collided``, ``moved_m``, ``left_radps``,
+        ``right_radps``, and the time of each stage as ``ms_<stage>``.
+        """
+        steps = self.content.steps
+        number: Int64[np.ndarray, " n"] = np.array([step.step for step in steps], np.int64)
+        collided: Bool[np.ndarray, " n"] = np.array([step.collided for step in steps], bool)
+        columns: dict[str, np.ndarray] = {"step": number, "action": np.array([step.action.name for step in steps])}
+        columns["collided"] = collided
+        values = {
+            "x_m": [step.pose.x_m for step in steps],
+            "y_m": [step.pose.y_m for step in steps],
+            "yaw_rad": [step.pose.yaw_rad for step in steps],
+            "moved_m": [step.moved_m for step in steps],
+            "left_radps": [step.wheel_speeds.left_radps for step in steps],
+            "right_radps": [step.wheel_speeds.right_radps for step in steps],
+        }
+        for stage in dict.fromkeys(stage for step in steps for stage in step.stage_ms):
+            values[f"ms_{stage}"] = [step.stage_ms.get(stage, np.nan) for step in steps]
+        return columns | {name: np.array(column, np.float64) for name, column in values.items()}
+
+    @cached_property
+    def poses(self) -> Float64[np.ndarray, "m 3"]:
+        """Poses of the base at the observations, as the robot believed them: x [m], y [m], yaw [rad] in the world."""
+        poses = [frame.pose for frame in self.content.frames]
+        return np.array([[pose.x_m, pose.y_m, pose.yaw_rad] for pose in poses], np.float64).reshape(-1, 3)
+
+    @cached_property
+    def T_world_camera(self) -> Float64[np.ndarray, "m 4 4"]:
+        """Poses of the camera at the observations, as the robot believed them (x right, y down, z forward)."""
+        return np.array([frame.T_world_camera for frame in self.content.frames], np.float64).reshape(-1, 4, 4)
+
+    @cached_property
+    def curve(self) -> dict[str, np.ndarray]:
+        """Completion against steps: the columns of ``curve.csv``; NaN where unknown."""
+        lines = self.content.folder.curve.read_text(encoding="utf-8").splitlines()
+        rows = [[float(cell) if cell else np.nan for cell in line.split(",")] for line in lines[1:]]
+        names = lines[0].split(",")
+        values = np.array(rows, np.float64).reshape(-1, len(names))
+        return {name: values[:, k] for k, name in enumerate(names)}
+
+    def depth_m(self, step: int) -> np.ndarray:
+        """Reduced depth of the observation after ``step`` actions [m]; NaN where nothing was measured.
+
+        Raises:
+            RunFolderError: the image is missing or damaged.
+        """
+        depth_mm = self.content.depth_mm(self.content.frames[step])
+        return np.where(depth_mm > 0, depth_mm / np.float32(1e3), np.float32(np.nan)).astype(np.float32)
+
+    def data_frame(self) -> Any:
+        """The steps as a ``pandas.DataFrame``.
+
+        Raises:
+            AnmError: pandas is not installed.
+        """
+        try:
+            pandas = importlib.import_module("pandas")
+        except ImportError as err:
+            raise AnmError("A data frame needs pandas; pip install pandas, or use the arrays in steps.") from err
+        return pandas.DataFrame(self.steps)
+
+
+def explore_scene(
+    scene: str | os.PathLike[str],
+    *,
+    policy: str = DEFAULT_POLICY,
+    steps: int | None = None,
+    seed: int = 0,
+    out: str | os.PathLike[str] | None = None,
+    preset: str = "default",
+    sensor: str = "exact",
+    settings: Sequence[str] = (),
+    on_step: Callable[[StepReport], object] | None = None,
+    viewer: Viewer | None = None,
+    **options: Any,
+) -> Exploration:
+    """Explore a scene and write a run folder, as ``anm-mj explore`` does.
+
+    Args:
+        scene: name from the catalogue, or path of a scene folder.
+        policy: name of a policy, or ``module:Class``.
+        steps: budget of discrete actions; None = the scene's own.
+        seed: of everything random.
+        out: the run folder; None = a new one below ``runs/``.
+        preset: mapping effort.
+        sensor: errors of the camera, by name.
+        settings: ``group.name=value`` each, as for ``--set``.
+        on_step: called after every step; the run ends (``INTERRUPTED``) when it returns True.
+        viewer: shows the run while it goes on.
+        **options: ``start`` (x [m], y [m], yaw [deg]), ``robot``, ``drive``, ``pose`` and ``device``, as on the command
+            line.
+
+    Raises:
+        AnmError: the scene, start, policy, a setting, the renderer or the output folder cannot be used.
+    """
+    from anm_mj.run import run
+
+    config = make_config(
+        preset,
+        list(settings),
+        sensor=sensor,
+        scene=os.fspath(scene),
+        policy=policy,
+        steps=steps,
+        seed=seed,
+        **options,
+    )
+    end = False
+
+    def step(report: StepReport, *_: object) -> None:
+        nonlocal end
+        end = on_step is not None and on_step(report) is True
+
+    folder, metrics = run(
+        config,
+        out=None if out is None else Path(out),
+        viewer=viewer,
+        stop_requested=lambda: end,
+        on_step=step,
+    )
+    return Exploration(folder.path, dataclasses.asdict(metrics))
+
+
+def load_run(path: str | os.PathLike[str]) -> LoadedRun:
+    """A run as arrays; one that was killed is read up to its last complete line.
+
+    Args:
+        path: the run folder.
+
+    Raises:
+        RunFolderError: the folder holds no run, or a file in it is damaged.
+    """
+    run = read_run(Path(path))
+    return LoadedRun(run, read_metrics(run.folder.metrics) if run.folder.metrics.is_file() else {})
+
+
+def load_map(path: str | os.PathLike[str], *, device: str = "auto") -> NeuralMap:
+    """The neural map of a run: ``sdf``, ``rgb`` and ``uncertainty`` at points, ``render``, ``mesh``, ``occupancy``.
+
+    Args:
+        path: the run folder, or the file of a map.
+        device: where a map of the torch engine computes: ``auto``, ``cpu`` or ``cuda``.
+
+    Raises:
+        MapError: there is no map, or the file is none.
+        RunFolderError: the configuration of the run is damaged.
+    """
+    from anm_mj.mapping.neural_map import NeuralMap
+
+    where = Path(path)
+    if not where.exists():
+        raise MapError(f"{where} does not exist; give a run folder, or the map.safetensors in one.")
+    folder = RunFolder(where if where.is_dir() else where.parent)
+    from_field = True
+    if folder.config.is_file():
+        config = read_config(read_json(folder.config))
+        # A policy with a map of its own kind reads no geometry out of it.
+        from_field = config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None
+    return NeuralMap.load(folder.map if where.is_dir() else where, device=device, field_is_geometry=from_field)

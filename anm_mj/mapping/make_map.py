@@ -1,0 +1,23 @@
+"""An empty neural map by the name of its preset."""
+
+from __future__ import annotations
+
+from anm_mj.errors import MapError
+from anm_mj.mapping.config import MAPPING_PRESETS
+from anm_mj.mapping.neural_map import NeuralMap
+
+
+def make_map(preset: str = "default", *, seed: int = 0, device: str = "auto") -> NeuralMap:
+    """An empty neural map; ``integrate`` it with observations.
+
+    Args:
+        preset: mapping effort: a key of :data:`anm_mj.mapping.config.MAPPING_PRESETS`.
+        seed: of start values, rays and jitter.
+        device: ``auto``, ``cpu`` or ``cuda``.
+
+    Raises:
+        MapError: there is no such preset, or the device is unknown or absent.
+    """
+    if preset not in MAPPING_PRESETS:
+        raise MapError(f"There is no mapping preset '{preset}'; choose one of {', '.join(MAPPING_PRESETS)}.")
+    return NeuralMap(MAPPING_PRESETS[preset](), seed=seed, device=device)
