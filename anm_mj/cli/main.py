@@ -42,7 +42,8 @@ class _Version(argparse.Action):
         folder = checkout()
         git = None if folder is None else git_revision(folder)
         revision = f" (revision {git['revision'][:12]}{', changed' if git['changed'] else ''})" if git else ""
-        parser.exit(0, f"{parser.prog} {metadata.version('anm-mj')}{revision}\n")
+        sys.stdout.write(f"{parser.prog} {metadata.version('anm-mj')}{revision}\n")
+        parser.exit()
 
 
 def main(argv: list[str] | None = None) -> int:
