@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,7 @@ from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
 from anm_mj.robot.config import DEFAULT_ROBOT, robot_path
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.utils.read_file import read_toml
 
 
 class BenchError(AnmError):
@@ -116,9 +116,8 @@ def read_sweeps(path: Path) -> list[Sweep]:
         BenchError: The file cannot be read, or an entry is not what it should be.
     """
     try:
-        with path.open("rb") as file:
-            content = tomllib.load(file)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
+        content = read_toml(path)
+    except (OSError, ValueError) as err:
         raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
     common = {key: value for key, value in content.items() if key != "sweep"}
     sweeps = content.get("sweep", [{}])

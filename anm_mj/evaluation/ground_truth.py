@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from anm_mj.errors import RunFolderError, SceneError
+from anm_mj.geometry.triangles import checked_triangles
+from anm_mj.utils.read_file import read_npz
 
 NUM_SAMPLES = 200_000
 """Samples of the true surface (paper's protocol)."""
@@ -94,10 +95,22 @@ class GroundTruth:
             RunFolderError: The file is missing or holds something else.
         """
         try:
-            with path.open("rb") as file, np.load(file) as data:
-                observable = data.get("observable")
-                return cls(data["samples"], data["vertices"], data["faces"], observable)
+            return _checked(cls(**read_npz(path)))
         except FileNotFoundError as err:
             raise RunFolderError(f"{path} is missing; without the true surface nothing can be evaluated.") from err
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as err:
+        except (OSError, TypeError, ValueError) as err:
             raise RunFolderError(f"{path} cannot be read as a true surface ({err}); copy the run again.") from err
+
+
+def _checked(truth: GroundTruth) -> GroundTruth:
+    """The same, if its arrays are what they should be.
+
+    Raises:
+        ValueError: They are not.
+    """
+    checked_triangles(truth.vertices, truth.faces)
+    checked_triangles(truth.samples, np.zeros((0, 3), np.int32))
+    seen = truth.observable
+    if seen is not None and (seen.dtype != bool or seen.shape != (len(truth.samples),)):
+        raise ValueError(f"observable is {seen.dtype} of shape {seen.shape}")
+    return truth

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
 from anm_mj.errors import RunFolderError
+from anm_mj.utils.picture import open_picture
 
 
 def read_image(path: Path, mode: str | None = None) -> np.ndarray:
@@ -21,7 +21,8 @@ def read_image(path: Path, mode: str | None = None) -> np.ndarray:
         RunFolderError: The image is missing or damaged.
     """
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             return np.asarray(image.convert(mode) if mode else image)
-    except (OSError, SyntaxError, UnidentifiedImageError) as err:
+    # A decoder raises SyntaxError for a damaged PNG.
+    except (OSError, SyntaxError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read ({err}); copy it again.") from err

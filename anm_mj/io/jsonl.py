@@ -9,6 +9,7 @@ from typing import Any
 from anm_mj.errors import RunFolderError
 from anm_mj.io.to_json import to_json
 from anm_mj.io.write import writing
+from anm_mj.utils.read_file import parse_json, read_bytes
 
 
 class LineWriter:
@@ -48,16 +49,19 @@ def read_jsonl(path: Path) -> list[dict[str, Any]]:
     """All complete lines of a file; an incomplete last line, as a killed run leaves it, is skipped.
 
     Raises:
-        RunFolderError: A line before the last is not JSON.
+        RunFolderError: The file cannot be read, or a line before the last is not JSON.
     """
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    try:
+        lines = read_bytes(path).decode("utf-8", errors="replace").split("\n")
+    except (OSError, ValueError) as err:
+        raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
     values = []
     for number, line in enumerate(lines, start=1):
         try:
             if line:
-                values.append(json.loads(line))
-        except json.JSONDecodeError as err:
+                values.append(parse_json(line))
+        except ValueError as err:
             if number == len(lines):
                 break
-            raise RunFolderError(f"{path}, line {number}, is not JSON ({err.msg}); copy the run again.") from err
+            raise RunFolderError(f"{path}, line {number}, is not JSON ({err}); copy the run again.") from err
     return values

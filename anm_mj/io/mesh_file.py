@@ -10,8 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.errors import RunFolderError
+from anm_mj.geometry.triangles import checked_triangles
 from anm_mj.io.write import writing
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.read_file import open_regular
 
 if TYPE_CHECKING:
     import trimesh
@@ -42,8 +44,10 @@ def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 
     import trimesh
 
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+        with open_regular(path) as file:
+            mesh = trimesh.load_mesh(file, file_type=path.suffix[1:], process=False)
+        vertices, faces = checked_triangles(mesh.vertices, mesh.faces)
+        return vertices.astype(np.float64), faces.astype(np.int64)
     except Exception as err:
         # Readers of trimesh raise whatever the damaged bytes lead them to.
         raise RunFolderError(f"{path} cannot be read as a mesh ({err}); delete it and evaluate again.") from err

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt16
+from msgspec.structs import asdict
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.image import read_image
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_shapes import CameraShape, FrameShape, PoseShape, StepShape
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
+from anm_mj.utils import read_file
+from anm_mj.utils.read_file import convert
 
 
 @dataclass(frozen=True)
@@ -82,15 +85,15 @@ def read_run(path: Path) -> Run:
     try:
         return Run(
             folder=folder,
-            intrinsics=Intrinsics(**read_json(folder.camera)["intrinsics"]),
-            frames=tuple(_frame(line) for line in read_jsonl(folder.frames)),
-            steps=tuple(_step(line) for line in read_jsonl(folder.steps)),
+            intrinsics=Intrinsics(**asdict(convert(read_json(folder.camera), CameraShape).intrinsics)),
+            frames=tuple(_frame(convert(line, FrameShape)) for line in read_jsonl(folder.frames)),
+            steps=tuple(_step(convert(line, StepShape)) for line in read_jsonl(folder.steps)),
             plans=tuple(read_jsonl(folder.plans)) if folder.plans.is_file() else (),
             manifest=read_json(folder.manifest) if folder.manifest.is_file() else {},
             config=read_json(folder.config) if folder.config.is_file() else {},
         )
     except (KeyError, TypeError, ValueError) as err:
-        raise RunFolderError(f"{path} was written by another version of this program ({err!r}).") from err
+        raise RunFolderError(f"{path} is damaged, or of another version of this program ({err}).") from err
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -100,7 +103,7 @@ def read_json(path: Path) -> dict[str, Any]:
         RunFolderError: It cannot be read, or contains something else.
     """
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
+        value = read_file.read_json(path)
     except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
     if not isinstance(value, dict):
@@ -114,27 +117,32 @@ def read_depth(path: Path) -> UInt16[np.ndarray, "rows cols"]:
     Raises:
         RunFolderError: The image is missing or damaged.
     """
-    return read_image(path).astype(np.uint16)
+    image = read_image(path)
+    if image.ndim != 2:
+        raise RunFolderError(f"{path} is no depth image: it has colours; copy the run again.")
+    return image.astype(np.uint16)
 
 
-def _frame(line: dict[str, Any]) -> FrameRecord:
+def _frame(line: FrameShape) -> FrameRecord:
     # The file has true poses only where they differ from the believed ones.
-    true = line.get("true", line)
-    believed_camera, true_camera = (np.array(where["T_world_camera"], dtype=np.float64) for where in (line, true))
-    return FrameRecord(line["step"], line["time_s"], _pose(line), believed_camera, _pose(true), true_camera)
+    true = line.true or line
+    believed_camera, true_camera = (np.array(where.T_world_camera, dtype=np.float64) for where in (line, true))
+    return FrameRecord(line.step, line.time_s, _pose(line), believed_camera, _pose(true), true_camera)
 
 
-def _step(line: dict[str, Any]) -> StepRecord:
+def _step(line: StepShape) -> StepRecord:
+    if line.action not in Action.__members__:
+        raise ValueError(f"there is no action {line.action[:40]!r}")
     return StepRecord(
-        step=line["step"],
-        action=Action[line["action"]],
+        step=line.step,
+        action=Action[line.action],
         pose=_pose(line),
-        collided=line["collided"],
-        moved_m=line["moved_m"],
-        wheel_speeds=WheelSpeeds(line["left_radps"], line["right_radps"]),
-        stage_ms=line["ms"],
+        collided=line.collided,
+        moved_m=line.moved_m,
+        wheel_speeds=WheelSpeeds(line.left_radps, line.right_radps),
+        stage_ms=line.ms,
     )
 
 
-def _pose(line: dict[str, Any]) -> Pose2:
-    return Pose2(line["x_m"], line["y_m"], line["yaw_rad"])
+def _pose(line: PoseShape | StepShape) -> Pose2:
+    return Pose2(line.x_m, line.y_m, line.yaw_rad)

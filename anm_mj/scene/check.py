@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import ASSETS, TOML, Scene
@@ -17,6 +16,7 @@ from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_a
 from anm_mj.scene.raster import border_labels, clip_to_slab, distance_cells, label_components, rasterise
 from anm_mj.scene.rooms import RoomPlan, find_rooms
 from anm_mj.types import Footprint, Pose2
+from anm_mj.utils.picture import open_picture
 
 MIN_HOLE_M2 = 0.02
 """Smaller gaps in the floor are slits between tiles [m2]."""
@@ -55,9 +55,9 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
     sizes = []
     for path in sorted((scene.folder / ASSETS).glob("*.png")):
         try:
-            with Image.open(path) as image:
+            with open_picture(path) as image:
                 sizes.append(image.size)
-        except OSError as err:
+        except (OSError, ValueError) as err:
             raise SceneError(f"The texture {path} cannot be read ({err}): import the scene again.") from err
     found = SceneCheck(scene, footprint, None if floor is None else float(floor.z_m), tuple(sizes))
     try:

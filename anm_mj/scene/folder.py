@@ -14,9 +14,6 @@ import logging
 import math
 import os
 import tempfile
-import tomllib
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,9 +22,11 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from anm_mj.errors import SceneError
+from anm_mj.geometry.triangles import checked_triangles
 from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
 from anm_mj.utils.package_data import data_folder
+from anm_mj.utils.read_file import convert, read_npz, read_toml
 
 if TYPE_CHECKING:
     import trimesh
@@ -191,36 +190,40 @@ def read_scene_folder(folder: Path) -> Scene:
     if missing:
         raise SceneError(f"Scene folder {folder} is incomplete: {', '.join(missing)} missing. Import the scene again.")
     try:
-        with (folder / TOML).open("rb") as file:
-            return _scene_of(folder, tomllib.load(file))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
+        entries = read_toml(folder / TOML)
+    except (OSError, ValueError) as err:
         raise SceneError(f"{folder / TOML} cannot be read ({err}): fix it or import the scene again.") from err
-    except (KeyError, TypeError, ValueError) as err:
+    try:
+        return _scene_of(folder, entries)
+    except ValueError as err:
         raise SceneError(f"{folder / TOML} lacks or misstates an entry ({err}): import the scene again.") from err
 
 
 def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
-    """The scene that scene.toml describes."""
-    bounds = np.asarray(entries["bounds"], dtype=np.float64)
-    if bounds.shape != (2, 3) or not np.isfinite(bounds).all():
-        raise ValueError("bounds must be [[x, y, z], [x, y, z]]")
-    for key in ("rooms", "budget_steps"):
-        count = entries.get(key, 1)
-        if type(count) is not int or count < 1:
-            raise ValueError(f"{key} must be a whole number from 1 up, not {count!r}")
+    """The scene that scene.toml describes.
+
+    Raises:
+        ValueError: An entry is missing, or not what it should be.
+    """
+    from anm_mj.scene.toml_shape import SceneShape
+
+    shape = convert(entries, SceneShape)
+    bounds = np.asarray(shape.bounds, dtype=np.float64)
+    if not (bounds[0] <= bounds[1]).all():
+        raise ValueError(f"bounds end before they begin: {shape.bounds}")
     return Scene(
-        name=str(entries["name"]),
+        name=shape.name,
         folder=folder,
         bounds_m=bounds,
-        num_triangles=int(entries["triangles"]),
-        starts=tuple(Pose2(float(x), float(y), math.radians(float(yaw_deg))) for x, y, yaw_deg in entries["starts"]),
-        has_ceiling=bool(entries["has_ceiling"]),
-        cull_face=bool(entries["cull_face"]),
-        licence=str(entries["licence"]),
-        source=str(entries["source"]),
-        rooms=entries.get("rooms"),
-        budget_steps=entries.get("budget_steps"),
-        hash=str(entries["hash"]),
+        num_triangles=shape.triangles,
+        starts=tuple(Pose2(x, y, math.radians(yaw_deg)) for x, y, yaw_deg in shape.starts),
+        has_ceiling=shape.has_ceiling,
+        cull_face=shape.cull_face,
+        licence=shape.licence,
+        source=shape.source,
+        rooms=shape.rooms,
+        budget_steps=shape.budget_steps,
+        hash=shape.hash,
     )
 
 
@@ -233,12 +236,11 @@ def _read_geometry(
     Where there are none with the prefix, those without.
     """
     try:
-        with path.open("rb") as file, np.load(file) as arrays:
-            if prefix and f"{prefix}vertices" not in arrays:
-                return _read_geometry(path, content_hash)
-            vertices = arrays[f"{prefix}vertices"].astype(np.float32)
-            faces = arrays[f"{prefix}faces"].astype(np.int32)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as err:
+        arrays = read_npz(path)
+        if prefix and f"{prefix}vertices" not in arrays:
+            return _read_geometry(path, content_hash)
+        vertices, faces = checked_triangles(arrays[f"{prefix}vertices"], arrays[f"{prefix}faces"])
+    except (OSError, ValueError, KeyError) as err:
         raise SceneError(f"{path} cannot be read ({err}): import the scene again.") from err
     vertices.setflags(write=False)
     faces.setflags(write=False)

@@ -16,7 +16,15 @@ from tests.corpus import hostile
 from tests.corpus.damage import damaged_bytes, damaged_json, damaged_numbers, damaged_values
 
 TEXT = (".obj", ".gltf", ".dae", ".world", ".urdf", ".sdf", ".mtl", ".xml", ".toml", ".json", ".jsonl", ".tum", ".csv")
-RUN_FILES = ("camera.json", "manifest.json", "config.json", "metrics.json", "frames.jsonl", "steps.jsonl", "plans.jsonl")
+RUN_FILES = (
+    "camera.json",
+    "manifest.json",
+    "config.json",
+    "metrics.json",
+    "frames.jsonl",
+    "steps.jsonl",
+    "plans.jsonl",
+)
 
 
 @dataclass(frozen=True)
@@ -69,12 +77,21 @@ def damaged_cases(paths: dict[str, Path], seed: int, per_file: int) -> Iterator[
                 changes += damaged_json(text, rng, 4 * per_file)
             if file.suffix == ".jsonl":
                 first, _, rest = text.partition("\n")
-                changes += [(label, line + b"\n" + rest.encode()) for label, line in damaged_json(first, rng, 3 * per_file)]
+                changes += [
+                    (label, line + b"\n" + rest.encode()) for label, line in damaged_json(first, rng, 3 * per_file)
+                ]
             if file.suffix == ".toml":
-                changes += [(label, _toml(value)) for label, value in damaged_values(tomllib.loads(text), rng, 5 * per_file)]
+                changes += [
+                    (label, _toml(value)) for label, value in damaged_values(tomllib.loads(text), rng, 5 * per_file)
+                ]
             for label, changed in changes:
                 yield Case(f"{kind}: {name}: {label}", kind, partial(_write, name, changed), argv)
-            for label, place in (("missing", Path.unlink), ("a FIFO", hostile.fifo), ("a device", hostile.device), ("a folder", hostile.folder)):
+            for label, place in (
+                ("missing", Path.unlink),
+                ("a FIFO", hostile.fifo),
+                ("a device", hostile.device),
+                ("a folder", hostile.folder),
+            ):
                 yield Case(f"{kind}: {name}: {label}", kind, partial(_placed, name, place), argv)
 
 
@@ -108,8 +125,18 @@ def hostile_cases(canary: Path) -> Iterator[Case]:
         yield Case(f"gltf: {name}", "gltf", partial(_write, "room.gltf", content), imports("gltf", "room.gltf"))
     for levels in (5, 30, 60):
         bomb = hostile.dae_bomb(levels)
-        yield Case(f"dae: nodes that double {levels} times", "dae", partial(_write, "room.dae", bomb), imports("dae", "room.dae"))
-    for kind, file, root in (("dae", "room.dae", "COLLADA"), ("world", "room.world", "sdf"), ("urdf", "room.urdf", "robot"), ("robot", "rover.xml", "mujoco")):
+        yield Case(
+            f"dae: nodes that double {levels} times",
+            "dae",
+            partial(_write, "room.dae", bomb),
+            imports("dae", "room.dae"),
+        )
+    for kind, file, root in (
+        ("dae", "room.dae", "COLLADA"),
+        ("world", "room.world", "sdf"),
+        ("urdf", "room.urdf", "robot"),
+        ("robot", "rover.xml", "mujoco"),
+    ):
         for label, content in (
             ("entities", hostile.entities(root)),
             ("an entity from outside", hostile.outside_entity(root)),
@@ -133,26 +160,76 @@ def hostile_cases(canary: Path) -> Iterator[Case]:
         bomb = partial(_write, "run/depth/000000.png", hostile.png(width, height))
         yield Case(f"run: depth of {width} x {height}", "run", bomb, imports("run", "run"))
     yield Case("obj: a texture that is EPS", "obj", partial(_write, "material_0.png", EPS), imports("obj", "room.obj"))
-    for outside in (f"{canary}/secret.png", "../canary/secret.png", "../../../../../../../../etc/passwd", "file:///etc/passwd", "http://127.0.0.1:9/a.png"):
-        yield Case(f"obj: texture {_last(outside)}", "obj", partial(_texture_of_mtl, outside), imports("obj", "room.obj"))
-        yield Case(f"gltf: image {_last(outside)}", "gltf", partial(_image_of_gltf, outside), imports("gltf", "room.gltf"))
-        yield Case(f"world: mesh {_last(outside)}", "world", partial(_mesh_of_model, outside), imports("world", "room.world"))
+    for outside in (
+        f"{canary}/secret.png",
+        "../canary/secret.png",
+        "../../../../../../../../etc/passwd",
+        "file:///etc/passwd",
+        "http://127.0.0.1:9/a.png",
+    ):
+        yield Case(
+            f"obj: texture {_last(outside)}", "obj", partial(_texture_of_mtl, outside), imports("obj", "room.obj")
+        )
+        yield Case(
+            f"gltf: image {_last(outside)}", "gltf", partial(_image_of_gltf, outside), imports("gltf", "room.gltf")
+        )
+        yield Case(
+            f"world: mesh {_last(outside)}", "world", partial(_mesh_of_model, outside), imports("world", "room.world")
+        )
         yield Case(f"scene: file {_last(outside)}", "scene", partial(_file_of_scene, outside), imports("scene", "room"))
     for name in ("geometry.npz",):
-        yield Case(f"scene: bomb in {name}", "scene", partial(_npz, f"room/{name}", hostile.npz_bomb, ("vertices", "faces")), imports("scene", "room"))
-        yield Case(f"scene: pickle in {name}", "scene", partial(_npz, f"room/{name}", hostile.pickled_npz, ("vertices", "faces")), imports("scene", "room"))
+        yield Case(
+            f"scene: bomb in {name}",
+            "scene",
+            partial(_npz, f"room/{name}", hostile.npz_bomb, ("vertices", "faces")),
+            imports("scene", "room"),
+        )
+        yield Case(
+            f"scene: pickle in {name}",
+            "scene",
+            partial(_npz, f"room/{name}", hostile.pickled_npz, ("vertices", "faces")),
+            imports("scene", "room"),
+        )
     names = ("samples", "vertices", "faces")
-    yield Case("run: bomb in ground_truth.npz", "run", partial(_npz, "run/ground_truth.npz", hostile.npz_bomb, names), imports("run", "run"))
-    yield Case("run: pickle in ground_truth.npz", "run", partial(_npz, "run/ground_truth.npz", hostile.pickled_npz, names), imports("run", "run"))
-    for name in ("metrics.json", "curve.csv", "curve.png", "curve.pdf", "curve.svg", "metrics.json.part", "manifest.json"):
-        yield Case(f"run: {name} is a link out", "run", partial(_link_out, f"run/{name}", canary / "precious"), imports("run", "run"))
+    yield Case(
+        "run: bomb in ground_truth.npz",
+        "run",
+        partial(_npz, "run/ground_truth.npz", hostile.npz_bomb, names),
+        imports("run", "run"),
+    )
+    yield Case(
+        "run: pickle in ground_truth.npz",
+        "run",
+        partial(_npz, "run/ground_truth.npz", hostile.pickled_npz, names),
+        imports("run", "run"),
+    )
+    for name in (
+        "metrics.json",
+        "curve.csv",
+        "curve.png",
+        "curve.pdf",
+        "curve.svg",
+        "metrics.json.part",
+        "manifest.json",
+    ):
+        yield Case(
+            f"run: {name} is a link out",
+            "run",
+            partial(_link_out, f"run/{name}", canary / "precious"),
+            imports("run", "run"),
+        )
     yield Case("run: the folder is a link", "run", partial(_linked_folder), ("eval", "in/link"))
     for plan, label in PLANS:
         for kind in ("procthor", "houseexpo"):
             yield Case(f"{kind}: {label}", kind, partial(_write, "plan.json", plan), imports(kind, "plan.json"))
     for scale in (1e6, 1e9, 1e-6, 1e300):
         yield Case(f"obj: {scale:g} times as large", "obj", partial(_scaled, scale), imports("obj", "room.obj"))
-        yield Case(f"houseexpo: {scale:g} times as large", "houseexpo", partial(_scaled_plan, scale), imports("houseexpo", "plan.json"))
+        yield Case(
+            f"houseexpo: {scale:g} times as large",
+            "houseexpo",
+            partial(_scaled_plan, scale),
+            imports("houseexpo", "plan.json"),
+        )
     for out in ("in/room.obj", "/dev/null", "in/room.obj/below", "a" * 300, "out\n[red]x[/b]", "-", "/proc/x", "in"):
         yield Case(f"obj: out is {out[:20]!r}", "obj", _as_it_is, ("scene", "import", "in/room.obj", out))
     for out in ("in/rover.xml", "/dev/null/x", "a" * 300, "/proc/x", "in"):
@@ -254,12 +331,16 @@ def _many_models(folder: Path) -> None:
 
 
 def _many_groups(folder: Path) -> None:
-    faces = "".join(f"g part{k}\no part{k}\nv {k % 5} {k % 3} 0\nv {k % 5} 1 1\nv 0 {k % 3} 2\nf -3 -2 -1\n" for k in range(20_000))
+    faces = "".join(
+        f"g part{k}\no part{k}\nv {k % 5} {k % 3} 0\nv {k % 5} 1 1\nv 0 {k % 3} 2\nf -3 -2 -1\n" for k in range(20_000)
+    )
     (folder / "room.obj").write_text(faces)
 
 
 def _many_materials(folder: Path) -> None:
-    faces = "".join(f"usemtl m{k}\nv {k % 5} {k % 3} 0\nv {k % 5} 1 1\nv 0 {k % 3} 2\nf -3 -2 -1\n" for k in range(20_000))
+    faces = "".join(
+        f"usemtl m{k}\nv {k % 5} {k % 3} 0\nv {k % 5} 1 1\nv 0 {k % 3} 2\nf -3 -2 -1\n" for k in range(20_000)
+    )
     (folder / "room.obj").write_text("mtllib material.mtl\n" + faces)
     (folder / "material.mtl").write_text("".join(f"newmtl m{k}\nKd 0.5 0.5 0.5\n" for k in range(20_000)))
 

@@ -16,8 +16,8 @@ SECRET_RGB = (251, 1, 249)
 
 
 def all_cases(good: dict[str, Path], canary: Path, seed: int, per_file: int) -> list[Case]:
-    """All cases over these good inputs."""
-    return [*hostile_cases(canary), *damaged_cases(good, seed, per_file)]
+    """All cases over these good inputs; without damage to files if ``per_file`` is 0."""
+    return [*hostile_cases(canary), *(damaged_cases(good, seed, per_file) if per_file else ())]
 
 
 class Checker:

@@ -37,29 +37,71 @@ def gltf_bombs() -> dict[str, bytes]:
     doubling = [{"children": [k + 1, k + 1]} for k in range(40)] + [{"mesh": 0}]
     bombs = {
         "an accessor of 10^9 without data": {
-            **base, "nodes": [{"mesh": 0}], "accessors": [accessor, {**accessor, "componentType": 5125, "type": "SCALAR"}]
+            **base,
+            "nodes": [{"mesh": 0}],
+            "accessors": [accessor, {**accessor, "componentType": 5125, "type": "SCALAR"}],
         },
         "an accessor of 10^9 over 12 bytes": {
             **base,
             "nodes": [{"mesh": 0}],
             "buffers": [buffer],
             "bufferViews": [view],
-            "accessors": [{**accessor, "bufferView": 0}, {**accessor, "componentType": 5125, "type": "SCALAR", "bufferView": 0}],
+            "accessors": [
+                {**accessor, "bufferView": 0},
+                {**accessor, "componentType": 5125, "type": "SCALAR", "bufferView": 0},
+            ],
         },
         "sparse accessor of 10^9": {
             **base,
             "nodes": [{"mesh": 0}],
             "buffers": [buffer],
             "bufferViews": [view],
-            "accessors": [{**accessor, "sparse": {"count": 1, "indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}}}] * 2,
+            "accessors": [
+                {
+                    **accessor,
+                    "sparse": {
+                        "count": 1,
+                        "indices": {"bufferView": 0, "componentType": 5125},
+                        "values": {"bufferView": 0},
+                    },
+                }
+            ]
+            * 2,
         },
-        "a buffer of 10^12 bytes": {**base, "nodes": [{"mesh": 0}], "buffers": [{"byteLength": 10**12, "uri": "none.bin"}], "accessors": [accessor]},
+        "a buffer of 10^12 bytes": {
+            **base,
+            "nodes": [{"mesh": 0}],
+            "buffers": [{"byteLength": 10**12, "uri": "none.bin"}],
+            "accessors": [accessor],
+        },
         "nodes that double 40 times": {**base, "nodes": doubling, "accessors": [accessor]},
         "a node that is its own child": {**base, "nodes": [{"children": [0], "mesh": 0}], "accessors": [accessor]},
-        "a chain of 100,000 nodes": {**base, "nodes": [{"children": [k + 1]} for k in range(100_000)] + [{"mesh": 0}], "accessors": [accessor]},
-        "a buffer from outside": {**base, "nodes": [{"mesh": 0}], "buffers": [{"uri": "/etc/passwd", "byteLength": 12}], "bufferViews": [view], "accessors": [{**accessor, "count": 1, "bufferView": 0}] * 2},
-        "a buffer from an address": {**base, "nodes": [{"mesh": 0}], "buffers": [{"uri": "http://127.0.0.1:9/x", "byteLength": 12}], "bufferViews": [view], "accessors": [{**accessor, "count": 1, "bufferView": 0}] * 2},
-        "negative counts": {**base, "nodes": [{"mesh": 0}], "buffers": [buffer], "bufferViews": [{**view, "byteLength": -5}], "accessors": [{**accessor, "count": -3, "bufferView": 0}] * 2},
+        "a chain of 100,000 nodes": {
+            **base,
+            "nodes": [{"children": [k + 1]} for k in range(100_000)] + [{"mesh": 0}],
+            "accessors": [accessor],
+        },
+        "a buffer from outside": {
+            **base,
+            "nodes": [{"mesh": 0}],
+            "buffers": [{"uri": "/etc/passwd", "byteLength": 12}],
+            "bufferViews": [view],
+            "accessors": [{**accessor, "count": 1, "bufferView": 0}] * 2,
+        },
+        "a buffer from an address": {
+            **base,
+            "nodes": [{"mesh": 0}],
+            "buffers": [{"uri": "http://127.0.0.1:9/x", "byteLength": 12}],
+            "bufferViews": [view],
+            "accessors": [{**accessor, "count": 1, "bufferView": 0}] * 2,
+        },
+        "negative counts": {
+            **base,
+            "nodes": [{"mesh": 0}],
+            "buffers": [buffer],
+            "bufferViews": [{**view, "byteLength": -5}],
+            "accessors": [{**accessor, "count": -3, "bufferView": 0}] * 2,
+        },
         "a mesh out of range": {**base, "nodes": [{"mesh": 7}]},
         "nothing": {"asset": {"version": "2.0"}},
     }

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from PIL import Image
-
-from anm_mj.cli.main import main
 
 BENCH = """scenes = ["flat"]
 policies = ["random"]
@@ -107,11 +107,15 @@ def write_sources(folder: Path, robot: Path) -> dict[str, Path]:
         paths[name] = _written(folder / name / "plan.json", json.dumps(plan))
     paths["robot"] = _written(folder / "robot" / "rover.xml", robot.read_text())
     paths["bench"] = _written(folder / "bench" / "bench.toml", BENCH)
-    assert main(["scene", "import", str(paths["obj"]), str(folder / "scene" / "room"), "--up", "z"]) == 0
-    paths["scene"] = folder / "scene" / "room"
-    assert main(["explore", str(paths["scene"]), "--steps", "6", "--out", str(folder / "run" / "run")]) == 0
-    paths["run"] = folder / "run" / "run"
+    paths["scene"], paths["run"] = folder / "scene" / "room", folder / "run" / "run"
+    _anm_mj("scene", "import", paths["obj"], paths["scene"], "--up", "z")
+    _anm_mj("explore", paths["scene"], "--steps", "6", "--out", paths["run"])
     return paths
+
+
+def _anm_mj(*words: object) -> None:
+    # In a process of its own: what is forked later must not inherit a GL context or threads.
+    subprocess.run([sys.executable, "-m", "anm_mj.cli", *map(str, words)], check=True, capture_output=True)
 
 
 def _write_gltf(folder: Path) -> None:

@@ -1,0 +1,64 @@
+"""Shapes of the lines and objects in a run folder, which anybody may have written; numbers are finite."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
+Length = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""A coordinate [m]."""
+Count = Annotated[int, Meta(ge=0, le=10**9)]
+Pixels = Annotated[int, Meta(ge=1, le=16384)]
+Row = tuple[Number, Number, Number, Number]
+
+
+class PoseShape(Struct):
+    """A pose of the robot and of its camera."""
+
+    x_m: Length
+    y_m: Length
+    yaw_rad: Number
+    T_world_camera: tuple[Row, Row, Row, Row]
+
+
+class FrameShape(PoseShape):
+    """A line of ``frames.jsonl``."""
+
+    step: Count
+    time_s: Number
+    true: PoseShape | None = None
+    """Only where it differs from the believed one."""
+
+
+class StepShape(Struct):
+    """A line of ``steps.jsonl``."""
+
+    step: Count
+    action: str
+    x_m: Length
+    y_m: Length
+    yaw_rad: Number
+    collided: bool
+    moved_m: Length
+    left_radps: Number
+    right_radps: Number
+    ms: dict[str, Annotated[float, Meta(ge=0.0, le=1e12)]]
+
+
+class IntrinsicsShape(Struct):
+    """A pinhole camera."""
+
+    width: Pixels
+    height: Pixels
+    fx: Annotated[float, Meta(gt=0.0, le=1e6)]
+    fy: Annotated[float, Meta(gt=0.0, le=1e6)]
+    cx: Number
+    cy: Number
+
+
+class CameraShape(Struct):
+    """``camera.json``."""
+
+    intrinsics: IntrinsicsShape

@@ -1,0 +1,42 @@
+"""Opens pictures that anybody may have made: no external program, and no more pixels than memory bears."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from PIL import EpsImagePlugin, Image
+
+from anm_mj.utils.read_file import open_regular
+
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF", "GIF", "PPM", "DDS")
+"""Formats that are decoded; others may start programs, as EPS does."""
+MAX_MEGAPIXELS = 100.0
+"""Larger pictures are refused."""
+
+# Pillow is also called by libraries that read meshes; these limits hold there, too. Between one and two times the
+# limit Pillow only warns.
+Image.MAX_IMAGE_PIXELS = int(MAX_MEGAPIXELS * 1e6 / 2)
+EpsImagePlugin.gs_binary = False
+
+
+@contextmanager
+def open_picture(path: Path) -> Iterator[Image.Image]:
+    """Open a picture file; it is decoded when its pixels are asked for.
+
+    Raises:
+        OSError: The file cannot be read, is no picture, or of another format than ``FORMATS``.
+        ValueError: It has more than ``MAX_MEGAPIXELS``.
+    """
+    with open_regular(path) as file:
+        try:
+            image = Image.open(file, formats=FORMATS)
+        except (Image.DecompressionBombError, SyntaxError) as err:
+            raise ValueError(str(err)) from err
+        with image:
+            megapixels = math.prod(image.size) / 1e6
+            if megapixels > MAX_MEGAPIXELS:
+                raise ValueError(f"its {megapixels:.0f} megapixels are more than the {MAX_MEGAPIXELS:g} that are read")
+            yield image

@@ -1,0 +1,141 @@
+"""Reads files that anybody may have made: never waits for one, never takes more memory than it says.
+
+Every function raises ``OSError`` or ``ValueError`` alone, so that a reader turns both into its own sentence.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+import tomllib
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+
+MAX_TEXT_MIB = 512
+"""Larger text files are refused: the log of a very long run has some hundred megabytes [MiB]."""
+MAX_ARRAY_MIB = 1024
+"""Larger arrays are refused [MiB]."""
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file to read; a FIFO, a device or a folder is refused without waiting for it.
+
+    Raises:
+        OSError: The file cannot be opened, or is no regular file.
+    """
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    return os.fdopen(descriptor, "rb")
+
+
+def read_bytes(path: Path, max_mib: float = MAX_TEXT_MIB) -> bytes:
+    """Content of a regular file.
+
+    Raises:
+        OSError: The file cannot be read, or is no regular file.
+        ValueError: It is larger than ``max_mib`` [MiB].
+    """
+    with open_regular(path) as file:
+        size_mib = os.fstat(file.fileno()).st_size / 2**20
+        if size_mib > max_mib:
+            raise ValueError(f"its {size_mib:.0f} MiB are more than the {max_mib:g} MiB that are read")
+        return file.read()
+
+
+def read_text(path: Path) -> str:
+    """Content of a regular text file in UTF-8.
+
+    Raises:
+        OSError, ValueError: as :func:`read_bytes`, or it is not UTF-8.
+    """
+    return read_bytes(path).decode("utf-8")
+
+
+def parse_json(content: bytes | str) -> Any:
+    """The value that JSON holds.
+
+    Raises:
+        ValueError: It is no JSON, or nested too deeply.
+    """
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise ValueError("its values are nested too deeply") from None
+
+
+def read_json(path: Path) -> Any:
+    """The value in a JSON file.
+
+    Raises:
+        OSError, ValueError: as :func:`read_bytes` and :func:`parse_json`.
+    """
+    return parse_json(read_bytes(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The table in a TOML file.
+
+    Raises:
+        OSError, ValueError: as :func:`read_bytes`, or it is no TOML.
+    """
+    try:
+        return tomllib.loads(read_text(path))
+    except RecursionError:
+        raise ValueError("its values are nested too deeply") from None
+
+
+def convert(value: Any, type_: type[T]) -> T:
+    """A value of JSON or TOML as a type of msgspec, such as a ``Struct``; keys that the type lacks are ignored.
+
+    Raises:
+        ValueError: The value has another shape; the message names the place.
+    """
+    # Imported here: most commands read nothing that it checks.
+    import msgspec
+
+    try:
+        return msgspec.convert(value, type_)
+    except msgspec.ValidationError as err:
+        raise ValueError(str(err)) from None
+
+
+def read_npz(path: Path, max_mib: float = MAX_ARRAY_MIB) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz`` file; their sizes are checked before anything is unpacked, and objects are refused.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: It is no such file, damaged, or its arrays are larger than ``max_mib`` together [MiB].
+    """
+    try:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
+            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+            size_mib = sum(max(info.file_size, _stated_bytes(archive, info)) for info in members) / 2**20
+            if size_mib > max_mib:
+                raise ValueError(f"its arrays of {size_mib:.0f} MiB are more than the {max_mib:g} MiB that are read")
+            arrays = {}
+            for info in members:
+                with archive.open(info) as member:
+                    array: Any = np.lib.format.read_array(member, allow_pickle=False)
+                arrays[info.filename.removesuffix(".npy")] = array
+            return arrays
+    except (EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error) as err:
+        raise ValueError(str(err) or type(err).__name__) from err
+
+
+def _stated_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> int:
+    """Size that the header of an array states [bytes]."""
+    with archive.open(info) as member:
+        version = np.lib.format.read_magic(member)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(member)
+    return int(np.prod(shape, dtype=object)) * dtype.itemsize
