@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.geometry.triangles import checked_triangles
 from anm_mj.io.write import writing
 from anm_mj.utils.files import atomic_write
-from anm_mj.utils.read_file import open_regular
+from anm_mj.utils.read_file import read_bytes
 
 if TYPE_CHECKING:
     import trimesh
@@ -44,8 +45,7 @@ def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 
     import trimesh
 
     try:
-        with open_regular(path) as file:
-            mesh = trimesh.load_mesh(file, file_type=path.suffix[1:], process=False)
+        mesh = trimesh.load_mesh(io.BytesIO(read_bytes(path)), file_type=path.suffix[1:], process=False)
         vertices, faces = checked_triangles(mesh.vertices, mesh.faces)
         return vertices.astype(np.float64), faces.astype(np.int64)
     except Exception as err:

@@ -57,6 +57,8 @@ class Run:
     folder: RunFolder
     intrinsics: Intrinsics
     """Of the original images."""
+    depth_shape: tuple[int, int]
+    """Rows and columns of the reduced depth images."""
     frames: tuple[FrameRecord, ...]
     steps: tuple[StepRecord, ...]
     plans: tuple[dict[str, Any], ...]
@@ -70,9 +72,16 @@ class Run:
         """Reduced depth of a frame [mm].
 
         Raises:
-            RunFolderError: The image is missing or damaged.
+            RunFolderError: The image is missing, damaged, or of another size than ``camera.json`` says.
         """
-        return read_depth(self.folder.depth(frame.step))
+        path = self.folder.depth(frame.step)
+        depth_mm = read_depth(path)
+        if depth_mm.shape != self.depth_shape:
+            raise RunFolderError(
+                f"{path} has {depth_mm.shape} rows and columns, but camera.json says {self.depth_shape}; copy the run "
+                "again."
+            )
+        return depth_mm
 
 
 def read_run(path: Path) -> Run:
@@ -83,9 +92,11 @@ def read_run(path: Path) -> Run:
     """
     folder = RunFolder.open(path)
     try:
+        camera = convert(read_json(folder.camera), CameraShape)
         return Run(
             folder=folder,
-            intrinsics=Intrinsics(**asdict(convert(read_json(folder.camera), CameraShape).intrinsics)),
+            intrinsics=Intrinsics(**asdict(camera.intrinsics)),
+            depth_shape=(camera.depth.rows, camera.depth.cols),
             frames=tuple(_frame(convert(line, FrameShape)) for line in read_jsonl(folder.frames)),
             steps=tuple(_step(convert(line, StepShape)) for line in read_jsonl(folder.steps)),
             plans=tuple(read_jsonl(folder.plans)) if folder.plans.is_file() else (),

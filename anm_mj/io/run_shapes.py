@@ -58,7 +58,15 @@ class IntrinsicsShape(Struct):
     cy: Number
 
 
+class DepthShape(Struct):
+    """Size of the reduced depth images."""
+
+    rows: Pixels
+    cols: Pixels
+
+
 class CameraShape(Struct):
     """``camera.json``."""
 
     intrinsics: IntrinsicsShape
+    depth: DepthShape

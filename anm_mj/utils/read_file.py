@@ -106,7 +106,8 @@ def convert(value: Any, type_: type[T]) -> T:
     try:
         return msgspec.convert(value, type_)
     except msgspec.ValidationError as err:
-        raise ValueError(str(err)) from None
+        what, _, where = str(err).replace("`", "").partition(" - at $")
+        raise ValueError(f"{where.strip('.')}: {what[0].lower()}{what[1:]}" if where else what) from None
 
 
 def read_npz(path: Path, max_mib: float = MAX_ARRAY_MIB) -> dict[str, np.ndarray]:

@@ -138,7 +138,7 @@ def test_a_spoilt_toml_is_said_to_be_so(copied, text, reason):
 def test_counts_that_are_none_are_named(copied, entry, wrong):
     text = (copied / "scene.toml").read_text()
     (copied / "scene.toml").write_text(f"{entry} = {wrong}\n{re.sub(rf'(?m)^{entry} = .*$', '', text)}")
-    with pytest.raises(SceneError, match=f"{entry} must be a whole number"):
+    with pytest.raises(SceneError, match=f"{entry}: expected int"):
         load_scene(copied)
 
 

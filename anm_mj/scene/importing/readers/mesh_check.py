@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 import struct
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts, check_size
+from anm_mj.utils.read_file import open_regular, parse_json, read_bytes
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 """Mesh files that can be read."""
@@ -37,14 +39,18 @@ def check_mesh_file(src: Path, report: ImportReport) -> bool:
         raise SceneError(f"{src} is in no format that can be imported: give a mesh file ({suffixes}).")
     try:
         size = os.path.getsize(src)
-        with src.open("rb") as file:
-            file.read(1)
+        open_regular(src).close()
     except OSError as err:
         raise SceneError(f"{src} cannot be read ({err.strerror}): check its permissions.") from err
     if not size:
         raise SceneError(f"{src} is empty (0 bytes): copy or export it again.")
+    check_size(src, size)
     if src.suffix.lower() in (".glb", ".gltf"):
         return _check_gltf(src, size, report)
+    if src.suffix.lower() == ".dae":
+        check_parts(src, _collada_parts(src))
+    if src.suffix.lower() == ".obj":
+        check_parts(src, _obj_parts(src))
     return True
 
 
@@ -52,6 +58,45 @@ def damaged(src: Path, reason: object) -> SceneError:
     """The error for a file that is not what its suffix says."""
     line = str(reason).strip().split("\n")[0] or type(reason).__name__
     return SceneError(f"{src} is damaged or no {src.suffix[1:]} file ({line}): export it again.")
+
+
+def _collada_parts(src: Path) -> int:
+    """Meshes that a COLLADA file puts into the scene; nodes may stand in other nodes, each several times.
+
+    Raises:
+        SceneError: if the file is no XML, or a node stands in itself.
+    """
+    try:
+        root = ET.fromstring(read_bytes(src, MAX_MESH_MIB))
+    except (ET.ParseError, ValueError, OSError, RecursionError) as err:
+        raise damaged(src, err) from err
+    nodes = {node.get("id"): node for node in root.iter() if node.tag.rpartition("}")[2] == "node"}
+    parts: dict[str | None, int] = {}
+
+    def count(element: ET.Element, above: tuple[str, ...]) -> int:
+        total = 0
+        for inner in element.iter():
+            kind, url = inner.tag.rpartition("}")[2], inner.get("url", "").removeprefix("#")
+            if kind in ("instance_geometry", "instance_controller"):
+                total += 1
+            elif kind == "instance_node" and url in nodes:
+                if url in above:
+                    raise damaged(src, f"node {url!r} stands in itself")
+                if url not in parts:
+                    parts[url] = count(nodes[url], (*above, url))
+                total += parts[url]
+        return total
+
+    try:
+        return sum(count(scene, ()) for scene in root.iter() if scene.tag.rpartition("}")[2] == "visual_scene")
+    except RecursionError:
+        raise damaged(src, "its nodes are nested too deeply") from None
+
+
+def _obj_parts(src: Path) -> int:
+    """Changes of the material in an OBJ file."""
+    with src.open("rb") as file:
+        return sum(line.startswith(b"usemtl") for line in file)
 
 
 def _check_gltf(src: Path, size: int, report: ImportReport) -> bool:
@@ -106,7 +151,7 @@ def _gltf_header(src: Path, size: int) -> dict[str, Any]:
             data = file.read(json_length)
         else:
             data = file.read()
-    header = json.loads(data)
+    header = parse_json(data)
     if not isinstance(header, dict):
         raise ValueError("its JSON is not an object")
     return header
