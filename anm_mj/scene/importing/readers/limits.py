@@ -31,8 +31,8 @@ def check_size(src: Path, size_bytes: int) -> None:
     """
     if size_bytes > MAX_MESH_MIB << 20:
         raise SceneError(
-            f"{src} has {size_bytes >> 20} MiB, but files end at {MAX_MESH_MIB}: set ANM_MJ_MAX_MESH_MIB if it is as large "
-            "as it should be."
+            f"{src} has {size_bytes >> 20} MiB, but files end at {MAX_MESH_MIB}: set ANM_MJ_MAX_MESH_MIB if it is as "
+            "large as it should be."
         )
 
 
@@ -44,6 +44,6 @@ def check_parts(src: Path, parts: int) -> None:
     """
     if parts > MAX_PARTS:
         raise SceneError(
-            f"{src} consists of {parts:.4g} meshes, but files end at {MAX_PARTS}: join them, or set ANM_MJ_MAX_PARTS if "
-            "there should be so many."
+            f"{src} consists of {parts:.4g} meshes, but files end at {MAX_PARTS}: join them, or set ANM_MJ_MAX_PARTS "
+            "if there should be so many."
         )
