@@ -31,6 +31,7 @@ POSES = ("true", "odometry")
 DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
+LARGEST_SEED = 2**63 - 1
 OPTIONS = ("policy", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
 """Fields of ``RunConfig`` that have an option of their own; the scene is the first argument."""
 SMALL_SCENE_ROOMS = 5
@@ -94,8 +95,8 @@ class RunConfig:
         _require_choice("--preset", self.preset, PRESETS)
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"--steps is {self.steps}; a run needs at least 1 step.")
-        if self.seed < 0:
-            raise ConfigError(f"--seed is {self.seed}; give a whole number from 0 up.")
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise ConfigError(f"--seed is {self.seed}; give a whole number from 0 up to {LARGEST_SEED}.")
         if not 16 <= self.image_px <= 2048:
             raise ConfigError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
 

@@ -31,7 +31,7 @@ def _bench(parsed: argparse.Namespace) -> int:
 
     from anm_mj.bench.bench import run_bench
 
-    console = Console()
+    console = Console(markup=False)
     out = parsed.out or Path("bench") / parsed.file.stem
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:

@@ -79,7 +79,7 @@ class Check:
 
 def main() -> int:
     """Print the diagnosis; exit status 0 if a run is possible, else 1."""
-    console = Console()
+    console = Console(markup=False)
     with console.status("Checking this machine"):
         checks = diagnose()
     render(checks, console)

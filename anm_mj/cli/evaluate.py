@@ -33,7 +33,7 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.evaluation.evaluate import evaluate_run
 
-    console = Console()
+    console = Console(markup=False)
     novel_views, fixed_views = None, None
     if parsed.novel_views:
         from anm_mj.evaluation.fixed_views import evaluate_fixed_views

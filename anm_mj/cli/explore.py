@@ -122,7 +122,7 @@ def _explore(parsed: argparse.Namespace) -> int:
         device=parsed.device,
         sensor=parsed.sensor,
     )
-    console = Console()
+    console = Console(markup=False)
     if console.is_terminal:
         log_to(console, verbose=parsed.verbose)  # The live line makes room for what its own console prints.
     viewer = _viewer(parsed)

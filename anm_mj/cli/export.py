@@ -39,7 +39,7 @@ def _export(parsed: argparse.Namespace) -> int:
 
     if parsed.video is None and not parsed.formats:
         raise ConfigError("Nothing to export; name a film by --video film.mp4, or a format, as in --format glb.")
-    console = Console()
+    console = Console(markup=False)
     if parsed.formats:
         from anm_mj.export.formats import export_run
 

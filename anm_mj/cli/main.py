@@ -54,12 +54,12 @@ def main(argv: list[str] | None = None) -> int:
 
     from anm_mj.cli.log import log_to
 
-    log_to(Console(stderr=True), verbose=parsed.verbose)
+    log_to(Console(stderr=True, markup=False), verbose=parsed.verbose)
     try:
         return parsed.command(parsed)
     except AnmError as err:
         # What a library says within the sentence may come in several lines.
-        Console(stderr=True).print(
+        Console(stderr=True, markup=False).print(
             f"anm-mj: {' '.join(str(err).split())}", style="red", markup=False, highlight=False, soft_wrap=True
         )
         return USAGE_ERROR

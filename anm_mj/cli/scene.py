@@ -150,7 +150,7 @@ def _say(sentence: str) -> int:
     """Print what was made; the exit status of success."""
     from rich.console import Console
 
-    Console().print(sentence, highlight=False, soft_wrap=True)
+    Console(markup=False).print(sentence, highlight=False, soft_wrap=True)
     return 0
 
 
@@ -173,5 +173,5 @@ def _scene_list(parsed: argparse.Namespace) -> int:
         # A scene is found by its folder's name; what it calls itself may be anything.
         cells = (folder.name, rooms, extent, str(scene.num_triangles), scene.licence, str(shown))
         table.add_row(*(escape(cell) for cell in cells))
-    Console().print(table)
+    Console(markup=False).print(table)
     return 0

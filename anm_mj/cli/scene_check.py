@@ -42,7 +42,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     from anm_mj.sim.views import SceneViews
 
     check = check_scene(scene, DEFAULT_FOOTPRINT)
-    console = Console()
+    console = Console(markup=False)
     for line in describe(check):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
@@ -68,7 +68,9 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     write_sheet(check, views.top_view(), views.interior_views(poses[:6]), out)
     console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
     for problem in check.problems:
-        Console(stderr=True).print(f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+        Console(stderr=True, markup=False).print(
+            f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True
+        )
     return UNUSABLE if check.problems else 0
 
 

@@ -35,7 +35,7 @@ def _view(parsed: argparse.Namespace) -> int:
     from anm_mj.replay.timeline import read_timeline
     from anm_mj.utils.files import atomic_write
 
-    console = Console()
+    console = Console(markup=False)
     timeline = read_timeline(parsed.run)
     with progress_bar(console, "reading the run") as on_progress:
         page = replay_page(timeline, parsed.scene, on_progress)

@@ -14,8 +14,9 @@ import zlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from anm_mj.scene.folder import Scene
+from anm_mj.scene.folder import ASSETS, Scene
 from anm_mj.utils.files import cache_folder
+from anm_mj.utils.read_file import read_bytes
 
 if TYPE_CHECKING:
     import mujoco
@@ -47,7 +48,7 @@ def cached_model(scene: Scene, robot_hash: str, prefix: str, build: Callable[[],
         key = _key(scene, robot_hash, prefix)
         kept = _load(key)
     # A scene that cannot be read is for build to complain of.
-    except OSError as err:
+    except (OSError, ValueError) as err:
         _logger.debug("the model cache cannot be used: %s", err)
         return build()
     if kept is not None:
@@ -67,6 +68,9 @@ def _key(scene: Scene, robot_hash: str, prefix: str) -> str:
     made_from = (mujoco.__version__, str(CONVERTER_VERSION), scene.hash, robot_hash, prefix)
     digest = hashlib.sha256("\0".join(made_from).encode())
     digest.update(scene.xml.read_bytes())
+    # What the files hold, not the hash that scene.toml states: anybody may have written that.
+    for path in sorted((scene.folder / ASSETS).iterdir()):
+        digest.update(path.name.encode() + b"\0" + hashlib.sha256(read_bytes(path)).digest())
     return digest.hexdigest()[:32]
 
 

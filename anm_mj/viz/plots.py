@@ -16,6 +16,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, Region, TopDownMap, VoronoiGraph
+from anm_mj.utils.files import atomic_write
 
 DOTS_PER_INCH = 150
 UNKNOWN_COLOUR, WALL_COLOUR = "#e7e5e1", "#3a3a3f"
@@ -183,4 +184,5 @@ def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None
 
 
 def _save(figure: Figure, path: Path) -> None:
-    FigureCanvasAgg(figure).print_figure(path, format="png", bbox_inches="tight", pad_inches=0.1)
+    with atomic_write(path) as partial:
+        FigureCanvasAgg(figure).print_figure(partial, format="png", bbox_inches="tight", pad_inches=0.1)

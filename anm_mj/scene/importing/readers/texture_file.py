@@ -12,6 +12,7 @@ from PIL import Image
 from trimesh.resolvers import FilePathResolver
 
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.utils.picture import open_picture
 
 MAX_TEXTURE_PX = 1024
 """At the robot's image size, larger textures cost memory and time, and alias."""
@@ -52,18 +53,31 @@ class MeshNeighbours(FilePathResolver):
 
 
 def find_texture(name: str, folder: Path) -> Path | None:
-    """The file that a mesh or material in ``folder`` means by ``name``, or None."""
+    """The file that a mesh or material in ``folder`` means by ``name``, or None.
+
+    It lies in the folder or beside it, as a model's ``textures`` lie beside its ``meshes``: a file from elsewhere must
+    not get into a scene because somebody's mesh names it.
+    """
     name = unquote(name.strip()).replace("\\", "/")
     last = Path(name).name
     places = [folder / name, folder / name.lstrip("/"), folder / last]
     places += [folder.parent / below / last for below in ("materials/textures", "textures", "materials", "meshes")]
-    return next((place for place in places if place.is_file()), None) if last else None
+    own = folder.resolve().parent
+    return next((place for place in places if _is_file_below(place, own)), None) if last else None
+
+
+def _is_file_below(path: Path, folder: Path) -> bool:
+    """Whether a file is there that lies below a folder, links followed."""
+    try:
+        return path.is_file() and folder in path.resolve().parents
+    except (OSError, ValueError):
+        return False
 
 
 def read_texture(path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
     """An image file as RGB of at most 1024 px a side, or None if it cannot be decoded."""
     try:
-        with Image.open(path) as image:
+        with open_picture(path) as image:
             return shrunk(image)
     # Pillow raises whatever a decoder stumbles over.
     except Exception:
