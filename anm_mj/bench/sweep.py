@@ -136,6 +136,8 @@ def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
             raise BenchError(f"{path}: {key} is {value!r}; it must be of type {names}.")
         if wanted_texts(key) and not all(isinstance(text, str) for text in value):
             raise BenchError(f"{path}: {key} is {value!r}; it must hold texts only.")
+        if key == "seeds" and not all(type(seed) is int for seed in value):
+            raise BenchError(f"{path}: seeds is {value!r}; it must hold whole numbers only.")
     for needed in ("scenes", "policies"):
         if not entries.get(needed):
             raise BenchError(f"{path}: {needed} is missing; name at least one.")
