@@ -19,6 +19,7 @@ from anm_mj.errors import AnmError
 from anm_mj.io.record_config import RecordConfig
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.sim.sensors.config import SensorConfig
@@ -32,7 +33,7 @@ DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
 LARGEST_SEED = 2**63 - 1
-OPTIONS = ("policy", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
+OPTIONS = ("policy", "goal", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
 """Fields of ``RunConfig`` that have an option of their own; the scene is the first argument."""
 SMALL_SCENE_ROOMS = 5
 """Scenes up to this many rooms get 1000 steps, larger ones 2000, from 20 rooms on 10,000 (the paper's budgets)."""
@@ -50,6 +51,8 @@ class RunConfig:
     """Name from the catalogue, or path of a scene folder."""
     policy: str = DEFAULT_POLICY
     """Name of a policy, or ``module:Class``."""
+    goal: str = DEFAULT_GOAL
+    """What the run is for: ``coverage``, ``reconstruction``, or ``both`` in this order."""
     steps: int | None = None
     """Budget of discrete actions; None = the scene's own."""
     seed: int = 0
@@ -89,6 +92,7 @@ class RunConfig:
         """
         if self.policy_settings is None:
             object.__setattr__(self, "policy_settings", default_settings(self.policy))
+        _require_choice("--goal", self.goal, GOALS)
         _require_choice("--drive", self.drive, DRIVES)
         _require_choice("--pose", self.pose, POSES)
         _require_choice("--device", self.device, DEVICES)
@@ -146,6 +150,8 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
         PlanError: there is no such policy.
     """
     options = {name: values[name] for name in ("scene", *OPTIONS, "image_px") if name in values}
+    # Runs of versions without goals were for coverage.
+    options.setdefault("goal", "coverage")
     if options.get("start") is not None:
         options["start"] = tuple(options["start"])
     config = _default_config(options.pop("preset", DEFAULT_PRESET), **options)

@@ -20,6 +20,7 @@ from anm_mj.types import (
     Observation,
     Plan,
     Pose2,
+    SurfaceErrors,
     SurfacePoints,
     Twist,
     VoxelGrid,
@@ -102,6 +103,15 @@ class Mapper(Protocol):
     @property
     def occupancy(self) -> VoxelGrid:
         """Free, occupied and unknown space, fused from depth (a view, not a copy)."""
+        ...
+
+
+@runtime_checkable
+class EstimatesErrors(Protocol):
+    """A mapper that also knows how badly it knows its surface; without one, runs end when nothing new is left."""
+
+    def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:
+        """Expected errors at the zero-crossings within ``radius_m`` (in the plane) of a place."""
         ...
 
 

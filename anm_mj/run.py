@@ -28,7 +28,7 @@ from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
-from anm_mj.types import Pose2, TrueView
+from anm_mj.types import Pose2, StopReason, TrueView
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.viz.viewer import NullViewer
 
@@ -85,6 +85,8 @@ def run(
                 on_step=lambda report: on_step(report, recorder, steps),
             )
             wall_s = time.perf_counter() - begin
+            if config.goal != "coverage" and outcome.stop_reason is not StopReason.INTERRUPTED:
+                mapper.finish()
             left = _what_is_left(config, robot, mapper, recorder, outcome)
             # The renderer's memory is needed for the mesh and its comparison with the truth.
             robot.close()
@@ -144,7 +146,7 @@ def _true_scene(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], N
 def _make_policy(config: RunConfig, robot: SimRobot, truth: Callable[[], SceneTruth]) -> Policy:
     """The policy; only one that needs the truth waits for it."""
     told = truth() if needs_truth(config.policy) else None
-    context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, told)
+    context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, config.goal, told)
     return GuardedPolicy(make_policy(config.policy, context), config.policy)
 
 
@@ -155,6 +157,7 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         config.robot,
         robot.robot_hash,
         config.policy,
+        config.goal,
         config.seed,
         mapper.backend.device,
         mapper.engine_name,

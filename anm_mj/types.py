@@ -254,6 +254,20 @@ class SurfacePoints:
 
 
 @dataclass(frozen=True)
+class SurfaceErrors:
+    """How well the map knows its surface, point by point."""
+
+    xyz_m: Float32[np.ndarray, "n 3"]
+    """Zero-crossings, in the world."""
+    error_m: Float32[np.ndarray, " n"]
+    """The part of the expected distance to the true surface that more observations can take away [m]."""
+    num_observations: Float32[np.ndarray, " n"]
+    """Pixels of all frames that fell on the voxel about each point."""
+    exponent: float
+    """``error_m`` falls as ``num_observations ** -exponent``."""
+
+
+@dataclass(frozen=True)
 class MapUpdate:
     """The effect of one call of ``Mapper.integrate``."""
 

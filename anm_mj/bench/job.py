@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.robot.config import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
@@ -38,6 +39,8 @@ class Job:
     """Name of a builtin robot, or its MJCF file."""
     drive: str = "kinematic"
     pose: str = "true"
+    goal: str = DEFAULT_GOAL
+    """What the run is for: coverage, reconstruction, or both in this order."""
 
     @property
     def name(self) -> str:
@@ -73,6 +76,7 @@ class Job:
             robot=self.robot,
             drive=self.drive,
             pose=self.pose,
+            goal=self.goal,
             scene=self.scene,
             policy=self.policy,
             steps=self.steps,

@@ -18,11 +18,19 @@ from anm_mj.bench.sweep import BenchError
 from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.io.read_run import read_json
 from anm_mj.io.to_json import to_json
+from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.utils.files import atomic_write
 
-USUAL = {"preset": "default", "robot": DEFAULT_ROBOT, "drive": "kinematic", "pose": "true", "sensor": "exact"}
+USUAL = {
+    "preset": "default",
+    "robot": DEFAULT_ROBOT,
+    "drive": "kinematic",
+    "pose": "true",
+    "sensor": "exact",
+    "goal": DEFAULT_GOAL,
+}
 """What variant names leave out, and what runs had before there was a choice."""
 COMPLETION, OBSERVABLE = 1, 3
 """Columns of a curve: completion ratio, and completion ratio of the observable surface."""
@@ -44,12 +52,12 @@ class Result:
 
     @property
     def variant(self) -> str:
-        """Policy, with preset, robot, drive, pose, sensor and settings if these are not the defaults."""
+        """Policy, with preset, robot, drive, pose, sensor, goal and settings if these are not the defaults."""
         return variant({**self.job, **self.apparatus, "settings": " ".join(self.job["settings"])})
 
     @property
     def apparatus(self) -> dict[str, str]:
-        """Preset, robot, drive, pose and sensor."""
+        """Preset, robot, drive, pose, sensor and goal."""
         return {key: self.job.get(key, usual) for key, usual in USUAL.items()}
 
     def steps_to(self, level: float) -> float:
@@ -138,8 +146,8 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 
 def _seen_by(result: Result) -> tuple[str, ...]:
-    """What a run must share with the oracle's to be compared with it: all but the preset of the map."""
-    return tuple(value for key, value in result.apparatus.items() if key != "preset")
+    """What a run must share with the oracle's to be compared with it: all but preset and goal, which are about the map."""
+    return tuple(value for key, value in result.apparatus.items() if key not in ("preset", "goal"))
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:

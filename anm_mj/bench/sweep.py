@@ -27,6 +27,7 @@ from typing import Any
 from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
+from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.robot.config import DEFAULT_ROBOT, robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.utils.read_file import read_toml
@@ -60,6 +61,8 @@ class Sweep:
     """``kinematic``, ``physics``, or a list of both."""
     pose: tuple[str, ...] = ("true",)
     """``true``, ``odometry``, or a list of both."""
+    goal: tuple[str, ...] = (DEFAULT_GOAL,)
+    """What the runs are for: ``coverage``, ``reconstruction``, ``both`` in this order, or a list of these."""
     settings: tuple[str, ...] = ()
     """Settings as for ``anm-mj explore --set``, for all runs."""
 
@@ -76,6 +79,7 @@ FIELDS: dict[str, type | tuple[type, ...]] = {
     "robot": _TEXTS,
     "drive": _TEXTS,
     "pose": _TEXTS,
+    "goal": _TEXTS,
     "settings": list,
 }
 """Keys of a sweep and their types."""
@@ -179,10 +183,13 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             robot=robot,
             drive=drive,
             pose=source,
+            goal=goal,
             settings=sweep.settings,
         )
         for start, pose in enumerate(scene.starts[: sweep.starts])
         for policy in sweep.policies
-        for robot, drive, source, sensor in itertools.product(sweep.robot, sweep.drive, sweep.pose, sweep.sensor)
+        for robot, drive, source, sensor, goal in itertools.product(
+            sweep.robot, sweep.drive, sweep.pose, sweep.sensor, sweep.goal
+        )
         for seed in sweep.seeds
     ]

@@ -30,6 +30,12 @@ def add_explore(commands: Any) -> None:
         help=f"{', '.join(_policies())}, or module:Class (default: {DEFAULT_POLICY})",
     )
     explore.add_argument(
+        "--goal",
+        default="both",
+        help="coverage (see all surface, then stop), reconstruction (know it well), or both in this order (default: "
+        "both)",
+    )
+    explore.add_argument(
         "--steps", type=int, metavar="N", help="budget of discrete actions, including turns (default: the scene's own)"
     )
     explore.add_argument("--seed", type=int, default=0, metavar="S", help="one seed, same steps (default: 0)")
@@ -113,6 +119,7 @@ def _explore(parsed: argparse.Namespace) -> int:
         parsed.settings,
         scene=parsed.scene,
         policy=parsed.policy,
+        goal=parsed.goal,
         steps=parsed.steps,
         seed=parsed.seed,
         start=_start(parsed.start),

@@ -31,6 +31,8 @@ class RunFacts:
     robot_hash: str
     """Hash of the robot in MuJoCo's reading."""
     policy: str
+    goal: str
+    """What the run was for: ``coverage``, ``reconstruction`` or ``both``."""
     seed: int
     device: str
     """Device that trains the neural map: ``cpu``, or the name of the GPU."""

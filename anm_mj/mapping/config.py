@@ -155,6 +155,9 @@ class ScheduleConfig:
     density_exponent: float = setting(0.5, at_least=0.0, at_most=1.0)
     """Keyframes keep pixels in proportion to observation_count^-density_exponent of the place that they show, in
     [0, 1]: 0 replays each place as often as it was observed, 1 replays all surface alike."""
+    final_iterations: int = setting(2000, at_least=0)
+    """Iterations after the last frame, at learning rates that fall from a half to a sixteenth; where the goal of a run
+    is its coverage alone there are none."""
     replay_bytes: int = setting(256_000_000, at_least=1_000_000)
     """Memory for keyframes [bytes]; when it is full, each keyframe gives up a random half of its pixels."""
 
@@ -249,7 +252,13 @@ def paper_mapping() -> MappingConfig:
         loss=LossConfig(smoothness=1e-5, no_depth_is_free=False),
         optimizer=OptimizerConfig(table_learning_rate=1e-3),
         schedule=ScheduleConfig(
-            iterations=10, train_every=5, num_rays=2048, min_current_rays=100, pixel_share=0.05, density_exponent=0.0
+            iterations=10,
+            train_every=5,
+            num_rays=2048,
+            min_current_rays=100,
+            pixel_share=0.05,
+            density_exponent=0.0,
+            final_iterations=0,
         ),
         uncertainty=UncertaintyConfig(method="perturbation"),
     )
@@ -266,7 +275,12 @@ def anm_mapping() -> MappingConfig:
         sampling=SamplingConfig(free_samples=4, near_samples=8),
         optimizer=OptimizerConfig(decoder_learning_rate=1.3e-3),
         schedule=ScheduleConfig(
-            first_iterations=200, iterations=1, num_rays=200, min_current_rays=100, density_exponent=0.0
+            first_iterations=200,
+            iterations=1,
+            num_rays=200,
+            min_current_rays=100,
+            density_exponent=0.0,
+            final_iterations=0,
         ),
         uncertainty=UncertaintyConfig(method="perturbation", noise_std=1.7e-3, color_weight=0.0),
         engine="mlp",
@@ -278,7 +292,7 @@ def quick_mapping() -> MappingConfig:
     """Half the levels and fewer iterations: for tests, sweeps and slow machines."""
     return MappingConfig(
         field=FieldConfig(num_levels=8, log2_table_size=15, largest_log2_table_size=16, finest_cell_m=0.04),
-        schedule=ScheduleConfig(first_iterations=100, iterations=2, num_rays=384),
+        schedule=ScheduleConfig(first_iterations=100, iterations=2, num_rays=384, final_iterations=200),
     )
 
 

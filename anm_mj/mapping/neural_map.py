@@ -15,9 +15,11 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.expected_error import EXPONENT, reducible_error_m
 from anm_mj.mapping.field_geometry import FieldGeometry
 from anm_mj.mapping.grid_layout import doubled_table
 from anm_mj.mapping.keyframes import KeyframeStore
+from anm_mj.mapping.last_layer import last_layer_variance, observation_density
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
@@ -25,11 +27,13 @@ from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
-from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfacePoints, VoxelGrid
+from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfaceErrors, SurfacePoints, VoxelGrid
 
 if TYPE_CHECKING:
     import trimesh
 
+_FINAL_RATES = (1 / 2, 1 / 4, 1 / 8, 1 / 16)
+"""Factors on the learning rates over the parts of the final training."""
 _DRAWN_TOGETHER = 10
 """Iterations whose rays are drawn in one go, because the price of a draw hardly depends on its size."""
 
@@ -68,6 +72,8 @@ class NeuralMap:
         self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
         self._mesh = MeshExtractor(self._occupancy)
         self._num_frames = 0
+        self._last: Observation | None = None
+        """The last frame that was not blind."""
 
     @property
     def engine_name(self) -> str:
@@ -96,17 +102,40 @@ class NeuralMap:
         elif self._num_frames % schedule.train_every == 0:
             num_iterations = schedule.iterations
         self._num_frames += 1
+        self._last = observation
         loss = math.nan
         for rays in self._batches(observation, num_iterations, first=first):
             corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
-            losses = self.backend.step(rays, int(self._rng.integers(1 << 32)), corner)
-            loss = losses.total
-            if not math.isfinite(loss):
-                raise MapError(
-                    f"The training loss became {loss} at step {observation.step} ({losses}); check that depth and pose "
-                    "are finite, or lower the learning rates."
-                )
+            loss = self._step(rays, corner, observation.step)
         return MapUpdate(loss, num_iterations, len(self._keyframes))
+
+    def finish(self) -> int:
+        """Train on the keyframes once more, at falling learning rates, when no frame is to come.
+
+        A constant rate follows new frames quickly, and keeps the parameters in motion about the best ones; with a
+        falling rate they settle.
+
+        Returns:
+            How many iterations it trained: ``schedule.final_iterations``, or none where nothing was observed.
+
+        Raises:
+            MapError: If the training loss is not finite.
+        """
+        count, optimizer = self.config.schedule.final_iterations // len(_FINAL_RATES), self.config.optimizer
+        if self._last is None or not count:
+            return 0
+        for share in _FINAL_RATES:
+            rates = share * optimizer.table_learning_rate, share * optimizer.decoder_learning_rate
+            slower = replace(optimizer, table_learning_rate=rates[0], decoder_learning_rate=rates[1])
+            self._take_engine(replace(self.config, optimizer=slower), self.backend.get_state())
+            for rays in self._batches(self._last, count, first=False):
+                corner = None if self.config.loss.smoothness == 0.0 else self._smoothness_corner()
+                self._step(rays, corner, self._last.step)
+        self._take_engine(self.config, self.backend.get_state())
+        # What was read from the field before is read anew.
+        self._surface = SurfaceExtractor(self._occupancy, self.config.surface_lattice_m)
+        self._geometry = FieldGeometry(self._occupancy) if self._geometry is not None else None
+        return count * len(_FINAL_RATES)
 
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Signed distance at world points [m], positive in free space, truncated to +-``truncation_m``.
@@ -141,6 +170,18 @@ class NeuralMap:
         """
         points, normals = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m)
         return SurfacePoints(points, normals, self.uncertainty(points))
+
+    def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:
+        """Expected errors at the zero-crossings near occupied voxels within ``radius_m`` [m] in the plane.
+
+        They come from the last-layer variance, whatever method is configured for :meth:`uncertainty`, because that
+        predicts the true error best (:mod:`anm_mj.mapping.expected_error`).
+        """
+        points, _ = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m)
+        density_exponent = self.config.schedule.density_exponent
+        variance = last_layer_variance(self.backend, self._occupancy, points, density_exponent)
+        count = observation_density(self._occupancy, points).astype(np.float32)
+        return SurfaceErrors(points, reducible_error_m(variance), count, (1.0 - density_exponent) * EXPONENT)
 
     @property
     def occupancy(self) -> VoxelGrid:
@@ -242,8 +283,26 @@ class NeuralMap:
             state = self.backend.get_state()
             state["table"] = doubled_table(state["table"], field)
             self.config = replace(self.config, field=replace(field, log2_table_size=field.log2_table_size + 1))
-            self.backend = make_backend(self.config, seed=self.seed, device=self._device)
-            self.backend.set_state(state)
+            self._take_engine(self.config, state)
+
+    def _take_engine(self, config: MappingConfig, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+        """Go on with a new engine of another configuration, from given parameters."""
+        self.backend = make_backend(config, seed=self.seed, device=self._device)
+        self.backend.set_state(state)
+
+    def _step(self, rays: RayBatch, corner_m: Float[np.ndarray, "3"] | None, step: int) -> float:
+        """One training iteration; its loss.
+
+        Raises:
+            MapError: If it is not finite.
+        """
+        losses = self.backend.step(rays, int(self._rng.integers(1 << 32)), corner_m)
+        if not math.isfinite(losses.total):
+            raise MapError(
+                f"The training loss became {losses.total} at step {step} ({losses}); check that depth and pose are "
+                "finite, or lower the learning rates."
+            )
+        return losses.total
 
     def _batches(self, observation: Observation, count: int, *, first: bool) -> Iterator[RayBatch]:
         """Rays of the keyframes and, after the first frame, of the one at hand, for so many iterations."""

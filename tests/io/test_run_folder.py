@@ -87,7 +87,9 @@ def test_write_config(tmp_path):
 
 def test_manifest(tmp_path):
     folder = RunFolder.create(tmp_path / "run", "home", "gvg")
-    facts = RunFacts("home", "abc", "diff_drive", "def", "gvg", 3, "cpu", "torch", "egl", "llvmpipe", "gl", "exact")
+    facts = RunFacts(
+        "home", "abc", "diff_drive", "def", "gvg", "both", 3, "cpu", "torch", "egl", "llvmpipe", "gl", "exact"
+    )
     folder.write_manifest(manifest(facts, ["anm-mj", "explore", "home"]))
     written = json.loads(folder.manifest.read_text())
     assert (written["seed"], written["gl_renderer"], written["scene_hash"]) == (3, "llvmpipe", "abc")

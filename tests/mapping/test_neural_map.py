@@ -232,3 +232,42 @@ def test_every_iteration_gets_the_rays_that_the_schedule_asks_for(tiny_config, r
     neural_map.integrate(room.observe(1.5, 1.5, 0.5, step=1))
     # The second of two keyframes brings half as many rays of its own, 26 at least.
     assert sizes == [40] * 13 + [40 + 26] * 12
+
+
+def settled(config, room, iterations, frames=6):
+    """A map of some views after its final training."""
+    neural_map = NeuralMap(
+        replace(config, schedule=replace(config.schedule, final_iterations=iterations)), seed=4, device="cpu"
+    )
+    for observation in room.turn(1.5, 1.5, frames):
+        neural_map.integrate(observation)
+    return neural_map, neural_map.finish()
+
+
+def test_the_final_training_settles_the_map(tiny_config, room):
+    points = _near_surface(room, np.random.default_rng(0))
+    before, none = settled(tiny_config, room, 0)
+    after, count = settled(tiny_config, room, 80)
+    assert (none, count) == (0, 80)
+    errors = [np.abs(m.sdf(points) - room.sdf(points)).mean() for m in (before, after)]
+    assert errors[1] < 0.95 * errors[0]
+    assert after.config.optimizer == tiny_config.optimizer
+    again, _ = settled(tiny_config, room, 80)
+    np.testing.assert_array_equal(again.sdf(points), after.sdf(points))
+
+
+def test_an_empty_map_has_no_final_training(tiny_config):
+    assert NeuralMap(tiny_config, seed=0, device="cpu").finish() == 0
+
+
+def test_expected_errors_fall_with_observations(tiny_config, room):
+    neural_map, observation = NeuralMap(tiny_config, seed=4, device="cpu"), room.turn(1.5, 1.5, 12)[0]
+    neural_map.integrate(observation)
+    once = neural_map.surface_errors(np.array([1.5, 1.5]), 5.0)
+    for _ in range(8):
+        neural_map.integrate(observation)
+    often = neural_map.surface_errors(np.array([1.5, 1.5]), 5.0)
+    assert len(once.xyz_m) == len(once.error_m) == len(once.num_observations) > 50
+    assert often.num_observations.mean() > 4.0 * once.num_observations.mean()
+    assert often.error_m.mean() < 0.8 * once.error_m.mean()
+    assert 0.0 < often.exponent < 1.0

@@ -67,6 +67,10 @@ class GvgConfig(PolicyConfig):
     """Less new surface in the window than this share of all that was seen is next to nothing."""
     stagnation_gain_m2: float = 2.5
     """While the run stagnates, a tour needs this much expected new surface [m2]."""
+    improvement_radius_m: float = 6.0
+    """Expected errors of the surface are computed anew within this distance of the robot and remembered beyond [m]."""
+    improvement_steps: int = 24
+    """While the robot keeps a target, expected errors are computed anew after this many steps."""
     hysteresis: float = 1.25
     """A new target must score this many times the present one to replace it."""
     replan_steps: int = 8

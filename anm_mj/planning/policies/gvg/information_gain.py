@@ -7,6 +7,9 @@ the sectors. Surface that was seen, even from far away, brings no gain: nearly a
 Some unknown cells can never be resolved: the inside of a hull with a slit, a cell that every view only grazes. When a
 view covers a cell and the cell stays unknown, its gain is suppressed for all but clearly nearer places.
 
+Once the robot works for the quality of its map, a ray that ends in known surface has gain too: the area of the ray
+times the share by which a view improves it (:mod:`anm_mj.planning.policies.gvg.improvement`).
+
 :class:`InformationGain` is the one owner of what changes gains (occupancy and suppression), of the area in which they
 have changed, and of both caches: single rays, and gains per place.
 """
@@ -22,10 +25,11 @@ from jaxtyping import Float, Float32, Int
 from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
-from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
+from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, VIEW_SECTORS, Viewpoint
-from anm_mj.types import UNKNOWN, Pose2, VoxelGrid
+from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, SurfaceErrors, VoxelGrid
 
 FOV_RAD = math.pi / 2
 """Horizontal field of view of the camera [rad]."""
@@ -71,6 +75,8 @@ class InformationGain:
             num_elevations=config.num_elevations,
         )
         self._cache = GainCache(config.candidate_spacing_m)
+        self._improvement: ExpectedImprovement | None = None
+        """What views improve of known surface; None as long as only new surface counts."""
         self._changed: Box | None = None
         """Where cells have changed or were suppressed since the cache was last read."""
 
@@ -84,6 +90,23 @@ class InformationGain:
         changed = self.occupancy.update(grid, window)
         if changed is not None:
             self._note_change(*changed)
+
+    def improve(
+        self, errors: SurfaceErrors, centre_xy_m: Float[np.ndarray, "2"], radius_m: float, focal_px: float
+    ) -> None:
+        """Count from now on what views improve of surface that is known already.
+
+        Args:
+            errors: how well the map knows its surface.
+            centre_xy_m: the errors are those within ``radius_m`` of this place [m].
+            radius_m: elsewhere, what was known before stays [m].
+            focal_px: focal length of the camera [px].
+        """
+        if self._improvement is None:
+            self._improvement = ExpectedImprovement(focal_px, self.occupancy.cell_m / POOL)
+            self._note_change(np.full(2, -np.inf), np.full(2, np.inf))
+        self._improvement.update(errors, centre_xy_m, radius_m)
+        self._note_change(centre_xy_m - radius_m, centre_xy_m + radius_m)
 
     def suppress_view(self, pose: Pose2) -> None:
         """Suppress the cells that a view from a pose has left unknown; the map must hold that view already."""
@@ -163,6 +186,11 @@ class InformationGain:
         squared *= occupancy.layer_share[hit // (rows * cols)]
         squared[distance_m >= config.suppressed_share * occupancy.tried_from_m.ravel()[hit]] = 0.0
         gain_m2[at] = squared * np.float32(self._rays.solid_angle)
+        if self._improvement is not None:
+            at = np.nonzero(rays.state == OCCUPIED)
+            distance_m = self._rays.distance_m[rays.sample[at]]
+            share = self._improvement.share(occupancy.centres(rays.hit[at]), distance_m)
+            gain_m2[at] = share * distance_m**2 * np.float32(self._rays.solid_angle)
         return gain_m2
 
     def _patches(self, rays: Rays) -> Int[np.ndarray, "n rays"]:

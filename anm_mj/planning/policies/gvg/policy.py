@@ -8,7 +8,11 @@ the budget as 6.5 cm of path. The first view of the best tour becomes the target
 present target keeps the policy from changing its mind for little.
 
 The policy decides every few steps and on events. Between full decisions it reuses the plan as long as the target's view
-is expected to show about as much as before. The run is complete when no reachable view has gain worth its steps.
+is expected to show about as much as before.
+
+When no reachable view has new surface worth its steps, coverage is complete. Unless that is the goal, the robot goes on
+where its map is worst: views then also count what they improve of known surface, in the same search. With the goal
+"reconstruction" they do so from the start. The run is complete when neither is worth a step.
 """
 
 from __future__ import annotations
@@ -29,9 +33,10 @@ from anm_mj.planning.policies.gvg.tour import Tour, TourSearch
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
+from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
 from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
 from anm_mj.planning.stages import PlanningState, Stages
-from anm_mj.protocols import Mapper
+from anm_mj.protocols import EstimatesErrors, Mapper
 from anm_mj.types import TURN_STEP_RAD, Action, Candidate, Observation, Plan, Pose2, StopReason, TopDownMap
 from anm_mj.utils.stopwatch import Stopwatch
 
@@ -47,16 +52,23 @@ class Gvg:
         self._stages = Stages(context.planning, context.footprint, coarse_far_field=True)
         self._tracker = GainTracker(self.config)
         self._stagnation = StagnationDetector(self.config)
+        self._unmeasured = UnmeasuredRays()
         self._gain: InformationGain | None = None
         self._target: ActiveTarget | None = None
         self._bootstrapped = False
+        self._goal = context.goal
+        self._improving = False
+        self._errors_read_step = 0
 
     def observe(self, observation: Observation) -> None:
-        """Note where the robot is."""
+        """Note where the robot is, and where its camera measured nothing."""
         self._stages.observe(observation)
+        self._unmeasured.add(observation)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the way to the first view of the best tour."""
+        if self._goal == "reconstruction" and self._can_improve(mapper):
+            self._improving = True
         if not self._bootstrapped and self.config.bootstrap_turns:
             self._bootstrapped = True
             turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
@@ -71,9 +83,15 @@ class Gvg:
             with watch.stage("gain"):
                 if self._target is not None and self._target.is_reached(state.pose):
                     self._close_target(gain, state.pose)
-                candidates = candidate_places(state, gain, self.config)
+                candidates = self._candidates(state, gain, mapper, observation)
             with watch.stage("choice"):
                 plan = self._decide(state, candidates, gain)
+            if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
+                self._improving, self._target = True, None
+                with watch.stage("gain"):
+                    candidates = self._candidates(state, gain, mapper, observation)
+                with watch.stage("choice"):
+                    plan = self._decide(state, candidates, gain)
         return plan
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
@@ -87,8 +105,24 @@ class Gvg:
             self._gain = InformationGain(self.config, float(observation.T_world_camera[2, 3]))
         self._gain.update(mapper.occupancy, self._stages.topdown.read_window)
         self._gain.suppress_view(observation.pose)
+        self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
+
+    def _can_improve(self, mapper: Mapper) -> bool:
+        """Whether views could count what they improve, and do not yet."""
+        return not self._improving and isinstance(mapper, EstimatesErrors)
+
+    def _candidates(
+        self, state: PlanningState, gain: InformationGain, mapper: Mapper, observation: Observation
+    ) -> CandidatePlaces:
+        """The places to compare, with the gain of their best view; of improvement too, once that counts."""
+        due = self._target is None or observation.step >= self._errors_read_step + self.config.improvement_steps
+        if self._improving and due and isinstance(mapper, EstimatesErrors):
+            self._errors_read_step = observation.step
+            radius_m, xy_m = self.config.improvement_radius_m, state.pose.xy_m
+            gain.improve(mapper.surface_errors(xy_m, radius_m), xy_m, radius_m, observation.intrinsics.fx)
+        return candidate_places(state, gain, self.config)
 
     def _reuse(self, topdown: TopDownMap, pose: Pose2, gain: InformationGain, watch: Stopwatch) -> Plan | None:
         """The plan of the last full decision, if nothing was seen since that could change it."""
@@ -122,13 +156,19 @@ class Gvg:
             path = np.zeros((0, 2)) if first.place == 0 else state.paths.path_to(int(places.vertex[first.place]))
             if first.place and not len(path):
                 continue
-            residual = self._stagnation.is_stagnating() and tour.gain_m2 < self.config.stagnation_gain_m2
-            if residual or tour.rate < self.config.min_rate_m2 or self._tracker.is_exhausted(first.gain_m2):
+            # Both judge by new surface, of which improvement brings none.
+            residual = not self._improving and self._is_residual(tour)
+            exhausted = not self._improving and self._tracker.is_exhausted(first.gain_m2)
+            if residual or exhausted or tour.rate < self.config.min_rate_m2:
                 return self._stop(state, candidates, gain, stagnating=residual)
             if len(path):
                 path = quantize_headings(path, state.topdown, state.paths.safe_m, state.pose)
             return self._go(state, tour, places, path, _first_views(places, tours), gain)
         return self._stop(state, candidates, gain)
+
+    def _is_residual(self, tour: Tour) -> bool:
+        """Whether the run stagnates and a tour expects too little to go on for."""
+        return self._stagnation.is_stagnating() and tour.gain_m2 < self.config.stagnation_gain_m2
 
     def _best_tours(
         self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain
@@ -188,8 +228,9 @@ class Gvg:
             target = ActiveTarget(viewpoint, expected_gain_m2=first.gain_m2, seen_m2=gain.seen_m2, config=self.config)
         # A heading that the robot can have: the sector's own may lie half a turn step beside it.
         yaw = wrap_angle(pose.yaw_rad + (first.heading - sector_of(pose.yaw_rad)) * TURN_STEP_RAD)
+        purpose = " to improve the map" if self._improving else ""
         reason = (
-            f"target {'kept' if kept else 'chosen'}: expected gain {first.gain_m2:.1f} m² in "
+            f"target {'kept' if kept else 'chosen'}{purpose}: expected gain {first.gain_m2:.1f} m² in "
             f"{path_steps(path, pose.yaw_rad, yaw):.0f} steps "
             f"(tour: {len(tour.views)} views, {tour.gain_m2:.1f} m² in {tour.steps:.0f} steps)"
         )
@@ -214,7 +255,9 @@ class Gvg:
         config, best_m2 = self.config, candidates.best_gain_m2
         num_places = len(candidates.vertex)
         stop = StopReason.COMPLETE
-        if self._tracker.is_exhausted(best_m2):
+        if self._improving:
+            reason = f"best expected gain of {num_places} reachable places, with improvement: {best_m2:.2f} m²"
+        elif self._tracker.is_exhausted(best_m2):
             reason = (
                 f"the last {self._tracker.num_poor} targets brought less than {config.poor_target_m2:g} m² each; "
                 f"best expected gain of {num_places} reachable places: {best_m2:.2f} m²"

@@ -3,7 +3,7 @@ import numpy as np
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.policy import Gvg
-from anm_mj.types import Action, Footprint, Observation, Pose2, StopReason
+from anm_mj.types import Action, Footprint, Observation, Pose2, StopReason, SurfaceErrors
 from tests.box_room import CAMERA, camera_pose, room_depth
 from tests.planning.worlds import room
 
@@ -75,3 +75,43 @@ def test_stagnation_does_not_end_a_tour_with_enough_gain():
 
 def test_residual_gain_is_taken_before_stagnation():
     assert plan_without_news(1000.0, 500).stop is None
+
+
+class BadlyKnownRoom:
+    """A room that was seen as a whole, with surface of which one part is known badly."""
+
+    def __init__(self, error_m=0.04):
+        self.world = room(4, 3)
+        self.world.occupancy.state[:2] = self.world.occupancy.state[-2:] = 1
+        self.error_m = error_m
+
+    def __getattr__(self, name):
+        return getattr(self.world, name)
+
+    def surface_errors(self, centre_xy_m, radius_m):
+        y, z = np.meshgrid(np.arange(0.2, 3.2, 0.1), np.arange(0.1, 2.5, 0.1))
+        xyz = np.stack([np.full(y.size, 4.22), y.ravel(), z.ravel()], axis=1).astype(np.float32)
+        return SurfaceErrors(xyz, np.full(len(xyz), self.error_m, np.float32), np.full(len(xyz), 3.0, np.float32), 0.3)
+
+
+def with_goal(goal):
+    return Gvg(PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(bootstrap_turns=0), goal=goal))
+
+
+def test_when_all_is_seen_the_robot_looks_at_what_is_known_badly():
+    here = observation(Pose2(1.5, 1.5, np.pi))
+    assert with_goal("coverage").plan(BadlyKnownRoom(), here).stop is StopReason.COMPLETE
+    for goal in ("both", "reconstruction"):
+        plan = with_goal(goal).plan(BadlyKnownRoom(), here)
+        assert plan.stop is None
+        assert plan.reason.startswith("target chosen to improve the map: ")
+        end = plan.path_xy_m[-1] if len(plan.path_xy_m) else here.pose.xy_m
+        towards = np.array([4.2, 1.7]) - end
+        off_axis = plan.headings_rad[-1] - np.arctan2(towards[1], towards[0])
+        assert np.cos(off_axis) > np.cos(np.radians(50.0))
+
+
+def test_a_run_is_complete_when_improvement_is_not_worth_a_step():
+    plan = with_goal("both").plan(BadlyKnownRoom(error_m=0.0005), observation(Pose2(1.5, 1.5, np.pi)))
+    assert plan.stop is StopReason.COMPLETE
+    assert "with improvement" in plan.reason
