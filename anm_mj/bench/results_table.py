@@ -146,7 +146,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 
 def _seen_by(result: Result) -> tuple[str, ...]:
-    """What a run must share with the oracle's to be compared with it: all but preset and goal, which are about the map."""
+    """What a run must share with the oracle's to be compared with it: all but what only concerns the map."""
     return tuple(value for key, value in result.apparatus.items() if key not in ("preset", "goal"))
 
 
