@@ -1,7 +1,7 @@
 """Explores with a simulated robot and records its images as a sequence (format: anm_mj/io/sequence.py).
 
 python scripts/record_sequence.py home /tmp/walk --steps 200
-python scripts/recorded_sequence.py /tmp/walk --out /tmp/map
+anm-mj map /tmp/walk --shadow
 """
 
 from pathlib import Path

@@ -51,6 +51,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "replay": _BASE | {"io", "viz", "evaluation", "evaluation.rerender", "mapping"},
     # A finished run in the formats of other tools; asks the map for its distances.
     "export": _BASE | {"io", "viz", "replay", "mapping"},
+    # The same for a recorded sequence, without simulator and evaluation of its own.
+    "map_sequence": _BASE | {"config", "io", "io.run_log", "mapping", "planning", "viz"},
     "sensor_monitor": _BASE,
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"sensor_monitor"},
@@ -83,6 +85,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
         "evaluation.fixed_views",
         "replay",
         "export",
+        "map_sequence",
     },
 }
 """What each module or folder of the package may import from the package, beside itself."""

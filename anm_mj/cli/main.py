@@ -1,4 +1,4 @@
-"""The command line: ``anm-mj explore | eval | view | export | bench | scene | doctor``.
+"""The command line: ``anm-mj explore | map | eval | view | export | bench | scene | doctor``.
 
 Wrong input ends with one sentence and exit status 2. Heavy packages are imported by the commands that need them, so
 that ``--help`` and a mistyped option answer at once.
@@ -14,6 +14,7 @@ from anm_mj.cli.bench import add_bench
 from anm_mj.cli.evaluate import add_evaluate
 from anm_mj.cli.explore import add_explore
 from anm_mj.cli.export import add_export
+from anm_mj.cli.map import add_map
 from anm_mj.cli.scene import add_scene
 from anm_mj.cli.view import add_view
 from anm_mj.errors import AnmError
@@ -82,6 +83,7 @@ def _parser() -> _Parser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_explore(commands)
     add_evaluate(commands)
+    add_map(commands)
     add_view(commands)
     add_export(commands)
     add_bench(commands)

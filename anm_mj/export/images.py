@@ -19,6 +19,9 @@ from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics
 
+DEPTH_PIXELS = "first of each block"
+"""Which pixels of an image its smaller depth holds; see :mod:`anm_mj.evaluation.depth`."""
+
 
 def export_nerfstudio(run: Run, out: Path) -> list[Path]:
     """``nerfstudio/``: ``transforms.json``, ``images/``, ``depth/`` [mm] and ``points.ply``.
@@ -45,8 +48,10 @@ def export_nerfstudio(run: Run, out: Path) -> list[Path]:
         for frame in run.frames
     ]
     facts: dict[str, Any] = {"camera_model": "OPENCV", "w": camera.width, "h": camera.height}
-    facts |= {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy, "k1": 0.0, "k2": 0.0}
-    facts |= {"p1": 0.0, "p2": 0.0, "depth_unit_scale_factor": 0.001, "ply_file_path": "points.ply", "frames": frames}
+    facts |= {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
+    facts |= {"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
+    facts |= {"depth_unit_scale_factor": 0.001, "depth_pixels": DEPTH_PIXELS}
+    facts |= {"ply_file_path": "points.ply", "frames": frames}
     write_json(folder / "transforms.json", facts)
     return [folder]
 

@@ -53,13 +53,16 @@ def export_esdf(run: Run, out: Path, on_progress: Callable[[int, int], None] = l
     The distance in space to the nearest occupied voxel, not cut off; negative inside, NaN where nothing was observed.
 
     Raises:
-        RunFolderError: The run has no map, or the file cannot be written.
+        RunFolderError: The run has no map, its map no obstacle, or the file cannot be written.
         MapError: The map cannot be read.
     """
     volume = _volume(run, on_progress)
     occupied = volume.sdf_m < 0.0
-    outside = ndimage.distance_transform_edt(~occupied, sampling=volume.spacing_m) if occupied.any() else np.inf
-    inside = ndimage.distance_transform_edt(occupied, sampling=volume.spacing_m)
+    if not occupied.any():
+        raise RunFolderError(f"The map of {run.folder.path} holds no obstacle, so there is no distance to any.")
+    outside, inside = (
+        np.asarray(ndimage.distance_transform_edt(mask, sampling=volume.spacing_m)) for mask in (~occupied, occupied)
+    )
     # The surface lies between the centres of two voxels.
     half = volume.spacing_m / 2.0
     esdf_m = np.where(occupied, half - inside, outside - half).astype(np.float32)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,51 +34,93 @@ DEPTH_UNIT_M = 0.001
 
 
 @dataclass(frozen=True)
+class Frame:
+    """The files of one posed RGB-D frame."""
+
+    time_s: float
+    colour: Path
+    depth: Path
+    """16-bit PNG in units of ``depth_unit_m``, or ``.npy``, float32 in metres; 0 or NaN where nothing."""
+    T_world_camera: Float[np.ndarray, "4 4"]
+
+
+@dataclass(frozen=True)
 class Sequence:
-    """A folder of posed RGB-D frames; iteration reads them one by one."""
+    """Posed RGB-D frames on disk; iteration reads them one by one."""
 
     path: Path
     intrinsics: Intrinsics
     depth_unit_m: float
-    time_s: tuple[float, ...]
-    T_world_camera: Float[np.ndarray, "n 4 4"]
+    frames: tuple[Frame, ...]
+    resize: bool = False
+    """Whether colour and depth may differ in size; the smaller one counts then, and ``intrinsics`` are scaled to it."""
+    keeps_corner_pixels: bool = False
+    """Whether a smaller image holds the first pixel of each block of a larger one, as in a run folder, instead of the
+    middle of the block."""
 
     def __len__(self) -> int:
-        return len(self.time_s)
+        return len(self.frames)
+
+    @property
+    def time_s(self) -> tuple[float, ...]:
+        """Time of each frame [s]."""
+        return tuple(frame.time_s for frame in self.frames)
 
     def observations(self) -> Iterator[Observation]:
         """The frames in order; the frame number is the step of the observation.
 
         Raises:
-            RunFolderError: an image is missing or damaged, or its size differs from camera.json.
+            RunFolderError: an image is missing or damaged, or its size is another than the camera's.
         """
-        for step, (time_s, T_world_camera) in enumerate(zip(self.time_s, self.T_world_camera, strict=True)):
-            rgb = read_image(self.path / "rgb" / f"{step:06d}.png", "RGB")
-            depth_m = self._depth_m(step)
-            expected = (self.intrinsics.height, self.intrinsics.width)
+        for step, frame in enumerate(self.frames):
+            rgb, depth_m = read_image(frame.colour, "RGB"), self._depth_m(frame.depth)
+            camera = self.intrinsics
+            if self.resize:
+                rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
+                rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
+                camera = self._scaled(cols, rows)
+            expected = (camera.height, camera.width)
             if depth_m.shape != expected or rgb.shape[:2] != expected:
                 raise RunFolderError(
                     f"Frame {step} of {self.path} has depth of {depth_m.shape} and colour of {rgb.shape[:2]} rows and "
-                    f"columns; camera.json says {expected}."
+                    f"columns; the camera has {expected}."
                 )
-            pose = base_pose(T_world_camera)
-            yield Observation(step, time_s, rgb, depth_m, self.intrinsics, T_world_camera, pose)
+            pose = base_pose(frame.T_world_camera)
+            yield Observation(step, frame.time_s, rgb, depth_m, camera, frame.T_world_camera, pose)
 
-    def _depth_m(self, step: int) -> Float32[np.ndarray, "h w"]:
-        exact = self.path / "depth" / f"{step:06d}.npy"
-        if exact.is_file():
+    def moved(self, T_new_world: Float[np.ndarray, "4 4"]) -> Sequence:
+        """The same frames in another world."""
+        frames = (replace(frame, T_world_camera=T_new_world @ frame.T_world_camera) for frame in self.frames)
+        return replace(self, frames=tuple(frames))
+
+    def _picked(self, image: np.ndarray, rows: int, cols: int) -> np.ndarray:
+        middle = 0.0 if self.keeps_corner_pixels else 0.5
+        row, col = (
+            np.floor((np.arange(count) + middle) * size / count).astype(np.int64)
+            for count, size in zip((rows, cols), image.shape[:2], strict=True)
+        )
+        return np.ascontiguousarray(image[np.ix_(row, col)])
+
+    def _scaled(self, width: int, height: int) -> Intrinsics:
+        camera = self.intrinsics
+        x, y = width / camera.width, height / camera.height
+        # The first pixel of a block has its centre half a pixel of the larger image from the block's corner.
+        u, v = (0.5 * (1.0 - x), 0.5 * (1.0 - y)) if self.keeps_corner_pixels else (0.0, 0.0)
+        return Intrinsics(width, height, camera.fx * x, camera.fy * y, camera.cx * x + u, camera.cy * y + v)
+
+    def _depth_m(self, path: Path) -> Float32[np.ndarray, "h w"]:
+        if path.suffix == ".npy":
             try:
-                depth_m = np.load(exact).astype(np.float32)
+                depth_m = np.load(path).astype(np.float32)
             except (OSError, ValueError, EOFError) as err:
-                raise RunFolderError(f"{exact} cannot be read ({err}).") from err
+                raise RunFolderError(f"{path} cannot be read ({err}).") from err
         else:
-            steps = read_image(exact.with_suffix(".png"))
-            depth_m = steps.astype(np.float32) * np.float32(self.depth_unit_m)
+            depth_m = read_image(path).astype(np.float32) * np.float32(self.depth_unit_m)
         return np.where(depth_m > 0.0, depth_m, np.float32(np.nan))
 
 
 def read_sequence(path: Path) -> Sequence:
-    """Open a sequence.
+    """Open a sequence of this project's own layout.
 
     Raises:
         RunFolderError: camera.json or poses.tum is missing or invalid.
@@ -94,8 +136,13 @@ def read_sequence(path: Path) -> Sequence:
         raise RunFolderError(
             f"{path} is not a recorded sequence ({err}); it needs camera.json, poses.tum, depth/ and rgb/."
         ) from err
-    poses = np.stack([_matrix(line[1:4], line[4:8]) for line in lines])
-    return Sequence(path, intrinsics, unit, tuple(lines[:, 0].tolist()), poses)
+    frames = []
+    for step, line in enumerate(lines):
+        exact = path / "depth" / f"{step:06d}.npy"
+        depth = exact if exact.is_file() else exact.with_suffix(".png")
+        colour = path / "rgb" / f"{step:06d}.png"
+        frames.append(Frame(float(line[0]), colour, depth, tum_matrix(line[1:4], line[4:8])))
+    return Sequence(path, intrinsics, unit, tuple(frames))
 
 
 class SequenceWriter:
@@ -147,8 +194,8 @@ def _tum_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 
-def _matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
-    """Raises ValueError if the quaternion is zero."""
+def tum_matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
+    """A pose from a position [m] and a quaternion with the scalar last; raises ValueError if it is zero."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     pose[:3, 3] = xyz_m

@@ -78,7 +78,9 @@ def write_film(
         # ffmpeg reads the format from the ending.
         named = partial.with_name(partial.name + path.suffix)
         try:
-            out = imageio_ffmpeg.write_frames(str(named), (WIDTH_PX, HEIGHT_PX), fps=fps, **_coding(path.suffix, fps))
+            # ffmpeg takes fractions of a frame per second; only the annotation of its wrapper does not.
+            options: dict[str, Any] = {"fps": fps, **_coding(path.suffix, fps)}
+            out = imageio_ffmpeg.write_frames(str(named), (WIDTH_PX, HEIGHT_PX), **options)
             out.send(None)
             for image in film_frames(timeline, every=every, scene=scene, on_progress=on_progress):
                 out.send(image)

@@ -148,7 +148,7 @@ class MapPanel:
         rows, cols = topdown.state.shape
         inside = ((row >= 0) & (row < rows))[:, None] & ((col >= 0) & (col < cols))
         pick = np.ix_(np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1))
-        image = np.where(inside[..., None], tint(topdown)[pick], np.uint8(rgb_of(palette.UNKNOWN)))
+        image = np.where(inside[..., None], tint(topdown)[pick], np.array(rgb_of(palette.UNKNOWN), np.uint8))
         return np.ascontiguousarray(image[::-1])
 
     def _px(self, xy_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:

@@ -183,6 +183,7 @@ def test_options(capsys):
         ["eval"],
         ["view"],
         ["export"],
+        ["map"],
         ["bench"],
         *(["scene", action] for action in ("import", "generate", "check")),
     ):
@@ -254,6 +255,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["eval"],
         ["view"],
         ["export"],
+        ["map"],
     ):
         help_of(words, capsys)  # Only the name of a command.
     elif words in (["explore"], ["bench"]) or "--help" in words:
@@ -266,6 +268,8 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
             assert read_jobs(place / parsed.file)
         else:
             assert parsed.file.is_file()
+    elif words[0] == "map":
+        parse(words, monkeypatch)  # tests/test_map_sequence.py maps one.
     elif words[:2] in (["view", "runs/latest"], ["export", "runs/latest"]):
         if len(words) > 2:
             if not (place / words[1]).exists():

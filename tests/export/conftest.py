@@ -2,13 +2,12 @@ import math
 
 import pytest
 
-from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.record_config import RecordConfig
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import Pose2
-from tests.box_room import new_recorder, observe, room_plan
+from tests.box_room import new_recorder, observe
 from tests.replay.conftest import box_run
 
 
@@ -20,8 +19,5 @@ def run_folder(tmp_path_factory):
     neural_map = NeuralMap(MAPPING_PRESETS["quick"](), seed=0, device="cpu")
     for step in range(12):
         neural_map.integrate(observe(step, Pose2(0.0, 0.0, step * math.pi / 6.0)))
-    folder = RunFolder(path)
-    neural_map.save(folder.map)
-    plan = room_plan()
-    write_plan(folder.survey, PlanRecord(plan.path_xy_m[:0], plan.topdown, plan.graph, plan.regions))
+    neural_map.save(RunFolder(path).map)
     return path

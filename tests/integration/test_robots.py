@@ -72,14 +72,13 @@ def test_odometry_noise(scene, tmp_path):
 def test_recorded_sequence(scene, tmp_path):
     said = script("record_sequence.py", str(scene), str(tmp_path / "walk"), "--steps", "40", "--image-px", "48")
     assert "41 frames" in said
-    options = [str(tmp_path / "walk"), "--out", str(tmp_path / "map"), "--every", "20"]
+    words = ["map", str(tmp_path / "walk"), "--out", str(tmp_path / "map"), "--preset", "quick", "--shadow"]
     program = (
-        f"import sys, runpy; sys.argv = {['recorded_sequence.py', *options]}; "
-        f"runpy.run_path({str(ROOT / 'scripts' / 'recorded_sequence.py')!r}, run_name='__main__'); "
+        f"import sys; from anm_mj.cli.main import main; assert main({words}) == 0; "
         "print('simulators:', {'mujoco', 'mink', 'pinocchio'} & set(sys.modules))"
     )
     said = python("-c", program)
-    assert "frame 40: would go to (" in said
+    assert "frame 41/41: would go to (" in said
     assert "simulators: set()" in said
     assert (tmp_path / "map" / "mesh.ply").stat().st_size > 10_000
     assert (tmp_path / "map" / "topdown.png").stat().st_size > 10_000

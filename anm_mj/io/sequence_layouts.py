@@ -1,0 +1,234 @@
+"""Recorded RGB-D sequences in the layouts of others: TUM RGB-D, nerfstudio, Replica, and a run folder of ours.
+
+The world of a layout is turned so that z points up, and moved so that the floor lies at z = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from anm_mj.errors import RunFolderError
+from anm_mj.frames import T_GL_CV, pixel_directions, transform_points
+from anm_mj.io.image import read_image
+from anm_mj.io.read_run import read_json, read_run
+from anm_mj.io.sequence import Frame, Sequence, read_sequence, tum_matrix
+from anm_mj.types import Intrinsics
+
+TUM_UNIT_M, REPLICA_UNIT_M, MM = 1.0 / 5000.0, 1.0 / 6553.5, 0.001
+TUM_MATCH_S = 0.02
+"""Images and poses of a TUM sequence belong together up to this difference of their times [s]."""
+TUM_CAMERAS = {
+    "freiburg1": (517.3, 516.5, 318.6, 255.3),
+    "freiburg2": (520.9, 521.0, 325.1, 249.7),
+    "freiburg3": (535.4, 539.2, 320.1, 247.6),
+}
+"""fx, fy, cx, cy [px] of the data set's cameras, from its documentation; distortion is left out."""
+TUM_CAMERA = (525.0, 525.0, 319.5, 239.5)
+REPLICA_TIME_S = 1.0 / 30.0
+UP = {
+    "z": np.eye(3),
+    "-z": np.diag([1.0, -1.0, -1.0]),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "-y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+}
+"""Rotation from a world with this axis up to one with z up."""
+FLOOR_FRAMES, FLOOR_BIN_M, FLOOR_SHARE = 30, 0.02, 0.3
+
+
+@dataclass(frozen=True)
+class SequenceOptions:
+    """What the files of a sequence do not say, or say wrongly; None = as they say, or as the layout has it."""
+
+    layout: str | None = None
+    """A key of ``LAYOUTS``."""
+    camera: tuple[float, float, float, float] | None = None
+    """fx, fy, cx, cy [px]; the principal point measured from the corner of the image."""
+    depth_unit_m: float | None = None
+    """Metres per unit of a depth PNG."""
+    up: str = "z"
+    """Axis of the sequence's world that points up: a key of ``UP``."""
+    floor_m: float | None = None
+    """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others."""
+    every: int = 1
+    """Only every so-manieth frame is read."""
+
+
+def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[Sequence, str]:
+    """Open a recorded sequence, and say in which layout it is.
+
+    Args:
+        path: Its folder, or a ``transforms.json``.
+        options: What the files do not say.
+
+    Raises:
+        RunFolderError: The folder is none of the layouts, a file is missing or damaged, or an option is out of range.
+    """
+    options = options or SequenceOptions()
+    if options.layout is not None and options.layout not in LAYOUTS:
+        raise RunFolderError(f"There is no layout '{options.layout}'; choose from {', '.join(LAYOUTS)}.")
+    if options.up not in UP:
+        raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join(UP)}.")
+    if options.every < 1:
+        raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
+    folder = path.parent if path.name == "transforms.json" else path
+    if not folder.is_dir():
+        raise RunFolderError(f"{folder} is not a folder; give that of a recorded sequence.")
+    found = options.layout or next((name for name, layout in LAYOUTS.items() if (folder / layout.sign).exists()), None)
+    if found is None:
+        signs = ", ".join(f"{layout.sign} ({name})" for name, layout in LAYOUTS.items())
+        raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
+    try:
+        sequence = LAYOUTS[found].read(folder)
+    except (OSError, KeyError, TypeError, ValueError, IndexError) as err:
+        raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err
+    if not sequence.frames:
+        raise RunFolderError(f"{folder} holds no frame that has colour, depth and a pose.")
+    if options.camera is not None:
+        fx, fy, cx, cy = options.camera
+        sequence = replace(sequence, intrinsics=replace(sequence.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy))
+    if options.depth_unit_m is not None:
+        sequence = replace(sequence, depth_unit_m=options.depth_unit_m)
+    sequence = replace(sequence, frames=sequence.frames[:: options.every])
+    T_up = np.eye(4)
+    T_up[:3, :3] = UP[options.up]
+    sequence = sequence.moved(T_up)
+    floor_m = options.floor_m
+    if floor_m is None:
+        floor_m = 0.0 if LAYOUTS[found].ours else find_floor_m(sequence)
+    lowered = np.eye(4)
+    lowered[2, 3] = -floor_m
+    return sequence.moved(lowered), found
+
+
+def find_floor_m(sequence: Sequence) -> float:
+    """Height of the floor: the lowest level that holds many of the points below the cameras [m]."""
+    some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // FLOOR_FRAMES)])
+    heights = []
+    for observation in some.observations():
+        depth_m = observation.depth_m[::4, ::4]
+        measured = np.isfinite(depth_m)
+        points = pixel_directions(observation.intrinsics)[::4, ::4][measured] * depth_m[measured][:, None]
+        heights.append(transform_points(observation.T_world_camera, points)[:, 2])
+    below = np.median([frame.T_world_camera[2, 3] for frame in some.frames])
+    z = np.concatenate(heights)
+    z = z[z < below]
+    if not len(z):
+        raise RunFolderError(f"{sequence.path} shows nothing below its cameras; give the floor's height by --floor.")
+    level = np.floor(z / FLOOR_BIN_M).astype(np.int64)
+    count = np.bincount(level - level.min())
+    # A level of points and its neighbour: the floor may lie on the border of two.
+    both = np.convolve(count, np.ones(3), "same")
+    lowest = int(np.argmax(both >= FLOOR_SHARE * both.max())) + level.min()
+    near = z[np.abs(z - (lowest + 1.0) * FLOOR_BIN_M) < 2 * FLOOR_BIN_M]
+    return float(np.median(near))
+
+
+def _run(folder: Path) -> Sequence:
+    run = read_run(folder)
+    kept = [frame for frame in run.frames if run.folder.image(frame.step).is_file()]
+    if not kept:
+        raise RunFolderError(f"{folder} keeps no colour images, so it cannot be mapped again.")
+    frames = tuple(
+        Frame(frame.time_s, run.folder.image(frame.step), run.folder.depth(frame.step), frame.T_world_camera)
+        for frame in kept
+    )
+    return Sequence(folder, run.intrinsics, MM, frames, resize=True, keeps_corner_pixels=True)
+
+
+def _tum(folder: Path) -> Sequence:
+    depth, colour = _listed(folder / "depth.txt"), _listed(folder / "rgb.txt")
+    truth = np.loadtxt(folder / "groundtruth.txt", ndmin=2)
+    poses = sorted((float(line[0]), line[1:]) for line in truth)
+    frames = []
+    for time_s, name in depth:
+        image, pose = _nearest(colour, time_s), _nearest(poses, time_s)
+        if image is not None and pose is not None:
+            frames.append(Frame(time_s, folder / image, folder / name, tum_matrix(pose[:3], pose[3:])))
+    known = next((camera for key, camera in TUM_CAMERAS.items() if key in folder.resolve().name), TUM_CAMERA)
+    height, width = read_image(frames[0].colour).shape[:2] if frames else (480, 640)
+    return Sequence(folder, _from_pixel_centres(width, height, known), TUM_UNIT_M, tuple(frames), resize=True)
+
+
+def _nerfstudio(folder: Path) -> Sequence:
+    facts = read_json(folder / "transforms.json")
+    frames = []
+    for index, entry in enumerate(sorted(facts["frames"], key=lambda one: one["file_path"])):
+        if "depth_file_path" not in entry:
+            raise RunFolderError(f"{folder / 'transforms.json'} gives {entry['file_path']} no depth_file_path.")
+        matrix = np.array(entry["transform_matrix"], dtype=np.float64) @ T_GL_CV
+        time_s = float(entry.get("time", index * REPLICA_TIME_S))
+        frames.append(Frame(time_s, folder / entry["file_path"], folder / entry["depth_file_path"], matrix))
+    first = facts["frames"][0]
+    values = {key: facts.get(key, first.get(key)) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")}
+    camera = Intrinsics(
+        int(values["w"]), int(values["h"]), *(float(values[key]) for key in ("fl_x", "fl_y", "cx", "cy"))
+    )
+    unit = float(facts.get("depth_unit_scale_factor", MM))
+    # Images of ours keep the first pixel of each block.
+    ours = facts.get("depth_pixels") == "first of each block"
+    return Sequence(folder, camera, unit, tuple(frames), resize=True, keeps_corner_pixels=ours)
+
+
+def _replica(folder: Path) -> Sequence:
+    poses = np.loadtxt(folder / "traj.txt", ndmin=2).reshape(-1, 4, 4)
+    images = folder / "results" if (folder / "results").is_dir() else folder
+    colour, depth = (
+        sorted(images.glob("frame*.jpg")) or sorted(images.glob("frame*.png")),
+        sorted(images.glob("depth*")),
+    )
+    beside = [place / "cam_params.json" for place in (folder, folder.parent)]
+    facts = next((read_json(path)["camera"] for path in beside if path.is_file()), None)
+    if facts is None:
+        raise RunFolderError(f"{folder} has no cam_params.json, neither in it nor beside it.")
+    camera = _from_pixel_centres(facts["w"], facts["h"], tuple(facts[key] for key in ("fx", "fy", "cx", "cy")))
+    frames = tuple(
+        Frame(index * REPLICA_TIME_S, image, measured, pose)
+        for index, (image, measured, pose) in enumerate(zip(colour, depth, poses, strict=False))
+    )
+    return Sequence(folder, camera, 1.0 / float(facts.get("scale", 1.0 / REPLICA_UNIT_M)), frames, resize=True)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a kind of sequence is recognised and read."""
+
+    sign: str
+    """A file that only this layout has."""
+    read: Callable[[Path], Sequence]
+    ours: bool = False
+    """Whether the floor is at z = 0 by definition."""
+
+
+LAYOUTS = {
+    "run": Layout("frames.jsonl", _run, ours=True),
+    "anm-mj": Layout("poses.tum", read_sequence, ours=True),
+    "tum": Layout("groundtruth.txt", _tum),
+    "nerfstudio": Layout("transforms.json", _nerfstudio),
+    "replica": Layout("traj.txt", _replica),
+}
+
+
+def _from_pixel_centres(width: int, height: int, camera: tuple[float, ...]) -> Intrinsics:
+    """Intrinsics whose principal point was measured from the centre of the first pixel."""
+    fx, fy, cx, cy = camera
+    return Intrinsics(int(width), int(height), fx, fy, cx + 0.5, cy + 0.5)
+
+
+def _listed(path: Path) -> list[tuple[float, str]]:
+    """Times and names in a list of a TUM sequence."""
+    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line and line[0] != "#"]
+    return sorted((float(words[0]), words[1]) for words in lines)
+
+
+def _nearest(entries: list[tuple[float, Any]], time_s: float) -> Any:
+    """The entry whose time is nearest; None if that is too far away."""
+    times = np.array([entry[0] for entry in entries])
+    index = int(np.abs(times - time_s).argmin()) if len(times) else 0
+    found = len(times) and math.fabs(times[index] - time_s) <= TUM_MATCH_S
+    return entries[index][1] if found else None

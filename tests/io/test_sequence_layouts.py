@@ -1,0 +1,190 @@
+"""Every layout is written here as its data set documents it, and read back as the frames that it was written from."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from anm_mj.errors import RunFolderError
+from anm_mj.frames import pixel_directions, transform_points
+from anm_mj.io.sequence import SequenceWriter
+from anm_mj.io.sequence_layouts import SequenceOptions, find_floor_m, open_sequence
+from anm_mj.types import Intrinsics, Pose2
+from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, new_recorder, observe, record_steps
+
+CAMERA = Intrinsics.from_fov(64, 48, math.radians(100.0))
+LIFT_M = 0.7
+"""Height of the floor in the worlds of others."""
+
+
+def seen():
+    return [observe(step, Pose2(0.1 * step, -0.2, 0.5 * step), CAMERA) for step in range(6)]
+
+
+def lifted(T_world_camera):
+    T = T_world_camera.copy()
+    T[2, 3] += LIFT_M
+    return T
+
+
+def write_images(folder, colour, depth, unit_m):
+    for index, observation in enumerate(seen()):
+        for name in (colour.format(index), depth.format(index)):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(observation.rgb).save(folder / colour.format(index))
+        Image.fromarray(np.rint(observation.depth_m / unit_m).astype(np.uint16)).save(folder / depth.format(index))
+
+
+def write_tum(folder):
+    write_images(folder, "rgb/{:d}.png", "depth/{:d}.png", 1 / 5000)
+    (folder / "rgb.txt").write_text("# color images\n" + "".join(f"{k + 0.01:.4f} rgb/{k}.png\n" for k in range(6)))
+    # The last depth image has no colour image near it.
+    times = [0.0, 1.0, 2.0, 3.0, 4.0, 5.2]
+    (folder / "depth.txt").write_text(
+        "# depth maps\n" + "".join(f"{t:.4f} depth/{k}.png\n" for k, t in enumerate(times))
+    )
+    lines = ["# timestamp tx ty tz qx qy qz qw"]
+    for k, observation in enumerate(seen()):
+        T = lifted(observation.T_world_camera)
+        values = (k - 0.004, *T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_quat())
+        lines.append(" ".join(f"{value:.6f}" for value in values))
+    (folder / "groundtruth.txt").write_text("\n".join(lines) + "\n")
+
+
+def write_nerfstudio(folder):
+    write_images(folder, "images/{:03d}.png", "depth/{:03d}.png", 0.001)
+    frames = [
+        {
+            "file_path": f"images/{k:03d}.png",
+            "depth_file_path": f"depth/{k:03d}.png",
+            "transform_matrix": (lifted(one.T_world_camera) @ np.diag([1, -1, -1, 1])).tolist(),
+        }
+        for k, one in enumerate(seen())
+    ]
+    facts = {"w": 64, "h": 48, "fl_x": CAMERA.fx, "fl_y": CAMERA.fy, "cx": CAMERA.cx, "cy": CAMERA.cy}
+    (folder / "transforms.json").write_text(json.dumps(facts | {"frames": frames[::-1]}))
+
+
+def write_replica(folder):
+    write_images(folder, "results/frame{:06d}.jpg", "results/depth{:06d}.png", 1 / 6553.5)
+    lines = (" ".join(str(value) for value in lifted(one.T_world_camera).ravel()) for one in seen())
+    (folder / "traj.txt").write_text("\n".join(lines) + "\n")
+    camera = {"w": 64, "h": 48, "fx": CAMERA.fx, "fy": CAMERA.fy, "cx": 31.5, "cy": 23.5, "scale": 6553.5}
+    (folder.parent / "cam_params.json").write_text(json.dumps({"camera": camera}))
+
+
+def write_ours(folder):
+    writer = SequenceWriter(folder)
+    for observation in seen():
+        writer.write(observation)
+
+
+def points_of(observation):
+    directions = pixel_directions(observation.intrinsics)
+    return transform_points(
+        observation.T_world_camera, (directions * observation.depth_m[..., None].astype(float)).reshape(-1, 3)
+    )
+
+
+def to_wall_m(observation):
+    points = points_of(observation)
+    return np.abs(np.minimum(points - ROOM_LOW_M, ROOM_HIGH_M - points)).min(axis=1)
+
+
+@pytest.mark.parametrize(
+    ("layout", "write", "num_frames", "camera"),
+    [
+        ("tum", write_tum, 5, (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)),
+        ("nerfstudio", write_nerfstudio, 6, None),
+        ("replica", write_replica, 6, None),
+        ("anm-mj", write_ours, 6, None),
+    ],
+)
+def test_a_layout_is_recognised_and_its_pixels_lie_on_the_walls(tmp_path, layout, write, num_frames, camera):
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    write(folder)
+    sequence, found = open_sequence(folder, SequenceOptions(camera=camera))
+    assert found == layout
+    observations = list(sequence.observations())
+    assert len(observations) == len(sequence) == num_frames
+    for before, after in zip(seen(), observations, strict=False):
+        np.testing.assert_allclose(after.T_world_camera, before.T_world_camera, atol=0.02)
+        assert after.pose.yaw_rad == pytest.approx(before.pose.yaw_rad, abs=1e-4)
+        assert to_wall_m(after).max() < 0.02  # The floor is found to a centimetre or two.
+        np.testing.assert_allclose(after.rgb.astype(int), before.rgb, atol=3)
+
+
+def test_a_run_folder_is_a_sequence(tmp_path):
+    with new_recorder(tmp_path / "run") as recorder:
+        record_steps(recorder, 4)
+    sequence, found = open_sequence(tmp_path / "run")
+    assert found == "run"
+    observations = list(sequence.observations())
+    assert len(observations) == 5
+    for observation in observations:
+        # Reduced depth keeps the first pixel of each block, with its own ray.
+        assert observation.depth_m.shape == (128, 128)
+        assert to_wall_m(observation).max() < 0.001
+
+
+def test_another_axis_may_point_up(tmp_path):
+    (tmp_path / "walk").mkdir()
+    write_nerfstudio(tmp_path / "walk")
+    path = tmp_path / "walk" / "transforms.json"
+    facts = json.loads(path.read_text())
+    # World z up to y up.
+    turn = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    for entry in facts["frames"]:
+        entry["transform_matrix"] = (turn @ np.array(entry["transform_matrix"])).tolist()
+    path.write_text(json.dumps(facts))
+    sequence, _ = open_sequence(path, SequenceOptions(up="y", floor_m=LIFT_M))
+    for before, after in zip(seen(), sequence.observations(), strict=True):
+        np.testing.assert_allclose(after.T_world_camera, before.T_world_camera, atol=1e-9)
+
+
+def test_the_floor_is_found_from_the_depth(tmp_path):
+    (tmp_path / "walk").mkdir()
+    write_nerfstudio(tmp_path / "walk")
+    sequence, _ = open_sequence(tmp_path / "walk", SequenceOptions(floor_m=0.0))
+    assert find_floor_m(sequence) == pytest.approx(LIFT_M, abs=0.01)
+
+
+def test_only_every_third_frame(tmp_path):
+    write_ours(tmp_path / "walk")
+    sequence, _ = open_sequence(tmp_path / "walk", SequenceOptions(every=3))
+    assert [frame.colour.name for frame in sequence.frames] == ["000000.png", "000003.png"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"layout": "scannet"}, "There is no layout 'scannet'; choose from run, anm-mj, tum"),
+        ({"up": "x"}, "--up is 'x'"),
+        ({"every": 0}, "--every is 0"),
+        ({"layout": "tum"}, "cannot be read in the layout tum"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(tmp_path, options, message):
+    write_ours(tmp_path / "walk")
+    with pytest.raises(RunFolderError, match=message):
+        open_sequence(tmp_path / "walk", SequenceOptions(**options))
+
+
+def test_a_folder_of_something_else(tmp_path):
+    with pytest.raises(RunFolderError, match=r"is no recorded sequence; it has none of frames\.jsonl \(run\)"):
+        open_sequence(tmp_path)
+    with pytest.raises(RunFolderError, match="is not a folder"):
+        open_sequence(tmp_path / "nowhere")
+
+
+def test_a_run_without_images_cannot_be_mapped_again(tmp_path):
+    with new_recorder(tmp_path / "run") as recorder:
+        record_steps(recorder, 1)
+    for path in (tmp_path / "run" / "rgb").iterdir():
+        path.unlink()
+    with pytest.raises(RunFolderError, match="keeps no colour images"):
+        open_sequence(tmp_path / "run")

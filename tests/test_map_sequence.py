@@ -1,0 +1,84 @@
+"""A recorded sequence becomes a run folder that replay, film and exports read."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from anm_mj.cli.main import main
+from anm_mj.io.jsonl import read_jsonl
+from anm_mj.io.sequence import SequenceWriter
+from anm_mj.types import Intrinsics, Pose2
+from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, observe
+
+CAMERA = Intrinsics.from_fov(64, 64, math.radians(90.0))
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded") / "walk"
+    writer = SequenceWriter(folder)
+    for step in range(16):
+        writer.write(observe(step, Pose2(-0.5 + 0.05 * step, 0.0, step * math.pi / 8.0), CAMERA))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mapped(sequence, tmp_path_factory):
+    out = tmp_path_factory.mktemp("mapped") / "walk"
+    assert main(["map", str(sequence), "--out", str(out), "--preset", "quick", "--shadow"]) == 0
+    return out
+
+
+def test_the_mesh_is_the_room(mapped):
+    mesh = trimesh.load_mesh(mapped / "mesh.ply")
+    vertices = np.asarray(mesh.vertices)
+    to_wall = np.abs(np.minimum(vertices - ROOM_LOW_M, ROOM_HIGH_M - vertices)).min(axis=1)
+    assert len(mesh.faces) > 2_000
+    assert np.mean(to_wall) < 0.03
+    assert (vertices.max(axis=0) > ROOM_HIGH_M - 0.1).all()
+
+
+def test_the_planner_decides_at_every_frame(mapped):
+    plans = read_jsonl(mapped / "plans.jsonl")
+    assert [plan["step"] for plan in plans] == list(range(16))
+    assert all(plan["reason"] for plan in plans)
+    assert not any("bootstrap" in plan["reason"] for plan in plans)
+    assert any(plan["target_xy_m"] is not None for plan in plans) or plans[-1]["stop"] == "COMPLETE"
+    assert json.loads((mapped / "manifest.json").read_text())["robot"] == "recorded"
+
+
+def test_replay_film_and_exports_read_it(mapped, tmp_path):
+    assert main(["view", str(mapped), "--export-html", str(tmp_path / "replay.html")]) == 0
+    assert "walk, gvg, seed 0" in (tmp_path / "replay.html").read_text()
+    assert main(["export", str(mapped), "--format", "all", "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "map.yaml").is_file()
+    assert main(["export", str(mapped), "--video", str(tmp_path / "film.gif"), "--every", "5"]) == 0
+
+
+def test_a_folder_without_truth_is_not_evaluated(mapped, capsys):
+    assert main(["eval", str(mapped)]) == 2
+    assert "without the true surface nothing can be evaluated" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_run_folder_can_be_mapped_again(mapped, tmp_path):
+    words = ["map", str(mapped), "--out", str(tmp_path / "again"), "--preset", "quick", "--every", "2"]
+    assert main(words) == 0
+    assert len(read_jsonl(tmp_path / "again" / "frames.jsonl")) == 8
+    assert read_jsonl(tmp_path / "again" / "plans.jsonl") == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--camera", "525,525"], "--camera is '525,525'"),
+        (["--radius", "2"], "makes no sense"),
+        (["--layout", "kitti"], "There is no layout 'kitti'"),
+    ],
+)
+def test_wrong_options_are_one_sentence(sequence, tmp_path, capsys, options, words):
+    assert main(["map", str(sequence), "--out", str(tmp_path / "out"), *options]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out").exists()
