@@ -22,6 +22,7 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.presets import preset_config
 from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.sim.sensors.presets import sensor_config
 
@@ -35,6 +36,7 @@ DEFAULT_PRESET = "default"
 LARGEST_SEED = 2**63 - 1
 OPTIONS = ("policy", "goal", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
 """Fields of ``RunConfig`` that have an option of their own; the scene is the first argument."""
+_CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
 SMALL_SCENE_ROOMS = 5
 """Scenes up to this many rooms get 1000 steps, larger ones 2000, from 20 rooms on 10,000 (the paper's budgets)."""
 
@@ -60,7 +62,7 @@ class RunConfig:
     start: tuple[float, float, float] | None = None
     """Start pose x [m], y [m], yaw [deg]; None = the scene's first."""
     robot: str = DEFAULT_ROBOT
-    """Name of a builtin robot, or an MJCF file."""
+    """Name of a robot, or an MJCF file."""
     drive: str = "kinematic"
     """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
     pose: str = "true"
@@ -72,7 +74,7 @@ class RunConfig:
     image_px: int = 256
     """Width and height of the camera image [px]."""
     model: RobotConfig = field(default_factory=RobotConfig)
-    """Names of the robot's parts, and the noise of its encoders."""
+    """How to read the robot's file, and the noise of its encoders; a named robot has settings of its own."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
     """Errors of camera and odometry."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
@@ -134,6 +136,10 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
         if default is None:
             raise ConfigError(f"--set {name}: there is no such setting{_hint(config, name)}")
         values[keys] = _parse(default, value, name)
+    # A camera that the user names or mounts takes the place of the preset's.
+    for given, other in ((_CAMERA, _CAMERA_POSE), (_CAMERA_POSE, _CAMERA)):
+        if values.get(given):
+            values.setdefault(other, "")
     return _with(config, values)
 
 
@@ -186,7 +192,8 @@ def _default_config(preset: str, **options: Any) -> RunConfig:
     mapping = MAPPING_PRESETS[preset]()
     if entry.uncertainty_preset is not None:
         mapping = replace(mapping, uncertainty=MAPPING_PRESETS[entry.uncertainty_preset]().uncertainty)
-    return RunConfig(preset=preset, mapping=mapping, **options)
+    model = preset_config(options.get("robot", DEFAULT_ROBOT))
+    return RunConfig(preset=preset, mapping=mapping, model=model, **options)
 
 
 def _require_choice(option: str, value: str, choices: tuple[str, ...]) -> None:

@@ -127,6 +127,9 @@ def explore(
         if monitor.fault is not None:
             _logger.error("%s; the run ends at step %d.", monitor.fault, step)
             return outcome(StopReason.SENSOR_FAULT, step)
+        if result.fault is not None:
+            _logger.error("the robot can drive no more (%s); the run ends at step %d.", result.fault, step)
+            return outcome(result.fault, step)
         if collisions >= STUCK_COLLISIONS:
             return outcome(StopReason.STUCK, step)
 

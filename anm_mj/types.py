@@ -65,6 +65,12 @@ class StopReason(StrEnum):
     """The camera stopped measuring: no depth, or the same image again and again."""
     POLICY_ERROR = "POLICY_ERROR"
     """The policy failed, or returned a plan that cannot be executed."""
+    TOPPLED = "TOPPLED"
+    """The robot fell over."""
+    NO_TRACTION = "NO_TRACTION"
+    """The robot did not go where its wheels drove it, again and again, although nothing was in the way."""
+    DIVERGED = "DIVERGED"
+    """The simulation of the robot became unstable."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
 
@@ -197,6 +203,8 @@ class ActionResult:
     """Mean wheel speeds over the action [rad/s]."""
     moved_m: float
     """Distance the base moved [m]."""
+    fault: StopReason | None = None
+    """Why the robot can drive no more, such as TOPPLED; None while it can."""
 
 
 @dataclass(frozen=True)

@@ -146,8 +146,8 @@ def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure
     with make_robot(world, image_px=16) as robot:
         from anm_mj.control.kinematic_drive import KinematicDrive
         from anm_mj.geometry.clearance import Clearance
-        from anm_mj.robot.config import robot_path
         from anm_mj.robot.description import describe_robot
+        from anm_mj.robot.presets import robot_path
 
         mesh = trimesh.Trimesh(*world.triangles(), process=False)
         while len(mesh.faces) < triangles:

@@ -28,7 +28,8 @@ from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
 from anm_mj.planning.policies.context import DEFAULT_GOAL
-from anm_mj.robot.config import DEFAULT_ROBOT, robot_path
+from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.robot.presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.utils.read_file import read_toml
 

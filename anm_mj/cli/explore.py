@@ -54,8 +54,9 @@ def add_explore(commands: Any) -> None:
     explore.add_argument(
         "--robot",
         default="diff_drive",
-        metavar="FILE",
-        help="your robot's MJCF, with two wheel hinges and a camera (default: diff_drive, see docs/robot.md)",
+        metavar="ROBOT",
+        help="your robot's MJCF, or a name: diff_drive, stretch3, turtlebot3_burger, turtlebot3_waffle_pi or one of "
+        "the package robot_descriptions (default: diff_drive, see docs/robot.md)",
     )
     explore.add_argument(
         "--pose",

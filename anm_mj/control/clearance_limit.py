@@ -106,6 +106,8 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
         self._body = model.geom(BODY).id
         self._boxes = _bounding_rectangles(model, self._all_pairs[:, 1])
         self._reach_m = float(model.geom_size[self._body, 0]) + _NEAR_M
+        self.is_active = False
+        """Whether an obstacle was near at the last call."""
 
     def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
         """One inequality per obstacle near the body, on the displacement within ``dt`` [s]."""
@@ -113,6 +115,7 @@ class ClearanceLimit(mink.CollisionAvoidanceLimit):
         low, high = self._boxes[:, :2], self._boxes[:, 2:]
         away = np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0)
         near = self._all_pairs[np.einsum("ij,ij->i", away, away) < self._reach_m**2]
+        self.is_active = len(near) > 0
         if not len(near):
             return mink.Constraint()
         # mink makes a row for each of these pairs; rows of distant obstacles would have no effect.

@@ -8,20 +8,20 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.look_at import LookAt
+from anm_mj.control.look_at import LookAt, PlanarLookAt
 from anm_mj.control.motion import MotionLimits
-from anm_mj.control.odometry import Odometer
-from anm_mj.control.simulated_base import SimulatedBase
+from anm_mj.control.odometry import Odometer, odometer_of
+from anm_mj.control.simulated_base import simulated_base
 from anm_mj.errors import RobotError
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.robot.kinematics import PlanarKinematics, kinematics_of
 from anm_mj.types import Pose2, Twist, WheelSpeeds
 
 STILL = WheelSpeeds(0.0, 0.0)
 
 
 class WheelDrive:
-    """A differential-drive base in a simulation; the subclasses move it."""
+    """A base in a simulation; the subclasses move it."""
 
     def __init__(
         self,
@@ -49,10 +49,10 @@ class WheelDrive:
             RobotError: if the model lacks a joint of the robot.
         """
         self._data = data
-        self._base = SimulatedBase(model, data, prefix, description)
-        self._kinematics = RobotKinematics.of(description)
+        self._base = simulated_base(model, data, prefix, description)
+        self._kinematics = kinematics_of(description)
         self._limits = limits or MotionLimits()
-        self._odometer = odometer or Odometer(self._kinematics)
+        self._odometer = odometer or odometer_of(self._kinematics)
         self._odometer.reset(self._base.pose, self._base.wheel_angles_rad)
         self._description = description
         self._period_s = period_s
@@ -71,12 +71,17 @@ class WheelDrive:
     def _look_at_controller(self) -> LookAt:
         """The look-at controller at rest; made at the first call."""
         if self._look_at is None:
-            self._look_at = LookAt(self._description, self._kinematics, self._limits, period_s=self._period_s)
+            if isinstance(self._kinematics, PlanarKinematics):
+                self._look_at = PlanarLookAt(self._kinematics, self._limits, period_s=self._period_s)
+            else:
+                self._look_at = LookAt(self._description, self._kinematics, self._limits, period_s=self._period_s)
         self._look_at.reset()
         return self._look_at
 
-    def _mean_speeds(self, start_s: float, start_angles_rad: Float[np.ndarray, "2"]) -> WheelSpeeds:
-        """Mean wheel speeds since a time and its wheel angles."""
+    def _mean_speeds(self, start_s: float, start_angles_rad: Float[np.ndarray, " n"]) -> WheelSpeeds:
+        """Mean wheel speeds since a time and its wheel angles; 0 without wheels."""
+        if not self._description.wheel_joints:
+            return STILL
         duration_s = max(self._data.time - start_s, self._period_s)
         left, right = ((self._base.wheel_angles_rad - start_angles_rad) / duration_s).tolist()
         return WheelSpeeds(left, right)

@@ -11,8 +11,10 @@ from jaxtyping import Float
 from anm_mj.control.drive import STILL, WheelDrive, require_motion
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
+from anm_mj.frames import move_pose
 from anm_mj.geometry.clearance import Clearance
 from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import PlanarKinematics
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist
 
 _LOOK_PERIOD_S = 0.02
@@ -102,6 +104,9 @@ class KinematicDrive(WheelDrive):
             return False
         left_rad, right_rad = self._kinematics.wheel_motion(forward_m, turn_rad)
         self._base.turn_wheels(left_rad, right_rad)
-        self._base.place(self._kinematics.odometry(pose, left_rad, right_rad))
+        if isinstance(self._kinematics, PlanarKinematics):
+            self._base.place(move_pose(pose, forward_m, turn_rad))
+        else:
+            self._base.place(self._kinematics.odometry(pose, left_rad, right_rad))
         self._odometer.update(self._base.wheel_angles_rad)
         return True

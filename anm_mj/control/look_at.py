@@ -14,7 +14,7 @@ from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.control.wheel_servo import SOLVER, NoSlip
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.robot.description import RobotDescription
-from anm_mj.robot.kinematics import CAMERA, WHEEL_JOINTS, RobotKinematics
+from anm_mj.robot.kinematics import CAMERA, WHEEL_JOINTS, Kinematics, PlanarKinematics, RobotKinematics
 from anm_mj.types import Pose2
 
 _TASK_COST = 10.0
@@ -57,7 +57,9 @@ class LookAt:
             period_s: time between two poses [s].
         """
         model = mujoco.MjModel.from_xml_string(description.reduced_mjcf)
-        self._model, self._kinematics, self._limits, self._period_s = model, kinematics, limits, period_s
+        self._model, self._limits, self._period_s = model, limits, period_s
+        self._kinematics: Kinematics = kinematics
+        self._wheels = kinematics
         self._configuration = mink.Configuration(model)
         self._base = SimulatedBase(model, self._configuration.data)
         self._left_dof = model.joint(WHEEL_JOINTS[0]).dofadr[0]
@@ -82,10 +84,7 @@ class LookAt:
         self._base.place(pose)
         self._configuration.update()
         self._task.set_target(self._target(pose, point_m, error_rad))
-        braking_radps = math.sqrt(2.0 * self._limits.turn_radps2 * abs(error_rad))
-        faster_radps = abs(self._turn_radps) + self._limits.turn_radps2 * self._period_s
-        allowed_radps = min(self._limits.turn_radps, faster_radps, braking_radps)
-        wheel_radps = self._kinematics.wheel_motion(0.0, allowed_radps)[1]
+        wheel_radps = self._wheels.wheel_motion(0.0, self._allowed_radps(error_rad))[1]
         velocity = mink.solve_ik(
             self._configuration,
             [self._task],
@@ -95,8 +94,14 @@ class LookAt:
             constraints=self._constraints,
         )
         left = float(velocity[self._left_dof])
-        self._turn_radps = self._kinematics.body_motion(left, -left)[1]
+        self._turn_radps = self._wheels.body_motion(left, -left)[1]
         return move_pose(pose, 0.0, self._turn_radps * self._period_s)
+
+    def _allowed_radps(self, error_rad: float) -> float:
+        """Highest turn rate within the limits of speed, acceleration and braking [rad/s]."""
+        braking_radps = math.sqrt(2.0 * self._limits.turn_radps2 * abs(error_rad))
+        faster_radps = abs(self._turn_radps) + self._limits.turn_radps2 * self._period_s
+        return min(self._limits.turn_radps, faster_radps, braking_radps)
 
     def error_rad(self, pose: Pose2, point_m: Float[np.ndarray, "3"]) -> float:
         """Horizontal angle from the camera's axis to the point [rad]; 0 for a point above or below the camera."""
@@ -114,3 +119,21 @@ class LookAt:
             return np.array([point_m[0], point_m[1], T_world_camera[2, 3]])
         to_the_right = T_world_camera[:3, 0]
         return T_world_camera[:3, 3] - math.copysign(1.0, error_rad) * to_the_right
+
+
+class PlanarLookAt(LookAt):
+    """The same for a holonomic base, which turns about its own axis."""
+
+    def __init__(self, kinematics: PlanarKinematics, limits: MotionLimits, *, period_s: float) -> None:
+        """Arguments as for :class:`LookAt`."""
+        self._kinematics, self._limits, self._period_s = kinematics, limits, period_s
+        self._turn_radps = 0.0
+
+    def next_pose(self, pose: Pose2, point_m: Float[np.ndarray, "3"]) -> Pose2 | None:
+        """Pose of the base one period later; None once the camera faces the point."""
+        error_rad = self.error_rad(pose, point_m)
+        if abs(error_rad) < _ALIGNED_RAD:
+            return None
+        rate = min(self._allowed_radps(error_rad), abs(error_rad) / self._period_s)
+        self._turn_radps = math.copysign(rate, error_rad)
+        return move_pose(pose, 0.0, self._turn_radps * self._period_s)

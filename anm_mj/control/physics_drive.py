@@ -13,12 +13,15 @@ from anm_mj.control.clearance_limit import static_obstacles
 from anm_mj.control.drive import STILL, WheelDrive, require_motion
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
+from anm_mj.control.robot_limits import limits_of
 from anm_mj.control.simulated_base import element_id
-from anm_mj.control.wheel_servo import WheelServo
+from anm_mj.control.traction import TractionMonitor
+from anm_mj.control.wheel_servo import PlanarServo, WheelServo
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.robot.description import RobotDescription
-from anm_mj.types import Action, ActionResult, MotionResult, Pose2, Twist
+from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _STANDING = Twist(0.0, 0.0)
 _TURN_LAG_RAD = math.radians(5.0)
@@ -55,6 +58,8 @@ class PhysicsDriveConfig:
     """A larger distance to the reference while driving at a velocity means a collision or a push [m]."""
     pushed_m: float = 0.005
     """A larger sideways distance to the reference means a push from the side [m]."""
+    toppled_rad: float = math.radians(30.0)
+    """A base that tilts by more has fallen over [rad]."""
     contact_cos: float = 0.25
     """A contact blocks a forward motion if the cosine between the heading and its outward normal is larger; along
     contacts at its side the robot slides."""
@@ -105,16 +110,33 @@ class PhysicsDrive(WheelDrive):
         """
         self._model = model
         self._config = config or PhysicsDriveConfig()
+        max_wheel_radps = min(self._config.max_wheel_radps, description.max_wheel_radps)
+        limits = limits or limits_of(description, max_wheel_radps)
         super().__init__(model, data, description, limits, odometer, prefix, period_s=self._config.servo_period_s)
-        self._servo = WheelServo(
-            description,
-            self._kinematics,
-            period_s=self._period_s,
-            max_wheel_radps=self._config.max_wheel_radps,
-            obstacles=static_obstacles(model),
-            min_distance_m=self._config.keep_clear_m,
-        )
+        self._max_wheel_radps = max_wheel_radps
+        self._traction = TractionMonitor()
+        obstacles = static_obstacles(model)
+        self._servo: WheelServo | PlanarServo
+        if isinstance(self._kinematics, RobotKinematics):
+            self._servo = WheelServo(
+                description,
+                self._kinematics,
+                period_s=self._period_s,
+                max_wheel_radps=max_wheel_radps,
+                obstacles=obstacles,
+                min_distance_m=self._config.keep_clear_m,
+            )
+        else:
+            self._servo = PlanarServo(
+                description,
+                period_s=self._period_s,
+                max_mps=2.0 * self._limits.forward_mps,
+                max_radps=2.0 * self._limits.turn_radps,
+                obstacles=obstacles,
+                min_distance_m=self._config.keep_clear_m,
+            )
         self._signs = np.array(description.wheel_signs)
+        self._touched = False
         actuator, geom = mujoco.mjtObj.mjOBJ_ACTUATOR, mujoco.mjtObj.mjOBJ_GEOM
         self._motors = np.array([element_id(model, actuator, prefix + name) for name in description.motors])
         self._is_shell = np.zeros(model.ngeom, dtype=bool)
@@ -138,6 +160,7 @@ class PhysicsDrive(WheelDrive):
         self._data.qvel[:] = 0.0
         self._data.ctrl[self._motors] = 0.0
         self._reference, self._twist = pose, _STANDING
+        self._traction = TractionMonitor()
         self._odometer.reset(pose, self._base.wheel_angles_rad)
 
     def act(self, action: Action) -> ActionResult:
@@ -146,7 +169,9 @@ class PhysicsDrive(WheelDrive):
         if action == Action.STOP:
             return ActionResult(action, collided=False, wheel_speeds=STILL, moved_m=0.0)
         start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
+        self._touched = False
         collided = self._execute(action)
+        off_m = abs(self._offset_m()[1])
         if collided:
             self._halt()
         # No wheel can undo a push from the side, and after the next turn the servo would drive it as a distance.
@@ -158,7 +183,21 @@ class PhysicsDrive(WheelDrive):
             collided=collided,
             wheel_speeds=self._mean_speeds(start_s, start_angles),
             moved_m=_distance_m(start, end),
+            fault=self._fault(failed=collided or off_m > self._config.pushed_m),
         )
+
+    def _fault(self, *, failed: bool) -> StopReason | None:
+        """Why the robot can drive no more after an action; None while it can."""
+        if self._data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or not np.isfinite(self._data.qpos).all():
+            return StopReason.DIVERGED
+        if self._base.tilt_rad > self._config.toppled_rad:
+            return StopReason.TOPPLED
+        return self._traction.after(failed=failed, touched=self._touched or self._touches_anything())
+
+    def _touches_anything(self) -> bool:
+        """Whether the robot's shell touches anything, or is as near to it as the servo goes."""
+        near = self._is_shell[self._data.contact.geom]
+        return bool((near[:, 0] != near[:, 1]).any()) or self._servo.is_near_obstacle
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s], rounded up to servo periods.
@@ -235,8 +274,13 @@ class PhysicsDrive(WheelDrive):
 
     def _servo_period(self, reference: Pose2, forward: bool) -> bool:
         """Command the wheels for one period; True as soon as a contact blocks a forward motion."""
-        speeds = self._servo.wheel_speeds(self._base.pose, reference)
-        self._data.ctrl[self._motors] = self._signs * (speeds.left_radps, speeds.right_radps)
+        if isinstance(self._servo, PlanarServo):
+            self._data.ctrl[self._motors] = self._servo.joint_speeds(self._base.pose, reference)
+        else:
+            speeds = self._servo.wheel_speeds(self._base.pose, reference)
+            sides = np.repeat((speeds.left_radps, speeds.right_radps), len(self._signs) // 2)
+            self._data.ctrl[self._motors] = self._signs * sides
+        self._touched |= self._servo.is_near_obstacle
         for _ in range(self._substeps):
             mujoco.mj_step(self._model, self._data)
             if forward and self._contact_ahead():
@@ -259,7 +303,7 @@ class PhysicsDrive(WheelDrive):
         too_fast = max(
             abs(twist.forward_mps) / limits.forward_mps,
             abs(twist.turn_radps) / limits.turn_radps,
-            wheel_radps / (0.95 * self._config.max_wheel_radps),
+            wheel_radps / (0.95 * self._max_wheel_radps),
             1.0,
         )
         return Twist(twist.forward_mps / too_fast, twist.turn_radps / too_fast)

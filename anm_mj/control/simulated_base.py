@@ -1,4 +1,4 @@
-"""Planar access to a differential-drive base in a MuJoCo simulation: its free joint and its wheel hinges."""
+"""Planar access to a base in a MuJoCo simulation: its free joint and its wheel hinges, or its planar joints."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import wrap_angle
+from anm_mj.robot.base_search import HOLONOMIC
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.types import Pose2
@@ -39,7 +40,7 @@ class SimulatedBase:
         Raises:
             RobotError: if a joint is missing, or the base has no free joint.
         """
-        base_joint, wheel_joints = (robot.base_joint, robot.wheel_joints) if robot else (BASE_JOINT, WHEEL_JOINTS)
+        base_joint, wheel_joints = (robot.base_joints[0], robot.wheel_joints) if robot else (BASE_JOINT, WHEEL_JOINTS)
         self._data = data
         base = element_id(model, _JOINT, prefix + base_joint)
         if model.jnt_type[base] != mujoco.mjtJoint.mjJNT_FREE:
@@ -92,12 +93,87 @@ class SimulatedBase:
 
     @property
     def wheel_angles_rad(self) -> Float[np.ndarray, "2"]:
-        """Rotation of the left and the right wheel, positive when rolling forward."""
-        return self._signs * self._data.qpos[self._wheel_qpos]
+        """Rotation of the left and the right wheels, the mean of each side, positive when rolling forward."""
+        angles = self._signs * self._data.qpos[self._wheel_qpos]
+        return angles if len(angles) == 2 else angles.reshape(2, -1).mean(axis=1)
 
     def turn_wheels(self, left_rad: float, right_rad: float) -> None:
         """Add to the wheels' angles, positive when rolling forward."""
-        self._data.qpos[self._wheel_qpos] += self._signs * (left_rad, right_rad)
+        self._data.qpos[self._wheel_qpos] += self._signs * np.repeat((left_rad, right_rad), len(self._signs) // 2)
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle between the base's z axis and the vertical."""
+        q = self._data.qpos[self._base_qpos + 3 : self._base_qpos + 7]
+        mujoco.mju_rotVecQuat(self._offset, self._T_root_base[:3, 2], q)
+        return math.acos(max(-1.0, min(1.0, float(self._offset[2]))))
+
+
+class PlanarBase:
+    """The same access to a holonomic base: the positions of its three joints are its pose."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, prefix: str, joints: tuple[str, ...]):
+        """Look the joints up by name.
+
+        Args:
+            model: the robot, alone or in a scene.
+            data: of that model.
+            prefix: stands before the robot's names in the scene.
+            joints: two slides along the world's x and y, and a hinge about the base's z.
+
+        Raises:
+            RobotError: if a joint is missing.
+        """
+        ids = [element_id(model, _JOINT, prefix + name) for name in joints]
+        self._data = data
+        self._qpos = np.array([model.jnt_qposadr[joint] for joint in ids])
+        self._qvel = np.array([model.jnt_dofadr[joint] for joint in ids])
+
+    @property
+    def pose(self) -> Pose2:
+        """Pose of the base in the plane."""
+        x, y, yaw = self._data.qpos[self._qpos].tolist()
+        return Pose2(x, y, wrap_angle(yaw))
+
+    def place(self, pose: Pose2) -> None:
+        """Put the base at a pose."""
+        self._data.qpos[self._qpos] = (pose.x_m, pose.y_m, pose.yaw_rad)
+
+    @property
+    def speed_mps(self) -> float:
+        """Speed of the base over the floor [m/s]."""
+        return math.hypot(*self._data.qvel[self._qvel[:2]].tolist())
+
+    @property
+    def turn_rate_radps(self) -> float:
+        """Turn rate of the base, counter-clockwise [rad/s]."""
+        return float(self._data.qvel[self._qvel[2]])
+
+    @property
+    def wheel_angles_rad(self) -> Float[np.ndarray, "3"]:
+        """What its encoders read, in place of wheels: x [m], y [m], yaw [rad]."""
+        return self._data.qpos[self._qpos].copy()
+
+    def turn_wheels(self, left_rad: float, right_rad: float) -> None:
+        """It has no wheels."""
+
+    @property
+    def tilt_rad(self) -> float:
+        """Planar joints keep it upright."""
+        return 0.0
+
+
+def simulated_base(
+    model: mujoco.MjModel, data: mujoco.MjData, prefix: str, robot: RobotDescription
+) -> SimulatedBase | PlanarBase:
+    """Access to the base of a robot, by what moves it.
+
+    Raises:
+        RobotError: if a joint is missing.
+    """
+    if robot.kind == HOLONOMIC:
+        return PlanarBase(model, data, prefix, robot.base_joints)
+    return SimulatedBase(model, data, prefix, robot)
 
 
 def element_id(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:

@@ -7,6 +7,7 @@ speed and the distance to obstacles are inequality constraints.
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import mink
 import mujoco
@@ -14,10 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.clearance_limit import ClearanceLimit, Obstacle, add_obstacles
-from anm_mj.control.simulated_base import SimulatedBase
+from anm_mj.control.simulated_base import PlanarBase, SimulatedBase
 from anm_mj.frames import pose_matrix
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import WHEEL_JOINTS, RobotKinematics
+from anm_mj.robot.reduced_model import PLANAR_JOINTS
 from anm_mj.types import Pose2, WheelSpeeds
 
 _logger = logging.getLogger(__name__)
@@ -96,6 +98,11 @@ class WheelServo:
         if obstacles:
             self._limits.append(ClearanceLimit(model, len(obstacles), min_distance_m=min_distance_m))
 
+    @property
+    def is_near_obstacle(self) -> bool:
+        """Whether an obstacle was within centimetres of the body at the last call."""
+        return any(isinstance(limit, ClearanceLimit) and limit.is_active for limit in self._limits)
+
     def wheel_speeds(self, pose: Pose2, reference: Pose2) -> WheelSpeeds:
         """Wheel speeds that bring the base as close to the reference as possible within one period.
 
@@ -120,3 +127,62 @@ class WheelServo:
             return WheelSpeeds(0.0, 0.0)
         left, right = velocity[self._wheel_dofs].tolist()
         return WheelSpeeds(left, right)
+
+
+class PlanarServo:
+    """Computes joint speeds of a holonomic base on mink's own model of it."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        *,
+        period_s: float,
+        max_mps: float,
+        max_radps: float,
+        obstacles: list[Obstacle],
+        min_distance_m: float,
+    ):
+        """Set the problem up.
+
+        Args:
+            description: the robot.
+            period_s: time between two calls [s].
+            max_mps: highest speed along either axis [m/s].
+            max_radps: highest turn rate [rad/s].
+            obstacles: the robot's body keeps clear of them.
+            min_distance_m: distance to keep from them [m].
+
+        Raises:
+            RobotError: if mink drops an obstacle.
+        """
+        spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
+        if obstacles:
+            add_obstacles(spec, description, obstacles)
+        model = spec.compile()
+        self._period_s = period_s
+        self._configuration = mink.Configuration(model)
+        self._base = PlanarBase(model, self._configuration.data, "", PLANAR_JOINTS)
+        self._reach = mink.FrameTask(
+            "base", "site", position_cost=[_TASK_COST, _TASK_COST, 0.0], orientation_cost=[0.0, 0.0, _TASK_COST]
+        )
+        speeds: dict[str, Any] = dict(zip(PLANAR_JOINTS, (max_mps, max_mps, max_radps), strict=True))
+        self._limits: list[mink.Limit] = [mink.VelocityLimit(model, speeds)]
+        if obstacles:
+            self._limits.append(ClearanceLimit(model, len(obstacles), min_distance_m=min_distance_m))
+
+    @property
+    def is_near_obstacle(self) -> bool:
+        """Whether an obstacle was within centimetres of the body at the last call."""
+        return any(isinstance(limit, ClearanceLimit) and limit.is_active for limit in self._limits)
+
+    def joint_speeds(self, pose: Pose2, reference: Pose2) -> Float[np.ndarray, "3"]:
+        """Speeds along x and y [m/s] and turn rate [rad/s] that bring the base to the reference within one period."""
+        self._base.place(pose)
+        self._configuration.update()
+        self._reach.set_target(mink.SE3.from_matrix(pose_matrix(reference)))
+        try:
+            return np.asarray(
+                mink.solve_ik(self._configuration, [self._reach], self._period_s, SOLVER, limits=self._limits)
+            )
+        except mink.NoSolutionFound:
+            return np.zeros(3)

@@ -1,53 +1,104 @@
-"""Settings of the robot and the location of its MJCF; loads no simulator."""
+"""Settings of the robot; loads no simulator."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from pathlib import Path
+from typing import NamedTuple
 
 from anm_mj.errors import RobotError
-from anm_mj.utils.package_data import data_folder
 
-MODELS = data_folder("models")
-"""One folder per builtin robot."""
 DEFAULT_ROBOT = "diff_drive"
+MAX_TILT_DEG = 45.0
+"""A camera looks within this angle of the horizontal [deg]."""
+
+
+class CameraPose(NamedTuple):
+    """Where a camera is mounted that the robot's file lacks."""
+
+    x_m: float
+    """In the base frame, forward [m]."""
+    y_m: float
+    """In the base frame, to the left [m]."""
+    z_m: float
+    """Above the floor [m]."""
+    pitch_deg: float
+    """Downwards from the horizontal [deg]."""
+    fovy_deg: float
+    """Vertical field of view [deg]."""
 
 
 @dataclass(frozen=True)
 class RobotConfig:
-    """Names of the robot's parts in its MJCF, where they differ from the usual ones, and the noise of its encoders."""
+    """How to read a robot's MJCF where its parts cannot be told from the file, and the noise of its encoders."""
 
     left_wheel: str = ""
-    """Name of the left wheel's hinge; empty = one of the usual names (``wheel_left``, ``left_wheel``, …)."""
+    """Name of the left wheel's hinge, of several with commas between them; empty = found by name or by geometry."""
     right_wheel: str = ""
-    """Name of the right wheel's hinge; empty = one of the usual names."""
+    """Name of the right wheel's hinge, or of several; empty = found by name or by geometry."""
     camera: str = ""
-    """Name of the camera; empty = ``camera``, or the only one in the file."""
+    """Name of the camera; empty = ``camera``, the only one, or the only one that looks forward."""
+    camera_pose: str = ""
+    """``x,y,z,pitch,fovy`` [m, m, m, deg, deg] of a camera to mount instead of one from the file, in the base frame;
+    pitch is positive downwards. Empty = a camera of the file."""
+    keyframe: str = ""
+    """Key frame of the file at which all joints but the wheels' are locked; empty = the first of ``stow``, ``stowed``,
+    ``tucked``, ``retract``, ``home`` that the file has, else the joints' reference positions."""
+    skid_steer: bool = False
+    """Whether all driven wheels of a side turn alike and the robot turns by letting them slip."""
+    track_scale: float = 1.0
+    """Effective track over the measured one, by which odometry computes turns; above 1 for skid steering."""
     wheel_noise: float = 0.0
     """Standard deviation of a wheel's measured rotation after one radian [rad]; it grows with the square root of the
     rotation and affects wheel odometry only. 0.02 causes about 2 degrees of drift in a hundred actions."""
 
     def __post_init__(self) -> None:
-        """Check the noise.
+        """Check the values.
 
         Raises:
-            RobotError: the noise is not within [0, 0.5].
+            RobotError: a value is out of range, or two exclude each other.
         """
         if not 0.0 <= self.wheel_noise <= 0.5:
             raise RobotError(f"model.wheel_noise is {self.wheel_noise}; it must lie within 0 and 0.5.")
+        if not 0.5 <= self.track_scale <= 5.0:
+            raise RobotError(f"model.track_scale is {self.track_scale}; it must lie within 0.5 and 5.")
+        if self.camera_pose and self.camera:
+            raise RobotError(
+                f'model.camera names "{self.camera}" and model.camera_pose mounts another camera; give one of the two.'
+            )
+        _ = self.mounted_camera
 
+    @property
+    def mounted_camera(self) -> CameraPose | None:
+        """The camera that ``camera_pose`` describes; None = one of the file.
 
-def robot_path(name_or_file: str) -> Path:
-    """The MJCF file of a builtin robot, by its name, or of the user's robot, by its path.
-
-    Raises:
-        RobotError: if neither exists.
-    """
-    builtin = MODELS / name_or_file / f"{name_or_file}.xml"
-    if Path(name_or_file).name == name_or_file and builtin.is_file():
-        return builtin
-    path = Path(name_or_file)
-    if not path.is_file():
-        known = ", ".join(sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir()))
-        raise RobotError(f"There is no robot file {name_or_file}; give an MJCF file or a builtin name: {known}.")
-    return path
+        Raises:
+            RobotError: it is not five numbers in their ranges.
+        """
+        if not self.camera_pose:
+            return None
+        try:
+            pose = CameraPose(*(float(part) for part in self.camera_pose.split(",")))
+        except (TypeError, ValueError) as err:
+            raise RobotError(
+                f"model.camera_pose is '{self.camera_pose}'; give x,y,z,pitch,fovy in m, m, m, deg, deg, as in "
+                "0.05,0,0.3,10,60."
+            ) from err
+        if not all(map(math.isfinite, pose)):
+            raise RobotError(f"model.camera_pose is '{self.camera_pose}'; all five numbers must be finite.")
+        if abs(pose.pitch_deg) > MAX_TILT_DEG:
+            raise RobotError(
+                f"model.camera_pose tilts the camera by {pose.pitch_deg:g} degrees; it must look within "
+                f"{MAX_TILT_DEG:g} degrees of the horizontal."
+            )
+        if not 10.0 <= pose.fovy_deg <= 150.0:
+            raise RobotError(
+                f"model.camera_pose has a vertical field of view of {pose.fovy_deg:g} degrees; it must lie within 10 "
+                "and 150 degrees."
+            )
+        if not 0.02 <= pose.z_m <= 3.0 or max(abs(pose.x_m), abs(pose.y_m)) > 2.0:
+            raise RobotError(
+                f"model.camera_pose puts the camera at ({pose.x_m:g}, {pose.y_m:g}, {pose.z_m:g}) m in the base frame; "
+                "its height must lie within 0.02 and 3 m and it must be within 2 m of the base."
+            )
+        return pose

@@ -1,13 +1,13 @@
 """Reads a robot's MJCF, prepares it for attachment to a scene, and derives its figures from the geometry.
 
-The MJCF must have two wheel hinges and a camera. Missing parts are added: a free joint, and velocity servos on the
-wheels. Wheel radius, track, footprint and camera pose follow from the geoms.
+The MJCF must have driven wheels or planar joints; a camera is mounted where it has none. All other joints are locked.
+Missing parts are added: a free joint, and velocity servos on the wheels. Wheel radius, track, footprint and camera pose
+follow from the geoms.
 """
 
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,26 +16,35 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
-from anm_mj.frames import T_GL_CV, rigid_transform
+from anm_mj.frames import rigid_transform
+from anm_mj.robot.base_search import HOLONOMIC, MovingParts, find_moving_parts
+from anm_mj.robot.body_tree import name_all, solid_geoms, unused_name
+from anm_mj.robot.camera_search import (
+    T_world_camera,
+    camera_heading,
+    find_camera,
+    mount_camera,
+    require_outside,
+    require_view_ahead,
+    use_field_of_view,
+)
+from anm_mj.robot.casters import TOUCHES_FLOOR_M, let_casters_slide, lowest_xy_m
 from anm_mj.robot.config import RobotConfig
-from anm_mj.robot.geom_extent import height_range_m, radius_about_axis_m
-from anm_mj.robot.part_names import RobotParts, find_parts, isolate_robot, unused_name
+from anm_mj.robot.footprint import robot_footprint
+from anm_mj.robot.geom_extent import height_range_m
+from anm_mj.robot.isolate import give_free_joint, isolate_robot
+from anm_mj.robot.joint_positions import at_key_frame
+from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
+from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
 from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
-from anm_mj.robot.wheels import Wheel, base_frame, disable_caster_friction, read_wheels, replace_wheel_contacts
+from anm_mj.robot.servos import fit_servos
+from anm_mj.robot.wheels import base_frame, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
 
-FOOTPRINT_MARGIN_M = 0.01
-"""The footprint is wider than the robot by this margin [m]."""
-LOWEST_M = 0.05
-"""Rugs and thresholds below this height are no obstacles [m]; scenes have no collision boxes there either."""
-TOUCHES_FLOOR_M = 0.005
-"""Geoms that begin below this height roll or slide on the floor: wheels and casters [m]."""
 WHEELS = ("wheel_left", "wheel_right")
 """Names of the wheels in a reduced model."""
-_FORWARD_COS = math.cos(math.radians(30.0))
-_KV_PER_KG = 2.0 / (9.6 * 0.05**2)
-"""Gain of a motor per mass and squared wheel radius [1/s], scaled from the servos of ``models/diff_drive``."""
-_FORCE_PER_KV = 4.0
+_BODY_M = 0.15
+"""What touches the floor and reaches higher than this is a body that drags rather than a caster [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,16 +52,20 @@ class RobotDescription:
     """A robot ready for simulation, and the figures that kinematics and planning need."""
 
     name: str
+    kind: str
+    """``differential``, ``skid steer`` or ``holonomic``."""
     spec: mujoco.MjSpec
     """The robot alone; copy it and attach the copy to a scene."""
-    base_joint: str
-    """Name of its free joint."""
-    wheel_joints: tuple[str, str]
-    """Left, right."""
-    wheel_signs: tuple[float, float]
-    """Left, right; -1 where the joint's positive direction rolls the wheel backwards."""
-    motors: tuple[str, str]
-    """Names of the wheels' velocity servos [rad/s]; left, right."""
+    base_joints: tuple[str, ...]
+    """Name of its free joint; of a holonomic base two slides and a hinge, whose positions are x, y and yaw."""
+    wheel_joints: tuple[str, ...]
+    """Left ones, then as many right ones; none on a holonomic base."""
+    wheel_signs: tuple[float, ...]
+    """For each of them; -1 where the joint's positive direction rolls the wheel backwards."""
+    motors: tuple[str, ...]
+    """Names of the velocity servos of the wheels [rad/s]; of a holonomic base those of its joints [m/s, m/s, rad/s]."""
+    max_wheel_radps: float
+    """Highest speed of a wheel that the file allows [rad/s]; infinite without a limit."""
     shell: tuple[str, ...]
     """Names of the geoms that should touch nothing: all but wheels and casters."""
     camera: str
@@ -60,17 +73,32 @@ class RobotDescription:
     """Base (on the floor, midway between the wheels, x forward) to root body."""
     T_base_camera: Float[np.ndarray, "4 4"]
     """Camera to base; camera axes x right, y down, z forward."""
+    fovy_deg: float
+    """Vertical field of view of the camera [deg]."""
     wheel_radius_m: float
+    """0 for a holonomic base."""
     track_m: float
-    """Distance between the wheels' planes [m]."""
+    """Distance between the wheels' planes [m]; 0 for a holonomic base."""
+    track_scale: float
+    """Effective track over ``track_m``, for odometry."""
     mass_kg: float
     body_radius_m: float
     """Largest distance of the robot's geoms from the vertical axis through its base [m]."""
     footprint: Footprint
+    support_xy_m: Float[np.ndarray, "n 2"]
+    """Where wheels and casters touch the floor, in the base [m]."""
+    centre_of_mass_m: Float[np.ndarray, "3"]
+    """In the base [m]."""
     reduced_mjcf: str
     """The reduced model, see :mod:`anm_mj.robot.reduced_model`."""
     hash: str
     """sha256 of the robot in MuJoCo's reading, meshes included."""
+    key_frame: str
+    """Key frame at which joints were locked; empty = their reference positions."""
+    locked: tuple[str, ...]
+    """Names of the locked joints."""
+    notes: tuple[str, ...]
+    """What else was changed, one sentence each."""
 
 
 def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescription:
@@ -78,64 +106,192 @@ def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescri
 
     Args:
         path: an MJCF file.
-        config: names of its parts where they differ from the usual ones.
+        config: how to read it where the file leaves that open.
 
     Raises:
-        RobotError: if the file cannot be read, lacks a part, or is no differential drive.
+        RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
     """
     config = config or RobotConfig()
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, OSError) as err:
         raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
-    parts = find_parts(spec, config, path)
-    isolate_robot(spec, parts)
+    name_all(spec.bodies, "body")
+    name_all(spec.joints, "joint")
     model = _compiled(spec, path)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    data, key_frame = at_key_frame(model, config.keyframe, path)
+    ahead = camera_heading(model, data, config)
+    parts = find_moving_parts(model, data, config, path, ahead)
+    if parts.kind == HOLONOMIC:
+        # The key frame's place in the plane is not the robot's shape.
+        for name in parts.planar:
+            data.joint(name).qpos[:] = model.qpos0[model.joint(name).qposadr]
+        mujoco.mj_forward(model, data)
+        ahead = camera_heading(model, data, config)
+    locked = lock_joints(spec, model, data, {*parts.left, *parts.right}, parts.root)
+    # Joints of the planar chain are locked too, but ours take their place.
+    locked = [name for name in locked if name not in parts.planar]
+    T_world_base = planar_base_frame(model, data, parts.planar, ahead) if parts.kind == HOLONOMIC else None
+    T_world_root = rigid_transform(data.xmat[model.body(parts.root).id], data.xpos[model.body(parts.root).id])
+    isolate_robot(spec, parts.root)
+    if T_world_base is None:
+        return _wheeled(spec, parts, config, path, key_frame, locked)
+    return _holonomic(spec, parts, config, path, key_frame, locked, np.linalg.inv(T_world_root) @ T_world_base)
 
+
+def _wheeled(
+    spec: mujoco.MjSpec, parts: MovingParts, config: RobotConfig, path: Path, key_frame: str, locked: list[str]
+) -> RobotDescription:
+    base_joint = give_free_joint(spec, parts.root, unused_name("base", spec.joint))
+    model, data = _at_rest(spec, path)
     root = model.body(parts.root).id
-    _require_rigid_mounts(model, root, parts, path)
-    wheels = read_wheels(model, data, parts.wheels, path)
-    T_world_base, track, signs = base_frame(*wheels, path)
-    radius = wheels[0].radius_m
-    T_root_base = np.linalg.inv(rigid_transform(data.xmat[root], data.xpos[root])) @ T_world_base
-    T_base_camera = np.linalg.inv(T_world_base) @ _camera_pose(data, model.camera(parts.camera).id)
-    if T_base_camera[0, 2] < _FORWARD_COS:
-        raise RobotError(
-            f"The camera {parts.camera} of {path} does not look forward, to where the wheels {parts.wheels[0]} (left) "
-            f"and {parts.wheels[1]} (right) roll; swap the wheels' names, or turn the camera."
-        )
-    shell, casters = _shell_and_casters(model, data, wheels, float(T_world_base[2, 3]))
-    footprint, body_radius = _footprint(model, data, shell, T_world_base)
-    motors = _motors(spec, model, parts.wheels, radius)
+    lefts, rights = read_wheels(model, data, parts.left, parts.right, path)
+    T_world_base, track, signs = base_frame(lefts, rights, path)
+    radius, wheels = lefts[0].radius_m, [*lefts, *rights]
+    T_root_base = np.linalg.inv(_body_pose(data, root)) @ T_world_base
+    rolls = f"the wheels {', '.join(parts.left)} (left) and {', '.join(parts.right)} (right) roll"
+    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, rolls, path)
+
+    on_wheels = {wheel.body for wheel in wheels}
+    shell, casters = _shell_and_casters(model, data, on_wheels, float(T_world_base[2, 3]))
+    footprint, body_radius = robot_footprint(model, data, shell, T_world_base)
+    motors, top_radps, notes = fit_servos(spec, model, (*parts.left, *parts.right), radius)
+    support = [wheel.centre_m[:2] for wheel in wheels] + [lowest_xy_m(model, data, g) for g in casters]
     replace_wheel_contacts(spec, model, wheels)
-    disable_caster_friction(spec, model, casters)
+    notes += let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
     shell_names = tuple(model.geom(geom).name for geom in shell)
     model = _compiled(spec, path)
-    mounts = [
-        WheelMount(name, wheel.body, np.array([0.0, side * track / 2.0, radius]), _armature(model, wheel.joint))
-        for name, side, wheel in zip(WHEELS, (1.0, -1.0), wheels, strict=True)
-    ]
+    mounts = tuple(
+        WheelMount(
+            name,
+            tuple(wheel.body for wheel in side),
+            np.array([0.0, sign * track / 2.0, radius]),
+            sum(_armature(model, wheel.joint) for wheel in side),
+        )
+        for name, sign, side in zip(WHEELS, (1.0, -1.0), (lefts, rights), strict=True)
+    )
+    T_base_world = np.linalg.inv(T_world_base)
     return RobotDescription(
         name=path.stem,
+        kind=parts.kind,
         spec=spec,
-        base_joint=parts.base_joint,
-        wheel_joints=parts.wheels,
+        base_joints=(base_joint,),
+        wheel_joints=(*parts.left, *parts.right),
         wheel_signs=signs,
         motors=motors,
+        max_wheel_radps=top_radps,
         shell=shell_names,
-        camera=parts.camera,
+        camera=camera,
         T_root_base=T_root_base,
         T_base_camera=T_base_camera,
+        fovy_deg=fovy_deg,
         wheel_radius_m=radius,
         track_m=track,
+        track_scale=config.track_scale,
         mass_kg=float(model.body_subtreemass[root]),
         body_radius_m=body_radius,
         footprint=footprint,
-        reduced_mjcf=reduced_mjcf(model, data, root, T_world_base, T_base_camera, (mounts[0], mounts[1])),
-        hash=hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest(),
+        support_xy_m=np.array(support) @ T_base_world[:2, :2].T + T_base_world[:2, 3],
+        centre_of_mass_m=T_base_world[:3, :3] @ data.subtree_com[root] + T_base_world[:3, 3],
+        reduced_mjcf=reduced_mjcf(model, data, root, T_world_base, T_base_camera, mounts),
+        hash=_hash(spec, model),
+        key_frame=key_frame,
+        locked=tuple(locked),
+        notes=tuple(notes),
     )
+
+
+def _holonomic(
+    spec: mujoco.MjSpec,
+    parts: MovingParts,
+    config: RobotConfig,
+    path: Path,
+    key_frame: str,
+    locked: list[str],
+    T_root_base: Float[np.ndarray, "4 4"],
+) -> RobotDescription:
+    model, data = _at_rest(spec, path)
+    root = model.body(parts.root).id
+    T_world_base = _body_pose(data, root) @ T_root_base
+    along = f"the base slides along {parts.planar[0]}"
+    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, along, path)
+    shell, casters = _shell_and_casters(model, data, set(), float(T_world_base[2, 3]))
+    if not shell and not casters:
+        raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
+    footprint, body_radius = robot_footprint(model, data, shell, T_world_base)
+    mass = float(model.body_subtreemass[root])
+    joints, motors = give_planar_joints(spec, parts.root, T_root_base, mass, body_radius)
+    notes = let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
+    shell_names = tuple(model.geom(geom).name for geom in shell)
+    support = np.array([lowest_xy_m(model, data, g) for g in casters]).reshape(-1, 2)
+    T_base_world = np.linalg.inv(T_world_base)
+    reduced = reduced_mjcf(model, data, root, T_world_base, T_base_camera, ())
+    centre = T_base_world[:3, :3] @ data.subtree_com[root] + T_base_world[:3, 3]
+    model = _compiled(spec, path)
+    return RobotDescription(
+        name=path.stem,
+        kind=HOLONOMIC,
+        spec=spec,
+        base_joints=joints,
+        wheel_joints=(),
+        wheel_signs=(),
+        motors=motors,
+        max_wheel_radps=float("inf"),
+        shell=shell_names,
+        camera=camera,
+        T_root_base=T_root_base,
+        T_base_camera=T_base_camera,
+        fovy_deg=fovy_deg,
+        wheel_radius_m=0.0,
+        track_m=0.0,
+        track_scale=1.0,
+        mass_kg=mass,
+        body_radius_m=body_radius,
+        footprint=footprint,
+        support_xy_m=support @ T_base_world[:2, :2].T + T_base_world[:2, 3],
+        centre_of_mass_m=centre,
+        reduced_mjcf=reduced,
+        hash=_hash(spec, model),
+        key_frame=key_frame,
+        locked=tuple(locked),
+        notes=tuple(notes),
+    )
+
+
+def _camera(
+    spec: mujoco.MjSpec,
+    config: RobotConfig,
+    parts: MovingParts,
+    T_root_base: Float[np.ndarray, "4 4"],
+    T_world_base: Float[np.ndarray, "4 4"],
+    rolls: str,
+    path: Path,
+) -> tuple[str, Float[np.ndarray, "4 4"], float]:
+    """Find or mount the camera: its name, its pose in the base and its vertical field of view [deg]."""
+    if config.mounted_camera is not None:
+        camera = mount_camera(spec, parts.root, T_root_base, config.mounted_camera)
+    else:
+        model, data = _at_rest(spec, path)
+        camera = find_camera(model, data, config, parts.root, T_world_base, path)
+        if hangs_on_joint(model, int(model.camera(camera).bodyid[0]), {*parts.left, *parts.right}):
+            raise RobotError(f"The camera {camera} of {path} turns with a wheel; mount it on the base rigidly.")
+        use_field_of_view(spec, model, camera)
+    model, data = _at_rest(spec, path)
+    T_base_camera = np.linalg.inv(T_world_base) @ T_world_camera(model, data, camera)
+    require_view_ahead(T_base_camera, camera, rolls, path)
+    require_outside(spec, camera, "mounted" if config.mounted_camera else "file", path)
+    return camera, T_base_camera, float(model.cam_fovy[model.camera(camera).id])
+
+
+def _at_rest(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = _compiled(spec, path)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def _body_pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
+    return rigid_transform(data.xmat[body], data.xpos[body])
 
 
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -148,77 +304,22 @@ def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         ) from err
 
 
-def _require_rigid_mounts(model: mujoco.MjModel, root: int, parts: RobotParts, path: Path) -> None:
-    """Raises RobotError if a joint lies between the base and a wheel or the camera."""
-    for name in parts.wheels:
-        if model.body_weldid[model.body_parentid[model.joint(name).bodyid[0]]] != root:
-            raise RobotError(f"The wheel {name} of {path} hangs on another joint; mount it on the base rigidly.")
-    if model.body_weldid[model.camera(parts.camera).bodyid[0]] != root:
-        raise RobotError(f"The camera {parts.camera} of {path} is moved by a joint; mount it on the base rigidly.")
+def _hash(spec: mujoco.MjSpec, model: mujoco.MjModel) -> str:
+    return hashlib.sha256(spec.to_xml().encode() + model.mesh_vert.tobytes()).hexdigest()
 
 
 def _armature(model: mujoco.MjModel, joint: str) -> float:
     return float(model.dof_armature[model.joint(joint).dofadr[0]])
 
 
-def _camera_pose(data: mujoco.MjData, camera: int) -> Float[np.ndarray, "4 4"]:
-    """Camera to world; camera axes x right, y down, z forward."""
-    return rigid_transform(data.cam_xmat[camera], data.cam_xpos[camera]) @ T_GL_CV
-
-
-def _motors(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[str, str], radius_m: float) -> tuple[str, str]:
-    """Names of the velocity servos on the wheels; adds missing ones and removes other actuators on the wheels."""
-    kv = _KV_PER_KG * float(model.body_subtreemass[0]) * radius_m**2
-    names = []
-    for wheel in wheels:
-        on_wheel = [actuator for actuator in spec.actuators if actuator.target == wheel]
-        servo = next((a for a in on_wheel if _is_velocity_servo(model, model.actuator(a.name).id)), None)
-        for actuator in on_wheel:
-            if actuator is not servo:
-                spec.delete(actuator)
-        if servo is None:
-            name = unused_name(f"{wheel}_motor", spec.actuator)
-            servo = spec.add_actuator(name=name, target=wheel, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            servo.gainprm[0], servo.biasprm[2], servo.biastype = kv, -kv, mujoco.mjtBias.mjBIAS_AFFINE
-            servo.forcelimited, servo.forcerange = True, [-_FORCE_PER_KV * kv, _FORCE_PER_KV * kv]
-        names.append(servo.name)
-    return names[0], names[1]
-
-
-def _is_velocity_servo(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator on a joint controls its velocity in the joint's own unit."""
-    gain, bias = float(model.actuator_gainprm[actuator, 0]), model.actuator_biasprm[actuator].tolist()
-    plain = model.actuator_gear[actuator, 0] == 1.0 and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
-    return bool(plain) and gain > 0.0 and bias[1] == 0.0 and bias[2] == -gain
-
-
 def _shell_and_casters(
-    model: mujoco.MjModel, data: mujoco.MjData, wheels: tuple[Wheel, Wheel], floor_z_m: float
+    model: mujoco.MjModel, data: mujoco.MjData, on_wheels: set[int], floor_z_m: float
 ) -> tuple[list[int], list[int]]:
-    """Solid geoms other than the wheels: the shell, which is clear of the floor, and the casters, which touch it."""
-    on_wheels = [wheel.body for wheel in wheels]
-    solid = [g for g in _solid(model) if model.geom_bodyid[g] not in on_wheels]
-    low = [g for g in solid if height_range_m(model, data, g)[0] - floor_z_m <= TOUCHES_FLOOR_M]
-    return [g for g in solid if g not in low], low
+    """Solid geoms other than the wheels: the shell, which should touch nothing, and the casters, which touch the floor.
 
-
-def _solid(model: mujoco.MjModel) -> list[int]:
-    """Indices of geoms that can touch something."""
-    return np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
-
-
-def _footprint(
-    model: mujoco.MjModel, data: mujoco.MjData, shell: list[int], T_world_base: Float[np.ndarray, "4 4"]
-) -> tuple[Footprint, float]:
-    """The upright cylinder about the base that encloses the robot, and the radius of the robot itself [m]."""
-    solid = _solid(model)
-    floor_z = float(T_world_base[2, 3])
-    radius = max(radius_about_axis_m(model, data, g, T_world_base[:2, 3]) for g in solid)
-    lowest = min((height_range_m(model, data, g)[0] for g in shell), default=floor_z) - floor_z
-    highest = max(height_range_m(model, data, g)[1] for g in solid) - floor_z
-    footprint = Footprint(
-        radius_m=round(radius + FOOTPRINT_MARGIN_M, 6),
-        z_min_m=round(max(lowest, LOWEST_M), 6),
-        z_max_m=round(max(highest, LOWEST_M + 0.05), 6),
-    )
-    return footprint, round(radius, 6)
+    A body that reaches down to the floor is both.
+    """
+    solid = [g for g in solid_geoms(model) if int(model.body_weldid[model.geom_bodyid[g]]) not in on_wheels]
+    heights = {g: np.array(height_range_m(model, data, g)) - floor_z_m for g in solid}
+    low = [g for g in solid if heights[g][0] <= TOUCHES_FLOOR_M]
+    return [g for g in solid if g not in low or heights[g][1] > _BODY_M], low

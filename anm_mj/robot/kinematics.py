@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, pose_matrix
+from anm_mj.robot.base_search import HOLONOMIC
 from anm_mj.robot.description import RobotDescription
 from anm_mj.types import Pose2, WheelSpeeds
 
@@ -75,6 +76,7 @@ class RobotKinematics:
                 f"pinocchio reads the robot {robot.name} differently from MuJoCo: mass, wheel radius and track are "
                 f"{ours[:3]} instead of {theirs[:3]}; the installed versions of the two do not go together."
             )
+        model._track_m *= robot.track_scale
         return model
 
     @property
@@ -89,7 +91,7 @@ class RobotKinematics:
 
     @property
     def track_m(self) -> float:
-        """Distance between the planes of the wheels [m]."""
+        """Effective track: the distance between the planes of the wheels [m], times the robot's ``track_scale``."""
         return self._track_m
 
     @property
@@ -138,6 +140,46 @@ class RobotKinematics:
         Source: Lynch and Park, Modern Robotics, 2017, section 13.4 (odometry).
         """
         return move_pose(pose, *self.body_motion(left_rad, right_rad))
+
+
+class PlanarKinematics:
+    """Camera pose and odometry of a holonomic base, whose joints are its position and heading; it has no wheels."""
+
+    def __init__(self, T_base_camera: Float[np.ndarray, "4 4"]):
+        """``T_base_camera``: camera to base; camera axes x right, y down, z forward."""
+        self._T_base_camera = T_base_camera
+
+    @property
+    def T_base_camera(self) -> Float[np.ndarray, "4 4"]:
+        """Camera to base; camera axes x right, y down, z forward."""
+        return self._T_base_camera.copy()
+
+    def T_world_camera(self, pose: Pose2) -> Float[np.ndarray, "4 4"]:
+        """Camera to world, for a base on the floor."""
+        return pose_matrix(pose) @ self._T_base_camera
+
+    def wheel_motion(self, forward: float, turn: float) -> tuple[float, float]:
+        """No wheel turns."""
+        del forward, turn
+        return 0.0, 0.0
+
+    def wheel_speeds(self, forward_mps: float, turn_radps: float) -> WheelSpeeds:
+        """No wheel turns."""
+        del forward_mps, turn_radps
+        return WheelSpeeds(0.0, 0.0)
+
+
+Kinematics = RobotKinematics | PlanarKinematics
+"""Of any base."""
+
+
+def kinematics_of(robot: RobotDescription) -> Kinematics:
+    """The kinematics of a robot, by what moves it.
+
+    Raises:
+        RobotError: if the figures of pinocchio and MuJoCo differ.
+    """
+    return PlanarKinematics(robot.T_base_camera) if robot.kind == HOLONOMIC else RobotKinematics.of(robot)
 
 
 def _require_parts(model: pin.Model, path: Path) -> None:

@@ -2,7 +2,8 @@
 
 The reduced model has one root body ``base`` with a free joint (origin on the floor midway between the wheels, x
 forward, y left, z up), two hinges ``wheel_left`` and ``wheel_right`` about +y, the sites ``base``, ``camera`` and
-``look_ahead``, and explicit inertias. It has no geoms and nothing else that pinocchio's reader silently ignores.
+``look_ahead``, and explicit inertias. A hinge stands for all wheels of its side. A holonomic base has two slides and a
+hinge instead of free joint and wheels. It has no geoms and nothing else that pinocchio's reader silently ignores.
 """
 
 from __future__ import annotations
@@ -15,6 +16,12 @@ from jaxtyping import Float
 
 LOOK_AHEAD_M = 0.15
 """Distance of the site ``look_ahead`` in front of the axle [m]."""
+PLANAR_JOINTS = ("base_x", "base_y", "base_yaw")
+"""Names of the joints of a holonomic base: two slides along the world's x and y, and a hinge about the base's z."""
+_PLANAR = "".join(
+    f'<joint name="{name}" type="{kind}" axis="{axis}"/>'
+    for name, kind, axis in zip(PLANAR_JOINTS, ("slide", "slide", "hinge"), ("1 0 0", "0 1 0", "0 0 1"), strict=True)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +30,9 @@ class WheelMount:
 
     name: str
     """Its name in the reduced model."""
-    body: int
-    """Its body in the compiled robot; descendants of that body turn with the wheel."""
+    bodies: tuple[int, ...]
+    """Bodies of the compiled robot that the wheel stands for, one for each wheel of its side; their descendants turn
+    with them."""
     centre_m: Float[np.ndarray, "3"]
     """Its centre on the axle, in the base [m]."""
     armature: float
@@ -37,7 +45,7 @@ def reduced_mjcf(
     root: int,
     T_world_base: Float[np.ndarray, "4 4"],
     T_base_camera: Float[np.ndarray, "4 4"],
-    wheels: tuple[WheelMount, WheelMount],
+    wheels: tuple[WheelMount, ...],
 ) -> str:
     """The reduced model of a compiled robot, as MJCF text; all joints but the wheels keep the positions in ``data``.
 
@@ -47,11 +55,14 @@ def reduced_mjcf(
         root: index of its root body.
         T_world_base: base to world, for the positions in ``data``.
         T_base_camera: camera to base; camera axes x right, y down, z forward.
-        wheels: left, right.
+        wheels: left, right; none for a base that moves by planar joints, which get the names in ``PLANAR_JOINTS``.
     """
     T_base_world = np.linalg.inv(T_world_base)
     on_robot = [body for body in range(model.nbody) if model.body_rootid[body] == root]
-    on_wheels = [[body for body in on_robot if _is_descendant(model, body, wheel.body)] for wheel in wheels]
+    on_wheels = [
+        [body for body in on_robot if any(_is_descendant(model, body, turning) for turning in wheel.bodies)]
+        for wheel in wheels
+    ]
     on_base = [body for body in on_robot if not any(body in group for group in on_wheels)]
     hinges = "".join(
         f'<body name="{wheel.name}" pos="{_text(wheel.centre_m)}">'
@@ -59,10 +70,11 @@ def reduced_mjcf(
         f"{_inertial(model, data, bodies, T_base_world, wheel.centre_m)}</body>"
         for wheel, bodies in zip(wheels, on_wheels, strict=True)
     )
+    joints = '<freejoint name="base"/>' if wheels else _PLANAR
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T_base_camera[:3, :3]).ravel())
     return (
-        '<mujoco model="reduced"><compiler angle="radian"/><worldbody><body name="base"><freejoint name="base"/>'
+        f'<mujoco model="reduced"><compiler angle="radian"/><worldbody><body name="base">{joints}'
         f"{_inertial(model, data, on_base, T_base_world, np.zeros(3))}"
         f'<site name="base"/><site name="camera" pos="{_text(T_base_camera[:3, 3])}" quat="{_text(quaternion)}"/>'
         f'<site name="look_ahead" pos="{LOOK_AHEAD_M} 0 0"/>{hinges}</body></worldbody></mujoco>'

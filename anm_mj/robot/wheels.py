@@ -10,14 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
+from anm_mj.robot.body_tree import unused_name
 from anm_mj.robot.geom_extent import height_range_m, support_m
-from anm_mj.robot.part_names import unused_name
 
 ALIKE_M = 1e-3
 """Largest difference between the radii of the wheels and between the heights of their axles [m]."""
 _MIN_ARMATURE = 0.04
 """Least motor inertia per mass and squared wheel radius; with less, wheels of light robots chatter at 2 ms."""
-_ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,56 +37,63 @@ class Wheel:
     """The same centre, in the axes of the wheel's body."""
 
 
-def read_wheels(model: mujoco.MjModel, data: mujoco.MjData, joints: tuple[str, str], path: Path) -> tuple[Wheel, Wheel]:
-    """The left and the right wheel of a robot at the positions in ``data``.
+def read_wheels(
+    model: mujoco.MjModel, data: mujoco.MjData, left: tuple[str, ...], right: tuple[str, ...], path: Path
+) -> tuple[list[Wheel], list[Wheel]]:
+    """The left and the right wheels of a robot at the positions in ``data``.
 
     Raises:
         RobotError: if a wheel has no geom, its hinge has a range, or the radii differ.
     """
-    left, right = (_wheel(model, data, joint, path) for joint in joints)
-    if left.radius_m <= 0.0 or abs(left.radius_m - right.radius_m) > ALIKE_M:
-        raise RobotError(
-            f"The wheels of {path} reach {left.radius_m:.4f} m and {right.radius_m:.4f} m below their axes; they must "
-            "be alike."
-        )
-    return left, right
+    lefts, rights = ([_wheel(model, data, joint, path) for joint in joints] for joints in (left, right))
+    radii = [wheel.radius_m for wheel in (*lefts, *rights)]
+    if min(radii) <= 0.0 or max(radii) - min(radii) > ALIKE_M:
+        reach = " and ".join(f"{radius:.4f} m" for radius in radii)
+        raise RobotError(f"The wheels of {path} reach {reach} below their axes; they must be alike.")
+    return lefts, rights
 
 
-def base_frame(left: Wheel, right: Wheel, path: Path) -> tuple[Float[np.ndarray, "4 4"], float, tuple[float, float]]:
-    """``T_world_base`` (on the floor midway between the wheels, x forward), the track [m], and the sign of each hinge.
+def base_frame(
+    lefts: list[Wheel], rights: list[Wheel], path: Path
+) -> tuple[Float[np.ndarray, "4 4"], float, tuple[float, ...]]:
+    """``T_world_base`` (on the floor in the middle of the wheels, x forward), the track [m], and each hinge's sign.
+
+    Signs are those of the left wheels, then of the right ones.
 
     Raises:
-        RobotError: if the wheels do not share one level axle.
+        RobotError: if the wheels' axles are not parallel and level, or two wheels do not share one axle.
     """
-    across = left.centre_m - right.centre_m
+    left, right = (np.mean([wheel.centre_m for wheel in side], axis=0) for side in (lefts, rights))
+    across = left - right
+    # Meshes of wheels end a few micrometres apart.
+    uneven = max(wheel.centre_m[2] for wheel in (*lefts, *rights)) - min(w.centre_m[2] for w in (*lefts, *rights))
+    across[2] = 0.0
     track_m = float(np.linalg.norm(across))
     y_axis = across / max(track_m, 1e-9)
-    signs = np.array([left.axis @ y_axis, right.axis @ y_axis])
-    if track_m < 0.02 or abs(across[2]) > ALIKE_M or np.abs(signs).min() < 1.0 - 1e-4:
-        raise RobotError(
-            f"The wheels of {path} turn about {left.axis.round(3)} at {left.centre_m.round(3)} and about "
-            f"{right.axis.round(3)} at {right.centre_m.round(3)}; they must share one level axle."
-        )
-    middle = (left.centre_m + right.centre_m) / 2.0
+    wheels = (*lefts, *rights)
+    signs = np.array([wheel.axis @ y_axis for wheel in wheels])
+    if track_m < 0.02 or uneven > ALIKE_M or np.abs(signs).min() < 1.0 - 1e-4:
+        turn = " and about ".join(f"{wheel.axis.round(3)} at {wheel.centre_m.round(3)}" for wheel in wheels)
+        shared = "share one level axle" if len(wheels) == 2 else "have parallel level axles, as far on either side"
+        raise RobotError(f"The wheels of {path} turn about {turn}; they must {shared}.")
+    middle = (left + right) / 2.0
     T_world_base = np.eye(4)
     T_world_base[:3, 0] = np.cross(y_axis, [0.0, 0.0, 1.0])
     T_world_base[:3, 1] = y_axis
-    T_world_base[:3, 3] = [middle[0], middle[1], middle[2] - left.radius_m]
-    return T_world_base, track_m, (float(np.sign(signs[0])), float(np.sign(signs[1])))
+    T_world_base[:3, 3] = [middle[0], middle[1], middle[2] - lefts[0].radius_m]
+    return T_world_base, track_m, tuple(float(sign) for sign in np.sign(signs))
 
 
-def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: tuple[Wheel, Wheel]) -> None:
+def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: list[Wheel]) -> None:
     """Give every wheel a point contact, and its motor a minimal inertia.
 
     A cylinder touches the floor along a line, whose two ends scrub in every turn. An ellipsoid of the same size
-    replaces its contact; the cylinder stays visible. Ellipsoids and spheres stay unchanged.
+    replaces the contact of every wheel; what was there stays visible.
     """
     mass_kg = float(model.body_mass.sum())
     for wheel in wheels:
         joint = spec.joint(wheel.joint)
         joint.armature = max(joint.armature, _MIN_ARMATURE * mass_kg * wheel.radius_m**2)
-        if all(model.geom_type[geom] in _ROUND for geom in wheel.geoms):
-            continue
         for geom in wheel.geoms:
             solid = spec.geom(model.geom(geom).name)
             solid.contype = solid.conaffinity = 0
@@ -108,17 +114,11 @@ def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: t
         )
 
 
-def disable_caster_friction(spec: mujoco.MjSpec, model: mujoco.MjModel, casters: list[int]) -> None:
-    """Remove the friction of caster geoms, whatever the friction of the floor."""
-    for caster in casters:
-        geom = spec.geom(model.geom(caster).name)
-        geom.condim, geom.priority = 1, max(geom.priority, 1)
-
-
 def _wheel(model: mujoco.MjModel, data: mujoco.MjData, name: str, path: Path) -> Wheel:
     joint = model.joint(name).id
     body = int(model.jnt_bodyid[joint])
-    geoms = np.flatnonzero(model.geom_bodyid == body).tolist()
+    # A tyre may be a body of its own, fixed to the one that turns.
+    geoms = np.flatnonzero(model.body_weldid[model.geom_bodyid] == body).tolist()
     touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]] or geoms
     if not touching:
         raise RobotError(f"The wheel {name} of {path} has no geom; give it one, best an ellipsoid.")

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from anm_mj.config import DRIVES, POSES
 from anm_mj.errors import RobotError, SceneError
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig, robot_path
+from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.presets import preset_config, robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
@@ -45,8 +46,8 @@ def make_robot(
         start: start pose; None = the first one of the scene.
         drive: one of ``DRIVES``.
         image_px: width and height of the camera's images [px].
-        robot: name of a builtin robot, or an MJCF file.
-        config: names of the robot's parts, noise of its encoders; None = the defaults.
+        robot: name of a robot, or an MJCF file.
+        config: how to read the robot's file, noise of its encoders; None = what its name or file's name asks for.
         pose: one of ``POSES``: source of the poses in observations.
         seed: of all noise.
         sensor: errors of camera and odometry; None = none.
@@ -66,15 +67,15 @@ def make_robot(
         raise RobotError(f'There is no pose source "{pose}"; choose one of {", ".join(POSES)}.')
     if image_px < 1:
         raise RobotError(f"A camera of {image_px} x {image_px} px sees nothing; image_px must be positive, e.g. 256.")
-    path, config = robot_path(str(robot)), config or RobotConfig()
+    path, config = robot_path(str(robot)), config or preset_config(str(robot))
     backend = select_backend()
     import mujoco
 
     from anm_mj.control.kinematic_drive import KinematicDrive
-    from anm_mj.control.odometry import Odometer
+    from anm_mj.control.odometry import odometer_of
     from anm_mj.control.physics_drive import PhysicsDrive
     from anm_mj.robot.description import describe_robot
-    from anm_mj.robot.kinematics import RobotKinematics
+    from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
     from anm_mj.sim.robot import SimRobot
@@ -86,7 +87,7 @@ def make_robot(
     )
     _require_range(sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)
-    odometer = Odometer(RobotKinematics.of(description), noise=config.wheel_noise, seed=seed)
+    odometer = odometer_of(kinematics_of(description), noise=config.wheel_noise, seed=seed)
     if drive == "kinematic":
         clearance = scene_clearance(scene, description.footprint)
         wheels = KinematicDrive(model, data, description, clearance, odometer=odometer, prefix=_PREFIX)

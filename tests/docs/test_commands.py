@@ -30,6 +30,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import POLICIES, make_policy
 from anm_mj.protocols import Policy
 from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.robot.presets import robot_presets
 from anm_mj.scene.folder import load_scene
 from anm_mj.types import Footprint, Plan
 from tests.docs.pages import PAGES, ROOT, blocks, commands, files, inline_code, options, settings
@@ -52,7 +53,9 @@ def place(tmp_path_factory):
     """A folder that holds what the printed commands name."""
     folder = tmp_path_factory.mktemp("docs")
     trimesh.creation.box((4.0, 2.6, 4.0)).export(folder / "house.glb")
-    (folder / "my_robot.xml").write_text((ROOT / "tests" / "rover.xml").read_text())
+    (folder / "stretch").mkdir()
+    for name in ("my_robot.xml", "stretch/stretch.xml"):
+        (folder / name).write_text((ROOT / "tests" / "rover.xml").read_text())
     (folder / "my_package").mkdir()
     (folder / "my_package" / "my_module.py").write_text(own_policy())
     (folder / "my_policy.py").write_text((ROOT / "docs" / "templates" / "my_policy.py").read_text())
@@ -95,7 +98,7 @@ def test_command(command, place, monkeypatch, capsys):
     elif words[:1] == ["source"]:
         assert words[1] in (ROOT / "scripts" / "setup.sh").read_text() or (ROOT / words[1]).is_file()
     elif words[:1] == ["export"]:
-        assert re.fullmatch(r"ANM_MJ_SCENES=.+", words[1])
+        assert re.fullmatch(r"ANM_MJ_(SCENES|ROBOTS)=.+", words[1])
     else:
         pytest.fail(f"nothing here knows how to execute: {command}")
 
@@ -317,7 +320,7 @@ def explore(words, command, place, monkeypatch):
     if words[1] in OWN_SCENES:
         load_scene(words[1])
     if config.robot != DEFAULT_ROBOT:
-        assert (place / config.robot).is_file()
+        assert config.robot in robot_presets() or (place / config.robot).is_file()
     made = make_policy(
         config.policy, PolicyContext(Footprint(0.18, 0.05, 1.35), config.policy_settings, config.planning, config.seed)
     )

@@ -13,9 +13,10 @@ from anm_mj.control.physics_drive import PhysicsDrive
 from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, move_pose, pose_matrix
-from anm_mj.robot.config import RobotConfig, robot_path
+from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.description import describe_robot
 from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.robot.presets import robot_path
 from anm_mj.types import Action, Pose2, Twist
 from tests.robot.test_kinematics import differences
 from tests.robots import ROVER_XML, clearance_of
@@ -136,7 +137,12 @@ def test_hinge_direction(rover):
 @pytest.mark.parametrize(
     ("before", "after", "config", "message"),
     [
-        ("left_wheel_joint", "port_hinge", {}, r"no left wheel .* its hinges are port_hinge, right_wheel_joint"),
+        (
+            "left_wheel_joint",
+            "port_hinge",
+            {"right_wheel": "right_wheel_joint", "left_wheel": "port"},
+            r"no hinge .port.; its hinges are port_hinge, right_wheel_joint",
+        ),
         ('name="left_wheel_joint"', 'name="left_wheel_joint" type="slide"', {}, 'joint "left_wheel_joint" .* no hinge'),
         (
             "left_wheel_joint",
@@ -215,5 +221,5 @@ def test_robot_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert robot_path("diff_drive").name == "diff_drive.xml"
     assert robot_path(str(ROVER_XML)) == ROVER_XML
-    with pytest.raises(RobotError, match="no robot file nobody; give an MJCF file or a builtin name: diff_drive"):
+    with pytest.raises(RobotError, match=r"no robot file nobody, .* a name: diff_drive, stretch3"):
         robot_path("nobody")

@@ -8,7 +8,7 @@ import trimesh
 
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.frames import back_project
-from anm_mj.robot.config import robot_path
+from anm_mj.robot.presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import DRIVES, FOOTPRINT, make_robot
@@ -93,7 +93,7 @@ def test_unknown_drive(room):
 
 
 def test_unknown_robot_or_pose_source(room):
-    with pytest.raises(RobotError, match="a builtin name: diff_drive"):
+    with pytest.raises(RobotError, match="a name: diff_drive"):
         make_robot(room, robot="r2d2")
     with pytest.raises(RobotError, match="choose one of true, odometry"):
         make_robot(room, pose="guess")

@@ -1,0 +1,33 @@
+"""Speeds and accelerations that a robot's wheels reach and that do not tip it over."""
+
+from __future__ import annotations
+
+from anm_mj.control.motion import MotionLimits
+from anm_mj.robot.description import RobotDescription
+
+_GRAVITY_MPS2 = 9.81
+_LEAST_MPS2 = 0.3
+"""A robot that would tip at this acceleration already tips anyway [m/s²]."""
+
+
+def limits_of(robot: RobotDescription, max_wheel_radps: float) -> MotionLimits:
+    """The default limits, lowered to what a robot's wheels reach and to what does not tip it over.
+
+    Half the acceleration is allowed at which the wheels or casters on one side lift off, for a body that is rigid.
+
+    Args:
+        robot: the robot.
+        max_wheel_radps: highest speed of its wheels [rad/s].
+    """
+    most = MotionLimits()
+    forward_mps, turn_radps, forward_mps2 = most.forward_mps, most.turn_radps, most.forward_mps2
+    if robot.wheel_joints:
+        # A reserve of speed lets the servo catch up.
+        rim_mps = 0.9 * max_wheel_radps * robot.wheel_radius_m
+        forward_mps = min(forward_mps, rim_mps)
+        turn_radps = min(turn_radps, 2.0 * rim_mps / (robot.track_m * robot.track_scale))
+        x, height_m = float(robot.centre_of_mass_m[0]), float(robot.centre_of_mass_m[2])
+        along = robot.support_xy_m[:, 0]
+        margin_m = min(float(along.max()) - x, x - float(along.min()))
+        forward_mps2 = min(forward_mps2, max(0.5 * _GRAVITY_MPS2 * margin_m / max(height_m, 1e-3), _LEAST_MPS2))
+    return MotionLimits(forward_mps, forward_mps2, turn_radps, most.turn_radps2)

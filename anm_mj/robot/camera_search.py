@@ -1,0 +1,231 @@
+"""Finds the camera that a robot looks ahead with, or mounts one."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.errors import RobotError
+from anm_mj.frames import T_GL_CV, rigid_transform
+from anm_mj.robot.body_tree import solid_geoms, unused_name
+from anm_mj.robot.config import MAX_TILT_DEG, CameraPose, RobotConfig
+
+CAMERA = "camera"
+"""Usual name of the camera."""
+_ASIDE_DEG = 30.0
+"""A camera looks within this angle of the robot's forward direction, seen from above [deg]."""
+_INSIDE_M = {"file": 0.035, "mounted": 0.005}
+"""A camera deeper inside the robot's body than this is misplaced [m]; in files a lens lies in its head's hull."""
+_ROUNDING_DEG = 0.01
+_ON_ARM = re.compile(r"wrist|hand|grip|finger|arm|eef|tool|d405|palm", re.IGNORECASE)
+_DEPTH = re.compile(r"depth|infra|(^|_)ir\d?($|_)", re.IGNORECASE)
+
+
+def camera_heading(model: mujoco.MjModel, data: mujoco.MjData, config: RobotConfig) -> Float[np.ndarray, "3"] | None:
+    """Horizontal direction in the world of the named camera, or of the usual or only one; None where unclear."""
+    cameras = _fixed_cameras(model)
+    wanted = config.camera or CAMERA
+    chosen = [c for c in cameras if model.camera(c).name == wanted] or (cameras if len(cameras) == 1 else [])
+    if config.camera_pose or not chosen:
+        return None
+    ahead = -data.cam_xmat[chosen[0]].reshape(3, 3)[:, 2]
+    length = math.hypot(ahead[0], ahead[1])
+    return np.array([ahead[0], ahead[1], 0.0]) / length if length > 0.1 else None
+
+
+def find_camera(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    config: RobotConfig,
+    root: str,
+    T_world_base: Float[np.ndarray, "4 4"],
+    path: Path,
+) -> str:
+    """Name of the robot's camera: the one given, the one called ``camera``, the only one, or the first that fits.
+
+    One that fits looks forward and is no camera of an arm or hand; colour cameras come before depth cameras.
+
+    Raises:
+        RobotError: if there is none, it is unclear which, or it is not on the robot.
+    """
+    root_id = model.body(root).id
+    cameras = _fixed_cameras(model)
+    on_robot = [c for c in cameras if model.body_rootid[model.cam_bodyid[c]] == root_id]
+    names = {model.camera(c).name: c for c in cameras}
+    wanted = config.camera or (CAMERA if CAMERA in names else "")
+    if wanted:
+        if wanted not in names:
+            raise RobotError(_no_camera(model, data, on_robot, T_world_base, path, f'camera "{wanted}"'))
+        if names[wanted] not in on_robot:
+            body = model.body(int(model.cam_bodyid[names[wanted]])).name
+            raise RobotError(
+                f"The camera {wanted} of {path} hangs on {body}, the wheels on {root}: they are on different bodies of "
+                "the world; a robot is one body with everything on it."
+            )
+        return wanted
+    if len(on_robot) == 1:
+        return model.camera(on_robot[0]).name
+    fitting = [c for c in on_robot if _fits(data, c, T_world_base) and not _on_arm(model, c)]
+    if fitting:
+        first = [c for c in fitting if not _DEPTH.search(model.camera(c).name)] or fitting
+        return model.camera(first[0]).name
+    raise RobotError(_no_camera(model, data, on_robot, T_world_base, path, f'camera named "{CAMERA}"'))
+
+
+def mount_camera(spec: mujoco.MjSpec, root: str, T_root_base: Float[np.ndarray, "4 4"], pose: CameraPose) -> str:
+    """Add a camera to the robot's root body; its name."""
+    pitch = math.radians(pose.pitch_deg)
+    T_base_camera = np.eye(4)
+    T_base_camera[:3, 0] = [0.0, -1.0, 0.0]
+    T_base_camera[:3, 2] = [math.cos(pitch), 0.0, -math.sin(pitch)]
+    T_base_camera[:3, 1] = np.cross(T_base_camera[:3, 2], T_base_camera[:3, 0])
+    T_base_camera[:3, 3] = pose[:3]
+    T_root_camera = T_root_base @ T_base_camera @ T_GL_CV
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T_root_camera[:3, :3]).ravel())
+    name = unused_name(CAMERA, spec.camera)
+    spec.body(root).add_camera(name=name, pos=T_root_camera[:3, 3], quat=quat, fovy=pose.fovy_deg)
+    return name
+
+
+def use_field_of_view(spec: mujoco.MjSpec, model: mujoco.MjModel, name: str) -> None:
+    """Give a camera that is described by its sensor its vertical field of view instead."""
+    camera = model.camera(name).id
+    if model.cam_sensorsize[camera].any():
+        fovy = math.degrees(2.0 * math.atan(model.cam_sensorsize[camera, 1] / 2.0 / model.cam_intrinsic[camera, 1]))
+        element = spec.camera(name)
+        element.sensor_size = [0.0, 0.0]
+        element.focal_length = element.focal_pixel = element.principal_length = element.principal_pixel = [0.0, 0.0]
+        element.fovy = fovy
+
+
+def T_world_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float[np.ndarray, "4 4"]:
+    """Camera to world; camera axes x right, y down, z forward."""
+    camera = model.camera(name).id
+    return rigid_transform(data.cam_xmat[camera], data.cam_xpos[camera]) @ T_GL_CV
+
+
+def tilt_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
+    """Angle of the optical axis below the horizontal [deg]."""
+    return -math.degrees(math.asin(max(-1.0, min(1.0, float(T_base_camera[2, 2])))))
+
+
+def aside_deg(T_base_camera: Float[np.ndarray, "4 4"]) -> float:
+    """Angle of the optical axis to the left of the forward direction, seen from above [deg]."""
+    return math.degrees(math.atan2(T_base_camera[1, 2], T_base_camera[0, 2]))
+
+
+def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, wheels: str, path: Path) -> None:
+    """Accept a camera that looks forward and no more than 45 degrees up or down.
+
+    Args:
+        T_base_camera: camera to base; camera axes x right, y down, z forward.
+        camera: its name.
+        wheels: what sets the forward direction, in words.
+        path: of the robot's file.
+
+    Raises:
+        RobotError: it does not, or it is below the floor.
+    """
+    tilt, aside = tilt_deg(T_base_camera), aside_deg(T_base_camera)
+    if abs(tilt) > MAX_TILT_DEG + _ROUNDING_DEG:
+        raise RobotError(
+            f"The camera {camera} of {path} looks {abs(tilt):.0f} degrees {'down' if tilt > 0 else 'up'}; it must look "
+            f"within {MAX_TILT_DEG:g} degrees of the horizontal: name another by --set model.camera=NAME, choose a key "
+            "frame by --set model.keyframe=NAME, or mount one by --set model.camera_pose=x,y,z,pitch,fovy."
+        )
+    if abs(aside) > _ASIDE_DEG:
+        raise RobotError(
+            f"The camera {camera} of {path} does not look forward, but {abs(aside):.0f} degrees to the "
+            f"{'left' if aside > 0 else 'right'} of where {wheels}; "
+            + ("swap the wheels' names, or turn the camera." if abs(aside) > 150.0 else "turn or name another camera.")
+        )
+    if T_base_camera[2, 3] < 0.02:
+        raise RobotError(
+            f"The camera {camera} of {path} is {T_base_camera[2, 3]:.3f} m above the floor; raise it above 0.02 m."
+        )
+
+
+def require_outside(spec: mujoco.MjSpec, camera: str, source: str, path: Path) -> None:
+    """Accept a camera that is not deep inside the robot's body.
+
+    Args:
+        spec: the robot.
+        camera: its name.
+        source: ``file``, or ``mounted`` by the configuration.
+        path: of the robot's file.
+
+    Raises:
+        RobotError: a solid geom surrounds it.
+    """
+    probe = spec.copy()
+    model = probe.compile()
+    name = unused_name("camera_probe", probe.geom)
+    probe.camera(camera).parent.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[1e-4, 0.0, 0.0],
+        pos=model.cam_pos[model.camera(camera).id],
+        mass=0.0,
+    )
+    model = probe.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    geom = model.geom(name).id
+    for other in solid_geoms(model):
+        if other == geom:
+            continue
+        depth_m = -float(mujoco.mj_geomDistance(model, data, geom, other, 1.0, None))
+        if depth_m > _INSIDE_M[source]:
+            raise RobotError(
+                f"The camera {camera} of {path} is {100 * depth_m:.1f} cm inside the robot's body (geom "
+                f"{model.geom(other).name}); mount it outside, as by --set model.camera_pose=x,y,z,pitch,fovy."
+            )
+
+
+def _fixed_cameras(model: mujoco.MjModel) -> list[int]:
+    """Named perspective cameras that are fixed to a body other than the world."""
+    return [
+        c
+        for c in range(model.ncam)
+        if model.camera(c).name and model.cam_mode[c] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED and model.cam_bodyid[c]
+    ]
+
+
+def _on_arm(model: mujoco.MjModel, camera: int) -> bool:
+    return bool(_ON_ARM.search(model.camera(camera).name))
+
+
+def _fits(data: mujoco.MjData, camera: int, T_world_base: Float[np.ndarray, "4 4"]) -> bool:
+    ahead = T_world_base[:3, :3].T @ -data.cam_xmat[camera].reshape(3, 3)[:, 2]
+    tilt, aside = math.asin(np.clip(ahead[2], -1.0, 1.0)), math.atan2(ahead[1], ahead[0])
+    return abs(math.degrees(tilt)) <= MAX_TILT_DEG + _ROUNDING_DEG and abs(math.degrees(aside)) <= _ASIDE_DEG
+
+
+def _no_camera(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    cameras: list[int],
+    T_world_base: Float[np.ndarray, "4 4"],
+    path: Path,
+    what: str,
+) -> str:
+    """Says which cameras there are and where they look."""
+    if not cameras:
+        return (
+            f"The robot {path} has no {what}; its cameras are none: mount one by --set "
+            "model.camera_pose=x,y,z,pitch,fovy, as in 0.05,0,0.3,10,60 (m, m, m, deg down, deg)."
+        )
+    known = []
+    for c in cameras:
+        fits = "" if _fits(data, c, T_world_base) else " (does not look forward)"
+        known.append(model.camera(c).name + fits)
+    return (
+        f"The robot {path} has no {what}; its cameras are {', '.join(known)}: name one by --set model.camera=NAME, or "
+        "mount one by --set model.camera_pose=x,y,z,pitch,fovy."
+    )

@@ -1,0 +1,43 @@
+"""The space that a robot sweeps: an upright cylinder about its base."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.robot.body_tree import solid_geoms
+from anm_mj.robot.geom_extent import height_range_m, radius_about_axis_m
+from anm_mj.types import Footprint
+
+FOOTPRINT_MARGIN_M = 0.01
+"""The footprint is wider than the robot by this margin [m]."""
+LOWEST_M = 0.05
+"""Rugs and thresholds below this height are no obstacles [m]; scenes have no collision boxes there either."""
+
+
+def robot_footprint(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    shell: list[int],
+    T_world_base: Float[np.ndarray, "4 4"],
+) -> tuple[Footprint, float]:
+    """The upright cylinder about the base that encloses the robot, and the radius of the robot itself [m].
+
+    Args:
+        model: the robot, joints locked.
+        data: with poses up to date.
+        shell: geoms that are clear of the floor.
+        T_world_base: base to world.
+    """
+    solid = solid_geoms(model)
+    floor_z = float(T_world_base[2, 3])
+    radius = max(radius_about_axis_m(model, data, g, T_world_base[:2, 3]) for g in solid)
+    lowest = min((height_range_m(model, data, g)[0] for g in shell), default=floor_z) - floor_z
+    highest = max(height_range_m(model, data, g)[1] for g in solid) - floor_z
+    footprint = Footprint(
+        radius_m=round(radius + FOOTPRINT_MARGIN_M, 6),
+        z_min_m=round(max(lowest, LOWEST_M), 6),
+        z_max_m=round(max(highest, LOWEST_M + 0.05), 6),
+    )
+    return footprint, round(radius, 6)

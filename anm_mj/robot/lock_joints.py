@@ -1,0 +1,88 @@
+"""Locks joints of a robot's spec at given positions, and removes everything that refers to them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.frames import rigid_transform
+from anm_mj.robot.body_tree import joints_above
+
+
+def lock_joints(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, keep: set[str], root: str
+) -> list[str]:
+    """Weld all bodies of a robot to their parents where they are now, but for the kept joints; names of the others.
+
+    Joints of the root body stay as well. Actuators, sensors, tendons and equalities of the locked joints disappear, and
+    gravity acts on all bodies again.
+
+    Args:
+        spec: the robot, all joints named; changed in place.
+        model: compiled from it.
+        data: with poses up to date.
+        keep: joints that stay.
+        root: the robot's top-level body.
+    """
+    root_id = model.body(root).id
+    locked = [
+        j
+        for j in range(model.njnt)
+        if model.body_rootid[model.jnt_bodyid[j]] == root_id
+        and model.jnt_bodyid[j] != root_id
+        and model.joint(j).name not in keep
+    ]
+    if not locked:
+        return []
+    names = [model.joint(j).name for j in locked]
+    for body_id in sorted({int(model.jnt_bodyid[j]) for j in locked}):
+        parent = int(model.body_parentid[body_id])
+        body = spec.body(model.body(body_id).name)
+        pose = np.linalg.inv(_pose(data, parent)) @ _pose(data, body_id)
+        pose = np.linalg.inv(_frame_pose(spec, body.frame)) @ pose
+        quat = np.empty(4)
+        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(pose[:3, :3]).ravel())
+        body.pos, body.quat = pose[:3, 3], quat
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    for element in [*spec.sensors, *spec.equalities, *spec.keys]:
+        spec.delete(element)
+    kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    for actuator in [a for a in spec.actuators if a.trntype not in kinds or a.target in names]:
+        spec.delete(actuator)
+    for tendon in list(spec.tendons):
+        spec.delete(tendon)
+    for name in names:
+        spec.delete(spec.joint(name))
+    for body in spec.bodies:
+        body.gravcomp = 0.0
+    return names
+
+
+def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:
+    """Whether one of the kept joints lies between a body and the world, the root's own not counted."""
+    return any(
+        model.joint(j).name in kept and model.jnt_bodyid[j] != model.body_rootid[body]
+        for j in joints_above(model, body)
+    )
+
+
+def _pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
+    return rigid_transform(data.xmat[body], data.xpos[body])
+
+
+def _frame_pose(spec: mujoco.MjSpec, frame: mujoco._specs.MjsFrame | None) -> Float[np.ndarray, "4 4"]:
+    """Pose of nested frames in their body."""
+    pose = np.eye(4)
+    while frame is not None:
+        quat = np.array(frame.quat)
+        if frame.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
+            compiler = spec.compiler
+            quat = np.array(
+                spec.resolve_orientation(degree=compiler.degree, sequence=compiler.eulerseq, orientation=frame.alt)
+            )
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, quat / np.linalg.norm(quat))
+        pose = rigid_transform(rotation, np.array(frame.pos)) @ pose
+        frame = frame.frame
+    return pose
