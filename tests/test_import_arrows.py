@@ -61,7 +61,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # What users import: runs, maps and their parts.
     "api": _BASE | _STAGES | {"config", "run", "explore", "io", "evaluation"},
     # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.
-    "environments": _BASE | {"config", "sim.make_robot", "scene", "sim", "control", "mapping", "evaluation"},
+    "environments": _BASE | {"config", "sim.make_robot", "scene", "sim", "robot", "control", "mapping", "evaluation"},
     # Many runs, each in a process of its own, and their tables.
     "bench": _BASE
     | {"robot", "scene", "planning", "config", "run", "io", "viz"}

@@ -7,14 +7,21 @@ import math
 from typing import Any
 
 from anm_mj.config import DRIVES
+from anm_mj.control.motion import MotionLimits
+from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
 from anm_mj.errors import TaskError
+from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.sim.sensors.presets import SENSORS
 from anm_mj.types import FORWARD_STEP_M
 
 REACH_M = 1000.0
 """Largest distance from the start within an episode [m]; bounds the observed position in every scene."""
 MAX_STEPS = int(REACH_M / (FORWARD_STEP_M + 0.001))
-"""Longest episode [steps]; the physics drive may overshoot a step by a millimetre."""
+"""Longest episode of discrete actions [steps]; the physics drive may overshoot a step by a millimetre."""
+MAX_VELOCITY_STEPS = int(0.99 * REACH_M / (MotionLimits().forward_mps * CONTROL_S))
+"""Longest episode of velocities [steps]."""
+REWARDS = ("surface", "area", "information")
+"""What an agent is rewarded for."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +41,17 @@ class ExploreConfig:
     """Name of the sensor whose errors the observations have; the reward counts what it truly saw."""
     topdown: bool = False
     """Whether the observation includes an occupancy map around the robot."""
+    distance: bool = False
+    """Whether the observation includes the signed distance to the nearest obstacle around the robot."""
+    robot: str = DEFAULT_ROBOT
+    """Name of a builtin robot, or an MJCF file."""
+    actions: str = "discrete"
+    """``discrete`` (forward, left, right), or ``velocity`` (forward and turn, each held for 0.2 s)."""
+    stop: bool = True
+    """Whether STOP, which ends the episode, is among the discrete actions."""
+    reward: str = "surface"
+    """What is rewarded: new ``surface`` (share of the observable one), new ``area`` of the top-down map [m2], or the
+    ``information`` that the occupancy grid gains [bits]."""
 
     def __post_init__(self) -> None:
         """Check the values.
@@ -41,14 +59,23 @@ class ExploreConfig:
         Raises:
             TaskError: an unknown drive, or a number out of range.
         """
-        if self.num_steps is not None and not 1 <= self.num_steps <= MAX_STEPS:
-            raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {MAX_STEPS} steps.")
+        if self.num_steps is not None and not 1 <= self.num_steps <= self.max_steps:
+            raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {self.max_steps} steps.")
+        if self.actions not in ACTION_SETS:
+            raise TaskError(f'There are no actions "{self.actions}"; choose one of {", ".join(ACTION_SETS)}.')
+        if self.reward not in REWARDS:
+            raise TaskError(f'There is no reward "{self.reward}"; choose one of {", ".join(REWARDS)}.')
         if self.drive not in DRIVES:
             raise TaskError(f'There is no drive "{self.drive}"; choose one of {", ".join(DRIVES)}.')
         if not 16 <= self.image_px <= 2048:
             raise TaskError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
         if self.sensor not in SENSORS:
             raise TaskError(f"There is no sensor '{self.sensor}'; choose one of {', '.join(SENSORS)}.")
+
+    @property
+    def max_steps(self) -> int:
+        """Longest episode [steps]."""
+        return MAX_VELOCITY_STEPS if self.actions == "velocity" else MAX_STEPS
 
 
 def explore_config(**options: Any) -> ExploreConfig:

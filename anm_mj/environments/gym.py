@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
+from dm_env import specs
 from gymnasium import spaces
 from jaxtyping import UInt8
 
@@ -18,20 +19,23 @@ from anm_mj.errors import TaskError
 _RESET_OPTIONS = ("start",)
 
 
-class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
+class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
     """Wraps :class:`~anm_mj.environments.load.ExploreEnvironment`: same observations, actions and rewards.
 
     STOP terminates an episode, the number of steps truncates it. ``info`` contains the ``coverage`` so far (in [0, 1]),
-    whether the last action ``collided``, and the true ``pose`` in the world (x [m], y [m], yaw [rad]).
+    whether the last action ``collided``, the true ``pose`` in the world (x [m], y [m], yaw [rad]), and the name of the
+    ``scene``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium declares it this way.
 
-    def __init__(self, scene: str | Path, render_mode: str | None = None, **options: Any) -> None:
+    def __init__(
+        self, scene: str | Path | Sequence[str | Path], render_mode: str | None = None, **options: Any
+    ) -> None:
         """Load the environment; the first ``reset`` creates simulator and renderer.
 
         Args:
-            scene: name from the catalogue, or path of a scene folder.
+            scene: name from the catalogue, or path of a scene folder; of several, every episode draws one.
             render_mode: with "rgb_array", ``render`` returns the robot's view.
             **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
 
@@ -53,8 +57,12 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
                 for name, spec in self._environment.observation_spec().items()
             }
         )
-        self.action_space = spaces.Discrete(self._environment.action_spec().num_values)
-        self._begun = self._running = False
+        taken = self._environment.action_spec()
+        if isinstance(taken, specs.DiscreteArray):
+            self.action_space = spaces.Discrete(taken.num_values)
+        else:
+            self.action_space = spaces.Box(-1.0, 1.0, taken.shape, np.float32)
+        self._begun = self._running = self._seeded = False
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -62,7 +70,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
         """Start an episode.
 
         Args:
-            seed: of the random starts from this episode on; None = continue the present sequence.
+            seed: of scenes, starts and the sensor's errors from this episode on; None = continue the present sequence.
             options: ``{"start": (x [m], y [m], yaw [deg])}`` sets the start of this episode.
 
         Raises:
@@ -79,12 +87,14 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
         if "start" in options:
             require_start(options["start"])
             task.start_next_at(task.require_clear_start(options["start"]))
-        task.random = self.np_random
+        if seed is not None or not self._seeded:
+            self._seeded = True
+            task.seed(seed if seed is not None else int(self.np_random.integers(1 << 31)), self.np_random)
         timestep = self._environment.reset()
         self._begun = self._running = True
         return dict(timestep.observation), self._info()
 
-    def step(self, action: np.int64 | int) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Execute an action.
 
         Raises:
@@ -121,4 +131,5 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], np.int64]):
             "coverage": task.coverage,
             "collided": result is not None and result.collided,
             "pose": np.array([pose.x_m, pose.y_m, pose.yaw_rad]),
+            "scene": task.scene.name,
         }

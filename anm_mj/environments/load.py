@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from dm_control.rl import control
 from dm_env import specs
 
@@ -14,8 +14,12 @@ from anm_mj.environments.config import explore_config
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
+from anm_mj.robot.config import DEFAULT_ROBOT, robot_path
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.sim.gl import select_backend
+from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.types import Footprint
 
 TASKS = ("explore",)
 
@@ -37,20 +41,22 @@ class ExploreEnvironment(control.Environment):
         """Episodes, observations and rewards."""
         return self._task
 
-    def reward_spec(self) -> specs.BoundedArray:
-        """Bounds of the reward: a fraction of the observable surface."""
-        return specs.BoundedArray((), float, 0.0, 1.0, name="reward")
+    def reward_spec(self) -> specs.Array:
+        """Bounds of the reward: a fraction of the observable surface in [0, 1], square metres, or bits."""
+        return self._task.reward_spec()
 
     def close(self) -> None:
         """Free the GL context; may be called again."""
         self.physics.close()
 
 
-def load_environment(scene: str | Path, task: str = "explore", *, seed: int = 0, **options: Any) -> ExploreEnvironment:
+def load_environment(
+    scene: str | Path | Sequence[str | Path], task: str = "explore", *, seed: int = 0, **options: Any
+) -> ExploreEnvironment:
     """An environment in which a robot explores a scene.
 
     Args:
-        scene: name from the catalogue, or path of a scene folder.
+        scene: name from the catalogue, or path of a scene folder; of several, every episode draws one.
         task: one of ``TASKS``.
         seed: of the random starts and the sensor's errors.
         **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
@@ -61,21 +67,36 @@ def load_environment(scene: str | Path, task: str = "explore", *, seed: int = 0,
 
     Raises:
         SceneError: an unknown scene, or a start at which the robot does not fit.
-        TaskError: an unknown task or option, or a value out of range.
+        TaskError: an unknown task or option, a value out of range, or no scene.
+        RobotError: the robot cannot be read.
     """
     if task not in TASKS:
         raise TaskError(f'There is no task "{task}"; choose one of {", ".join(TASKS)}.')
     if seed < 0:
         raise TaskError(f"The seed is {seed}; give a whole number from 0 up.")
     config = explore_config(**options)
-    loaded = load_scene(scene)
-    shared = _shared_scene(loaded.folder.resolve(), loaded.hash)
+    names = [scene] if isinstance(scene, str | Path) else list(scene)
+    if not names:
+        raise TaskError("The list of scenes is empty; give at least one.")
+    loaded = [load_scene(name) for name in names]
+    scenes = tuple(_shared_scene(one.folder.resolve(), one.hash) for one in loaded)
     sensor = sensor_config(config.sensor)
-    physics = RobotPhysics(shared, drive=config.drive, image_px=config.image_px, sensor=sensor, seed=seed)
-    return ExploreEnvironment(physics, ExploreTask(shared, config, np.random.default_rng(seed)))
+    physics = RobotPhysics(robot=config.robot, drive=config.drive, image_px=config.image_px, sensor=sensor)
+    return ExploreEnvironment(physics, ExploreTask(scenes, config, _footprint(config.robot), seed))
 
 
-@functools.lru_cache(maxsize=4)
+def _footprint(robot: str) -> Footprint:
+    """The body of a robot, which decides where episodes may start."""
+    path = robot_path(robot)
+    if robot == DEFAULT_ROBOT:
+        return FOOTPRINT
+    select_backend()  # MuJoCo, which reads the file, must not be imported before.
+    from anm_mj.robot.description import describe_robot
+
+    return describe_robot(path).footprint
+
+
+@functools.lru_cache(maxsize=64)
 def _shared_scene(folder: Path, content_hash: str) -> Scene:
     """One object per scene for all environments of a process: caches of derived data use it as their key."""
     del content_hash

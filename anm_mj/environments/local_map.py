@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int8
+from jaxtyping import Float32, Float64, Int8
+from scipy.ndimage import distance_transform_edt
 
 from anm_mj.frames import cell_to_world, pose_matrix, transform_points, world_to_cell
 from anm_mj.mapping.config import OccupancyConfig
@@ -14,6 +15,18 @@ CELLS = 192
 """Rows and columns of the map; its side is 9.6 m."""
 FREE_FRACTION = 0.5
 """Fraction of a column's voxels that must be free for the column to be free."""
+MAX_DISTANCE_M = 2.0
+"""Signed distances are limited to this [m]."""
+
+
+def _information_bits() -> Float64[np.ndarray, "256"]:
+    """Bits known of a voxel by its log-odds in tenths, in the order of the bytes of an int8."""
+    log_odds = np.arange(256, dtype=np.uint8).view(np.int8) / 10.0
+    p = 1.0 / (1.0 + np.exp(-log_odds))
+    return 1.0 + p * np.log2(p) + (1.0 - p) * np.log2(1.0 - p)
+
+
+_INFORMATION_BITS = _information_bits()
 
 
 class LocalMap:
@@ -31,6 +44,35 @@ class LocalMap:
     def add(self, observation: Observation) -> None:
         """Add a view."""
         self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+
+    @property
+    def area_m2(self) -> float:
+        """Area of the columns in which anything was observed at the body's heights [m2]."""
+        grid = self._grid.grid
+        body = grid.state[grid.layers_between(self._footprint.z_min_m, self._footprint.z_max_m)]
+        return float((body != UNKNOWN).any(axis=0).sum()) * grid.resolution_m**2
+
+    @property
+    def information_bits(self) -> float:
+        """What the grid knows [bits]: one per voxel, less its entropy; 0 where nothing was observed."""
+        # Histogram first: there are only 256 different log-odds.
+        counts = np.bincount(self._grid.log_odds.reshape(-1).view(np.uint8), minlength=256)
+        return float(counts @ _INFORMATION_BITS)
+
+    def distance(self, pose: Pose2) -> Float32[np.ndarray, "rows cols"]:
+        """Signed distance to the nearest obstacle around a pose, in the cells of :meth:`crop` [m].
+
+        Positive outside of obstacles, negative inside, and limited to ``MAX_DISTANCE_M``. Unknown cells are no
+        obstacles.
+        """
+        occupied = self.crop(pose) == OCCUPIED
+        edge = self._grid.config.voxel_m
+        if not occupied.any():
+            return np.full(occupied.shape, MAX_DISTANCE_M, np.float32)
+        outside, inside = (np.asarray(distance_transform_edt(where)) for where in (~occupied, occupied))
+        # Centres of neighbouring cells lie one edge apart, the border between them half an edge from both.
+        signed = np.where(occupied, 0.5 - inside, outside - 0.5) * edge
+        return np.clip(signed, -MAX_DISTANCE_M, MAX_DISTANCE_M).astype(np.float32)
 
     def crop(self, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
         """The map around a pose: row 0 ahead, column 0 to the left, cells of 5 cm.

@@ -8,40 +8,40 @@ from typing import TYPE_CHECKING
 from dm_control.rl import control
 
 from anm_mj.control.motion import MotionLimits, action_profile
+from anm_mj.environments.actions import CONTROL_S
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.sensors.config import SensorConfig
-from anm_mj.types import Action, ActionResult, Observation, Pose2
+from anm_mj.types import Action, ActionResult, MotionResult, Observation, Pose2, Twist
 
 if TYPE_CHECKING:
     from anm_mj.sim.robot import SimRobot
 
 
 class RobotPhysics(control.Physics):
-    """A simulated robot whose step is one discrete action.
+    """A simulated robot whose step is one discrete action, or a velocity that holds for a time.
 
     The first ``place`` creates simulator and GL context. Gymnasium's vector environments create an environment for its
     specifications alone and then fork; such an environment must not hold a GL context.
     """
 
-    def __init__(self, scene: Scene, *, drive: str, image_px: int, sensor: SensorConfig, seed: int) -> None:
+    def __init__(self, *, robot: str, drive: str, image_px: int, sensor: SensorConfig) -> None:
         """Prepare a simulation.
 
         Args:
-            scene: the world.
+            robot: name of a builtin robot, or an MJCF file.
             drive: ``kinematic`` or ``physics``.
             image_px: width and height of the camera's images [px].
             sensor: errors of camera and odometry.
-            seed: of these errors, which are the same in every episode.
         """
-        self._scene = scene
+        self._scene: Scene | None = None
+        self._robot_name = robot
         self._drive = drive
         self._image_px = image_px
         self._sensor = sensor
-        self._seed = seed
         self._robot: SimRobot | None = None
-        self._action = Action.STOP
-        self._result: ActionResult | None = None
+        self._action: Action | Twist = Action.STOP
+        self._result: ActionResult | MotionResult | None = None
 
     @property
     def robot(self) -> SimRobot:
@@ -50,7 +50,7 @@ class RobotPhysics(control.Physics):
         return self._robot
 
     @property
-    def result(self) -> ActionResult | None:
+    def result(self) -> ActionResult | MotionResult | None:
         """Result of the last action; None at the start of an episode."""
         return self._result
 
@@ -61,36 +61,47 @@ class RobotPhysics(control.Physics):
     def after_reset(self) -> None:
         """Do nothing: ``place`` has reset the simulation."""
 
-    def place(self, pose: Pose2) -> None:
+    def place(self, scene: Scene, pose: Pose2, seed: int) -> None:
         """Reset the simulation to time 0 with the robot at rest at a pose.
+
+        Args:
+            scene: the world; another one than before is loaded first.
+            pose: where the robot starts.
+            seed: of the sensor's errors.
 
         Raises:
             SceneError: if the scene cannot be built, or the robot does not fit at the pose.
             RenderError: if no GL back-end works.
         """
-        if self._robot is not None:
-            self._robot.restart(pose)
+        if self._robot is not None and scene is self._scene:
+            self._robot.restart(pose, seed=seed)
             return
+        self.close()
         robot = make_robot(
-            self._scene,
+            scene,
             start=pose,
+            robot=self._robot_name,
             drive=self._drive,
             image_px=self._image_px,
             sensor=self._sensor,
-            seed=self._seed,
+            seed=seed,
         )
+        self._scene = scene
         # Free GL before the interpreter unloads its modules, also in programs that never call ``close``.
         self._close = weakref.finalize(self, robot.close)
         self._robot = robot
 
-    def set_control(self, control: Action) -> None:
-        """Set the action of the next step."""
+    def set_control(self, control: Action | Twist) -> None:
+        """Set the action, or the velocity, of the next step."""
         self._action = control
 
     def step(self, n_sub_steps: int = 1) -> None:
         """Execute the action to its end, ``n_sub_steps`` times."""
         for _ in range(n_sub_steps):
-            self._result = self.robot.act(self._action)
+            if isinstance(self._action, Twist):
+                self._result = self.robot.drive(self._action, CONTROL_S)
+            else:
+                self._result = self.robot.act(self._action)
 
     def observe(self) -> Observation:
         """The view from the robot's present pose."""

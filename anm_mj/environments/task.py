@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,18 +13,17 @@ from dm_env import specs
 from jaxtyping import Float32
 
 from anm_mj.config import default_steps
+from anm_mj.environments.actions import action_spec, read_action
 from anm_mj.environments.config import REACH_M, ExploreConfig
-from anm_mj.environments.local_map import CELLS, LocalMap
+from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.reward import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.environments.starts import sample_start
-from anm_mj.errors import TaskError
 from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.frames import wrap_angle
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
-from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.types import OCCUPIED, UNKNOWN, Action, Observation, Pose2
+from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2
 
 
 def sensed_depth(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
@@ -42,27 +42,50 @@ def relative_pose(start: Pose2, pose: Pose2) -> Float32[np.ndarray, "3"]:
 class ExploreTask(control.Task):
     """Rewards newly covered surface; STOP terminates an episode, the number of steps truncates it."""
 
-    def __init__(self, scene: Scene, config: ExploreConfig, random: np.random.Generator) -> None:
+    def __init__(self, scenes: Sequence[Scene], config: ExploreConfig, footprint: Footprint, seed: int) -> None:
         """Set up the task.
 
         Args:
-            scene: the world.
+            scenes: the worlds; of several, every episode draws one.
             config: of the episodes.
-            random: draws the starts.
+            footprint: of the robot.
+            seed: of scenes, starts and the sensor's errors.
 
         Raises:
             SceneError: if the robot does not fit at the start of the configuration.
         """
-        self.random = random
-        """Draws the starts; set it again to repeat an episode."""
-        self.num_steps = config.num_steps or scene.budget_steps or default_steps(scene.rooms)
-        """Steps until truncation."""
-        self._scene = scene
+        self.seed(seed)
+        self._scenes = scenes
+        self._scene = scenes[0]
         self._config = config
+        self._footprint = footprint
         self._fixed_start = None if config.start is None else self.require_clear_start(config.start)
         self._next_start: Pose2 | None = None
-        self._surfaces: dict[Pose2 | None, SampleGrid] = {}
+        self._surfaces: dict[tuple[int, Pose2 | None], SampleGrid] = {}
         self._stopped = False
+        self._steps = 0
+
+    def seed(self, seed: int, random: np.random.Generator | None = None) -> None:
+        """Begin the sequence of episodes of a seed.
+
+        Args:
+            seed: of the sensor's errors, which differ from episode to episode.
+            random: draws scenes and starts; None = from the seed.
+        """
+        self.random = np.random.default_rng(seed) if random is None else random
+        """Draws scenes and starts."""
+        self._noise = np.random.default_rng([seed, 13])
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the present episode."""
+        return self._scene
+
+    @property
+    def num_steps(self) -> int:
+        """Steps until truncation, in the scene of the present episode."""
+        usual = self._scene.budget_steps or default_steps(self._scene.rooms)
+        return self._config.num_steps or min(usual, self._config.max_steps)
 
     @property
     def coverage(self) -> float:
@@ -81,7 +104,8 @@ class ExploreTask(control.Task):
             SceneError: if the robot does not fit at the pose.
         """
         pose = Pose2(float(start[0]), float(start[1]), wrap_angle(math.radians(start[2])))
-        require_clear(self._scene, pose, FOOTPRINT)
+        for scene in self._scenes:
+            require_clear(scene, pose, self._footprint)
         return pose
 
     def start_next_at(self, start: Pose2 | None) -> None:
@@ -92,15 +116,23 @@ class ExploreTask(control.Task):
         """Place the robot at its start and take the first view."""
         given = self._next_start or self._fixed_start
         self._next_start = None
-        self._start = given or sample_start(self._scene, FOOTPRINT, self.random)
-        self._stopped = False
-        physics.place(self._start)
+        which = int(self.random.integers(len(self._scenes))) if len(self._scenes) > 1 else 0
+        self._scene = self._scenes[which]
+        self._start = given or sample_start(self._scene, self._footprint, self.random)
+        self._stopped, self._steps = False, 0
+        physics.place(self._scene, self._start, int(self._noise.integers(1 << 31)))
         self._view = physics.observe()
-        if given not in self._surfaces:
-            # All random starts lie in one connected area, so they share its observable surface.
-            self._surfaces = {given: observable_surface(self._scene, FOOTPRINT, self._view, self._start)}
-        self._covered = IncrementalCoverage(self._surfaces[given])
-        self._map = LocalMap(FOOTPRINT) if self._config.topdown else None
+        # All random starts lie in one connected area, so they share its observable surface.
+        key = which, given
+        if key not in self._surfaces:
+            if given is not None:  # Starts that were given may differ in every episode.
+                self._surfaces = {key: grid for key, grid in self._surfaces.items() if key[1] is None}
+            self._surfaces[key] = observable_surface(self._scene, self._footprint, self._view, self._start)
+        self._covered = IncrementalCoverage(self._surfaces[key])
+        config = self._config
+        needs_map = config.topdown or config.distance or config.reward != "surface"
+        self._map = LocalMap(self._footprint) if needs_map else None
+        self._known = 0.0
         self._add_view(physics)
 
     def before_step(self, action: Any, physics: RobotPhysics) -> None:
@@ -109,34 +141,45 @@ class ExploreTask(control.Task):
         Raises:
             TaskError: an invalid action.
         """
-        try:
-            chosen = Action(int(action))
-        except (TypeError, ValueError) as err:
-            choices = ", ".join(f"{choice.value} {choice.name}" for choice in Action)
-            raise TaskError(f"{action!r} is no action; give one of {choices}.") from err
+        chosen = read_action(action, self._config.actions, self._config.stop)
         physics.set_control(chosen)
         self._stopped = chosen is Action.STOP
 
     def after_step(self, physics: RobotPhysics) -> None:
         """Take a view after the action."""
+        self._steps += not self._stopped
         self._view = physics.observe()
         self._add_view(physics)
 
     def get_reward(self, physics: RobotPhysics) -> float:
-        """Fraction of the observable surface that the last step newly covered, in [0, 1]."""
+        """What the last step brought, by the ``reward`` of the configuration.
+
+        ``surface``: the newly covered fraction of the observable surface, in [0, 1]. ``area``: newly observed area of
+        the top-down map [m2]. ``information``: what the occupancy grid gained [bits]; less than zero where a view
+        contradicts it.
+        """
         del physics
         return self._reward
+
+    def reward_spec(self) -> specs.Array:
+        """Bounds of the reward."""
+        if self._config.reward == "surface":
+            return specs.BoundedArray((), float, 0.0, 1.0, name="reward")
+        if self._config.reward == "area":
+            return specs.BoundedArray((), float, 0.0, np.inf, name="reward")
+        return specs.Array((), float, name="reward")
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
         """Discount 0 after STOP, 1 at truncation, None within an episode."""
         if self._stopped:
             return 0.0
-        return 1.0 if physics.robot.step >= self.num_steps else None
-
-    def action_spec(self, physics: RobotPhysics) -> specs.DiscreteArray:
-        """One of the values of :class:`anm_mj.types.Action`."""
         del physics
-        return specs.DiscreteArray(len(Action), name="action")
+        return 1.0 if self._steps >= self.num_steps else None
+
+    def action_spec(self, physics: RobotPhysics) -> specs.Array:
+        """A value of :class:`anm_mj.types.Action`, one of its moves, or a velocity as shares of the highest one."""
+        del physics
+        return action_spec(self._config.actions, self._config.stop)
 
     def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, np.ndarray]:
         """The learner's observation; see ``observation_spec``."""
@@ -146,8 +189,10 @@ class ExploreTask(control.Task):
             depth=sensed_depth(self._view.depth_m),
             pose=relative_pose(self._start, self._view.pose),
         )
-        if self._map is not None:
+        if self._map is not None and self._config.topdown:
             observation["topdown"] = self._map.crop(self._view.pose)
+        if self._map is not None and self._config.distance:
+            observation["distance"] = self._map.distance(self._view.pose)
         return observation
 
     def observation_spec(self, physics: RobotPhysics) -> OrderedDict[str, specs.BoundedArray]:
@@ -156,7 +201,8 @@ class ExploreTask(control.Task):
         rgb: (px, px, 3) uint8. depth: (px, px) float32, planar z [m], 0 where nothing was measured within 10 m.
         pose: (3,) float32, x forward [m], y left [m] and yaw [rad] relative to the start of the episode.
         topdown: (192, 192) int8, cells of 5 cm around the robot, row 0 ahead, column 0 to the left; -1 unknown, 0 free,
-        1 occupied.
+        1 occupied. distance: (192, 192) float32, signed distance to the nearest obstacle in the same cells [m], limited
+        to 2 m.
         """
         del physics
         px = self._config.image_px
@@ -168,10 +214,18 @@ class ExploreTask(control.Task):
         )
         if self._config.topdown:
             spec["topdown"] = specs.BoundedArray((CELLS, CELLS), np.int8, UNKNOWN, OCCUPIED, name="topdown")
+        if self._config.distance:
+            limit = MAX_DISTANCE_M
+            spec["distance"] = specs.BoundedArray((CELLS, CELLS), np.float32, -limit, limit, name="distance")
         return spec
 
     def _add_view(self, physics: RobotPhysics) -> None:
         view, true = self._view, physics.robot.true_view()
-        self._reward = self._covered.add(true.depth_m, view.intrinsics, true.T_world_camera)
+        new = self._covered.add(true.depth_m, view.intrinsics, true.T_world_camera)
         if self._map is not None:
             self._map.add(view)
+        if self._config.reward == "surface" or self._map is None:
+            self._reward = new
+            return
+        known = self._map.area_m2 if self._config.reward == "area" else self._map.information_bits
+        self._reward, self._known = known - self._known, known

@@ -171,6 +171,11 @@ class OccupancyGrid:
             near |= self.state_of(np.where(pick, high, low)) == OCCUPIED
         return near
 
+    @property
+    def log_odds(self) -> Int8[np.ndarray, "layers rows cols"]:
+        """Log-odds of each voxel being occupied, in tenths; 0 where never observed (a view)."""
+        return self._log_odds
+
     def get_state(self) -> dict[str, np.ndarray]:
         """Copies of all arrays by name."""
         return {

@@ -55,8 +55,9 @@ class SimRobot:
         self._footprint = footprint
         self._T_base_camera = T_base_camera
         self._robot_hash = robot_hash
-        self._sensor = Sensor(sensor or SensorConfig(), seed)
-        self._odometry = NoisyOdometry(sensor or SensorConfig(), seed)
+        self._sensor_config = sensor or SensorConfig()
+        self._sensor = Sensor(self._sensor_config, seed)
+        self._odometry = NoisyOdometry(self._sensor_config, seed)
         self._true_depth_m: Float32[np.ndarray, "h w"] | None = None
         self._step = 0
 
@@ -144,8 +145,16 @@ class SimRobot:
         self._step += action != Action.STOP
         return result
 
-    def restart(self, pose: Pose2) -> None:
-        """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state."""
+    def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
+        """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state.
+
+        Args:
+            pose: where the robot starts.
+            seed: of the sensor's errors from now on; None = as before.
+        """
+        if seed is not None:
+            self._sensor = Sensor(self._sensor_config, seed)
+            self._odometry = NoisyOdometry(self._sensor_config, seed)
         mujoco.mj_resetData(self._model, self._data)
         self.place(pose)
         self._step = 0

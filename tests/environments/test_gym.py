@@ -30,8 +30,11 @@ def env():
     env.close()
 
 
-def test_gymnasiums_own_checker_finds_nothing():
-    env = gymnasium.make(_ID, topdown=True, **_OPTIONS).unwrapped
+@pytest.mark.parametrize(
+    "options", [{"topdown": True}, {"actions": "velocity", "distance": True}, {"stop": False, "reward": "information"}]
+)
+def test_gymnasiums_own_checker_finds_nothing(options):
+    env = gymnasium.make(_ID, **{**_OPTIONS, "scene": "room", **options}).unwrapped
     check_env(env)
     env.close()
 

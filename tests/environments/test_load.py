@@ -1,6 +1,7 @@
 """Exploration behind the dm_env interface."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from dm_env.test_utils import EnvironmentTestMixin
 import anm_mj
 from anm_mj.config import DRIVES
 from anm_mj.environments.load import ExploreEnvironment
+from anm_mj.environments.reward import SampleGrid
 from anm_mj.environments.task import sensed_depth
 from anm_mj.errors import SceneError, TaskError
 from anm_mj.evaluation.completion import Coverage
@@ -18,9 +20,11 @@ from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.scene.folder import load_scene
+from anm_mj.scene.navigable import is_clear
 from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.types import Action, Intrinsics
 
+ROVER = Path(__file__).resolve().parents[1] / "rover.xml"
 _ACTIONS = [Action.TURN_LEFT] * 3 + [Action.MOVE_FORWARD] * 4 + [Action.TURN_RIGHT]
 
 
@@ -154,6 +158,9 @@ def test_reuse_after_close():
         ({"num_steps": 0}, "num_steps is 0; an episode has 1 to"),
         ({"drive": "magic"}, 'no drive "magic"; choose one of kinematic, physics'),
         ({"image_px": 8}, "image_px is 8"),
+        ({"actions": "jump"}, 'no actions "jump"; choose one of discrete, velocity'),
+        ({"reward": "gold"}, 'no reward "gold"; choose one of surface, area, information'),
+        ({"actions": "velocity", "num_steps": 10_000}, "an episode has 1 to 9900"),
         ({"start": (0.0, 1.0)}, r"start \(0.0, 1.0\) is no pose"),
         ({"start": (0.0, math.nan, 0.0)}, "is no pose"),
     ],
@@ -166,6 +173,86 @@ def test_invalid_options(options, message):
 def test_start_in_collision():
     with pytest.raises(SceneError, match="nearest clear place is"):
         _load(start=(100.0, 100.0, 0.0))
+
+
+@pytest.fixture
+def whole_surface(monkeypatch):
+    """The search for the observable surface takes seconds per scene and robot; here the whole surface counts."""
+
+    def grid(scene, *_):
+        return SampleGrid(scene.triangles()[0])
+
+    monkeypatch.setattr("anm_mj.environments.task.observable_surface", grid)
+
+
+def test_every_episode_draws_a_scene(whole_surface):
+    environment = anm_mj.load_environment(["room", "flat"], image_px=16, num_steps=5)
+    names = []
+    for _ in range(4):
+        environment.reset()
+        names.append(environment.task.scene.name)
+        assert is_clear(environment.task.scene, environment.task.view.pose, FOOTPRINT)
+    environment.close()
+    assert set(names) == {"room", "flat"}
+
+
+def test_noise_differs_between_episodes_and_repeats_with_the_seed():
+    x, y = load_scene("room").starts[0].xy_m.tolist()
+    seen = []
+    for _ in range(2):
+        environment = anm_mj.load_environment("room", image_px=32, start=(x, y, 0.0), sensor="d435i", seed=3)
+        seen.append([environment.reset().observation["rgb"] for _ in range(2)])
+        environment.close()
+    assert (seen[0][0] != seen[0][1]).any()
+    np.testing.assert_array_equal(seen[0], seen[1])
+
+
+def test_an_agent_without_stop():
+    environment = anm_mj.load_environment("room", image_px=16, num_steps=3, stop=False)
+    assert environment.action_spec().num_values == 3
+    environment.reset()
+    assert environment.step(0).mid()
+    assert environment.physics.result.action is Action.MOVE_FORWARD
+    environment.step(1)
+    assert environment.physics.result.action is Action.TURN_LEFT
+    with pytest.raises(TaskError, match="0 MOVE_FORWARD, 1 TURN_LEFT, 2 TURN_RIGHT"):
+        environment.step(3)
+    environment.close()
+
+
+def test_velocities():
+    x, y = load_scene("room").starts[0].xy_m.tolist()
+    environment = anm_mj.load_environment("room", image_px=16, num_steps=3, actions="velocity", start=(x, y, 0.0))
+    environment.reset()
+    turned = environment.step(np.array([0.0, 1.0], np.float32)).observation["pose"]
+    assert turned[2] == pytest.approx(1.8 * 0.2, abs=0.02)
+    moved = environment.step(np.array([0.5, 0.0], np.float32)).observation["pose"]
+    assert np.hypot(*(moved[:2] - turned[:2])) == pytest.approx(0.25 * 0.2, abs=0.005)
+    with pytest.raises(TaskError, match="is no velocity"):
+        environment.step(1)
+    last = environment.step(np.zeros(2, np.float32))
+    assert (last.last(), last.discount) == (True, 1.0)
+    environment.close()
+
+
+@pytest.mark.parametrize("reward", ["area", "information"])
+def test_other_rewards(reward):
+    environment = anm_mj.load_environment("room", image_px=64, reward=reward)
+    environment.reset()
+    begun = environment.task._known
+    rewards = [environment.step(Action.TURN_LEFT).reward for _ in range(8)]
+    assert begun > 0.0
+    assert sum(rewards) == pytest.approx(environment.task._known - begun)
+    assert sum(rewards) > 0.0
+    environment.close()
+
+
+def test_another_robot(whole_surface):
+    environment = anm_mj.load_environment("room", image_px=16, robot=str(ROVER), num_steps=3)
+    environment.reset()
+    assert environment.physics.robot.footprint != FOOTPRINT
+    assert environment.step(Action.TURN_LEFT).mid()
+    environment.close()
 
 
 @pytest.mark.parametrize("action", [4, -1, "left", None])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from anm_mj.environments.local_map import CELLS, LocalMap
+from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2
 from tests.box_room import observe
 
@@ -59,3 +59,33 @@ def test_a_single_view_leaves_most_unknown():
     cells = local_map.crop(Pose2(-1.0, 0.0, 0.0))
     assert (cells[_HERE + 5 :] == UNKNOWN).all()
     assert (cells[:_HERE] == FREE).any()
+
+
+def test_signed_distance_to_the_walls():
+    pose = Pose2(0.0, 0.0, 0.0)
+    local_map = _seen_all_round(pose)
+    distance_m = local_map.distance(pose)
+    occupied = local_map.crop(pose) == OCCUPIED
+    assert (distance_m[occupied] < 0.0).all()
+    assert (distance_m[~occupied] > 0.0).all()
+    assert abs(distance_m[_HERE, _HERE] - 1.5) < 0.08
+    assert abs(distance_m[_HERE - 20, _HERE] - 1.0) < 0.08
+
+
+def test_without_obstacles_the_distance_is_the_limit():
+    distance_m = LocalMap(_FOOTPRINT).distance(Pose2(0.0, 0.0, 0.0))
+    assert (distance_m == MAX_DISTANCE_M).all()
+
+
+def test_area_and_information_grow_with_what_is_seen():
+    local_map = LocalMap(_FOOTPRINT)
+    assert (local_map.area_m2, local_map.information_bits) == (0.0, 0.0)
+    local_map.add(observe(0, Pose2(0.0, 0.0, 0.0)))
+    first = local_map.area_m2, local_map.information_bits
+    for i in range(1, 12):
+        local_map.add(observe(i, Pose2(0.0, 0.0, i * math.radians(30.0))))
+    # The room measures 4 m by 3 m; its walls are observed too.
+    assert 0.0 < first[0] < local_map.area_m2
+    assert 11.0 < local_map.area_m2 < 16.0
+    assert 0.0 < first[1] < local_map.information_bits
+    assert local_map.information_bits < local_map._grid.log_odds.size

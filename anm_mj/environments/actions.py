@@ -1,0 +1,62 @@
+"""What an agent may do: the discrete actions, with or without STOP, or a velocity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from dm_env import specs
+
+from anm_mj.control.motion import MotionLimits
+from anm_mj.errors import TaskError
+from anm_mj.types import Action, Twist
+
+ACTION_SETS = ("discrete", "velocity")
+CONTROL_S = 0.2
+"""Time that a velocity holds [s]."""
+MOVES = tuple(action for action in Action if action is not Action.STOP)
+
+
+def action_spec(actions: str, stop: bool) -> specs.Array:
+    """What an environment takes.
+
+    Args:
+        actions: one of ``ACTION_SETS``.
+        stop: whether STOP is among the discrete actions.
+    """
+    if actions == "velocity":
+        return specs.BoundedArray((2,), np.float32, -1.0, 1.0, name="action")
+    return specs.DiscreteArray(len(Action) if stop else len(MOVES), name="action")
+
+
+def read_action(action: Any, actions: str, stop: bool) -> Action | Twist:
+    """The discrete action, or the velocity, that an agent's choice stands for.
+
+    A velocity is given as shares of the highest forward speed and turn rate, in [-1, 1]; values beyond are clipped.
+
+    Raises:
+        TaskError: an invalid choice.
+    """
+    if actions == "velocity":
+        return _read_velocity(action)
+    allowed = tuple(Action) if stop else MOVES
+    try:
+        number = int(action)
+    except (TypeError, ValueError):
+        number = -1
+    if not 0 <= number < len(allowed):
+        choices = ", ".join(f"{k} {choice.name}" for k, choice in enumerate(allowed))
+        raise TaskError(f"{action!r} is no action; give one of {choices}.")
+    return allowed[number]
+
+
+def _read_velocity(action: Any) -> Twist:
+    try:
+        shares = np.asarray(action, np.float64)
+    except (TypeError, ValueError):
+        shares = np.zeros(0)
+    if shares.shape != (2,) or not np.isfinite(shares).all():
+        raise TaskError(f"{action!r} is no velocity; give two numbers from -1 to 1: forward, and turn to the left.")
+    forward, turn = np.clip(shares, -1.0, 1.0)
+    limits = MotionLimits()
+    return Twist(float(forward) * limits.forward_mps, float(turn) * limits.turn_radps)
