@@ -14,7 +14,8 @@ from anm_mj.environments.config import explore_config
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
-from anm_mj.robot.config import DEFAULT_ROBOT, robot_path
+from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.robot.presets import preset_config, robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.make_robot import FOOTPRINT
@@ -93,7 +94,7 @@ def _footprint(robot: str) -> Footprint:
     select_backend()  # MuJoCo, which reads the file, must not be imported before.
     from anm_mj.robot.description import describe_robot
 
-    return describe_robot(path).footprint
+    return describe_robot(path, preset_config(robot)).footprint
 
 
 @functools.lru_cache(maxsize=64)
