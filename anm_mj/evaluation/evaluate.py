@@ -32,6 +32,7 @@ from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_title import run_title
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.scene.folder import load_scene
@@ -106,8 +107,10 @@ def write_results(
             folder.curve_picture,
             np.array([row.step for row in curve.rows], dtype=np.int64),
             np.array([row.completion_ratio for row in curve.rows], dtype=np.float64),
+            # None becomes NaN.
+            np.array([row.observable_ratio for row in curve.rows], dtype=np.float64),
             np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
-            title=folder.path.name,
+            title=run_title(folder),
         )
     write_json(folder.metrics, metrics)
     return metrics

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from anm_mj.errors import RunFolderError
 from anm_mj.io.plan_file import PlanRecord, read_plan
 from anm_mj.io.read_run import Run, read_run
+from anm_mj.io.run_title import run_title
 
 EMPTY_PATH = np.zeros((0, 2))
 
@@ -40,7 +41,7 @@ class Timeline:
     @property
     def title(self) -> str:
         """Scene, policy and seed."""
-        return run_title(self.run)
+        return run_title(self.run.folder)
 
     @cached_property
     def steps(self) -> Int[np.ndarray, " n"]:
@@ -93,16 +94,6 @@ def read_timeline(path: Path) -> Timeline:
         RunFolderError: The folder contains no run, or a file in it is damaged.
     """
     return Timeline(read_run(path))
-
-
-def run_title(run: Run) -> str:
-    """Scene, policy and seed of a run, for a figure; the folder's name where the manifest is missing."""
-    facts = run.manifest
-    if "scene" not in facts:
-        return run.folder.path.name
-    policy = f", {facts['policy']}" if facts.get("policy") else ""
-    seed = f", seed {facts['seed']}" if facts.get("seed") is not None else ""
-    return f"{Path(facts['scene']).name}{policy}{seed}"
 
 
 def read_curve(path: Path) -> list[dict[str, str]]:

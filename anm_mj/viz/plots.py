@@ -16,14 +16,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, Region, TopDownMap, VoronoiGraph
-from anm_mj.utils.files import atomic_write
+from anm_mj.viz import palette
 
 DOTS_PER_INCH = 150
-UNKNOWN_COLOUR, WALL_COLOUR = "#e7e5e1", "#3a3a3f"
-NEAR_COLOUR, CLEAR_COLOUR = "#dfe9f2", "#ffffff"
-GRAPH_COLOUR, REGION_COLOUR, TARGET_COLOUR = "#4c9a6a", "#e08a1e", "#c8323c"
-START_COLOUR, END_COLOUR = "#1f1f1f", "#2b6ca3"
-RATIO_COLOUR, DISTANCE_COLOUR = "#2b6ca3", "#c8641e"
 ARROW = np.array([[1.0, 0.0], [-0.7, 0.6], [-0.35, 0.0], [-0.7, -0.6], [1.0, 0.0]])
 """Outline of the marker at the end of the trajectory, pointing along x."""
 MARGIN_M = 0.4
@@ -32,6 +27,13 @@ JUNCTION_DEGREE = 3
 """Degree from which a vertex is a junction of the graph."""
 FULL_CLEARANCE_M = 1.5
 """Clearance from which free space has the brightest tint [m]."""
+
+STATES = (
+    ("free, beside an obstacle", palette.NEAR),
+    (f"free, {FULL_CLEARANCE_M:g} m clear", palette.CLEAR),
+    ("occupied", palette.WALL),
+    ("unknown", palette.UNKNOWN),
+)
 
 
 def draw_topdown(
@@ -47,7 +49,7 @@ def draw_topdown(
     """Draw the top-down map with the Voronoi graph, the regions of interest and the trajectory.
 
     Args:
-        path: PNG file to write.
+        path: PNG file to write; a PDF of the same name stands beside it.
         topdown: The map of the last plan.
         graph: Its Voronoi graph.
         regions: Its regions of interest.
@@ -64,21 +66,20 @@ def draw_topdown(
     figure = Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
     low, high = topdown.origin_xy_m, topdown.origin_xy_m + topdown.resolution_m * np.array(topdown.state.shape[::-1])
-    axes.set_facecolor(UNKNOWN_COLOUR)
+    axes.set_facecolor(palette.UNKNOWN)
     axes.imshow(_tint(topdown), origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="nearest")
     if graph is not None and len(graph.edges):
         ends = graph.vertex_xy_m[graph.edges]
-        axes.add_collection(LineCollection(list(ends), colors=GRAPH_COLOUR, linewidths=1.0, label="Voronoi graph"))
+        axes.add_collection(LineCollection(list(ends), colors=palette.GRAPH, linewidths=1.0, label="Voronoi graph"))
         junctions = graph.vertex_xy_m[graph.degree >= JUNCTION_DEGREE]
-        axes.plot(*junctions.T, "o", ms=3.0, color=GRAPH_COLOUR, zorder=3)
+        axes.plot(*junctions.T, "o", ms=3.0, color=palette.GRAPH, label="junction", zorder=3)
     _draw_regions(axes, regions, graph)
     _draw_trajectory(figure, axes, poses)
     if target_xy_m is not None:
-        axes.plot(*target_xy_m, "*", ms=14, color=TARGET_COLOUR, mec="white", mew=0.8, label="last target", zorder=6)
+        axes.plot(*target_xy_m, "*", ms=14, color=palette.TARGET, mec="white", mew=0.8, label="last target", zorder=6)
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
     axes.set_title(title, pad=10.0)
-    names, swatches = ("free", "occupied", "unknown"), (CLEAR_COLOUR, WALL_COLOUR, UNKNOWN_COLOUR)
-    states = [Patch(fc=fill, ec="#8a8a8a", lw=0.6, label=name) for name, fill in zip(names, swatches, strict=True)]
+    states = [Patch(fc=fill, ec="#8a8a8a", lw=0.6, label=name) for name, fill in STATES]
     figure.legend(
         handles=[*states, *axes.get_legend_handles_labels()[0]],
         loc="outside lower center",
@@ -93,6 +94,7 @@ def draw_curve(
     path: Path,
     steps: Int[np.ndarray, " n"],
     completion_ratio: Float[np.ndarray, " n"],
+    observable_ratio: Float[np.ndarray, " n"],
     completion_cm: Float[np.ndarray, " n"],
     *,
     title: str,
@@ -100,10 +102,11 @@ def draw_curve(
     """Draw completion over steps.
 
     Args:
-        path: PNG file to write.
+        path: PNG file to write; a PDF of the same name stands beside it.
         steps: Steps of the values; may be empty.
         completion_ratio: Fraction of the true surface within 5 cm of the observed points [%].
-        completion_cm: Its mean distance to the observed points, capped at 1 m [cm].
+        observable_ratio: The same of the observable surface [%]; NaN where that is not known.
+        completion_cm: Mean distance of the true surface to the observed points, capped at 1 m [cm].
         title: Title of the figure.
 
     Raises:
@@ -112,14 +115,22 @@ def draw_curve(
     figure = Figure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
     ratio_axes = figure.add_subplot()
     cm_axes = ratio_axes.twinx()
-    ratio_axes.plot(steps, completion_ratio, color=RATIO_COLOUR, lw=2.0)
-    cm_axes.plot(steps, completion_cm, color=DISTANCE_COLOUR, lw=1.5)
+    lines = []
+    if np.isfinite(observable_ratio).any():
+        lines += ratio_axes.plot(
+            steps, observable_ratio, color=palette.RATIO, lw=2.4, label="completion ratio, observable [%]"
+        )
+    lines += ratio_axes.plot(
+        steps, completion_ratio, color=palette.RATIO, lw=1.4, ls="--", label="completion ratio (< 5 cm) [%]"
+    )
+    lines += cm_axes.plot(steps, completion_cm, color=palette.DISTANCE, lw=1.4, ls="-.", label="completion [cm]")
     ratio_axes.set(title=title, xlabel="step", ylim=(0.0, 100.0), xlim=(0, int(steps.max(initial=1))))
-    ratio_axes.set_ylabel("completion ratio [%]", color=RATIO_COLOUR)
+    ratio_axes.set_ylabel("completion ratio [%]", color=palette.RATIO)
     ratio_axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     ratio_axes.grid(alpha=0.3)
-    cm_axes.set_ylabel("completion [cm]", color=DISTANCE_COLOUR)
+    cm_axes.set_ylabel("completion [cm]", color=palette.DISTANCE)
     cm_axes.set_ylim(bottom=0.0)
+    figure.legend(handles=lines, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     _save(figure, path)
 
 
@@ -134,13 +145,13 @@ def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
 
 
 def _tint(topdown: TopDownMap) -> Float[np.ndarray, "rows cols 3"]:
-    near, clear = np.array(to_rgb(NEAR_COLOUR)), np.array(to_rgb(CLEAR_COLOUR))
+    near, clear = np.array(to_rgb(palette.NEAR)), np.array(to_rgb(palette.CLEAR))
     clearance = np.clip(topdown.clearance_m / FULL_CLEARANCE_M, 0.0, 1.0)[..., None]
     image = np.empty((*topdown.state.shape, 3))
-    image[:] = to_rgb(UNKNOWN_COLOUR)
+    image[:] = to_rgb(palette.UNKNOWN)
     free = topdown.state == FREE
     image[free] = (near + (clear - near) * clearance)[free]
-    image[topdown.state == OCCUPIED] = to_rgb(WALL_COLOUR)
+    image[topdown.state == OCCUPIED] = to_rgb(palette.WALL)
     return image
 
 
@@ -151,12 +162,14 @@ def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | N
     if graph is not None:
         anchors = graph.vertex_xy_m[[region.vertex for region in regions]]
         ties = np.stack([centres, anchors], axis=1)
-        axes.add_collection(LineCollection(list(ties), colors=REGION_COLOUR, linewidths=0.8, linestyles="dotted"))
+        drawn = LineCollection(list(ties), colors=palette.REGION, linewidths=0.8, linestyles="dotted")
+        drawn.set_label("tie to its vertex")
+        axes.add_collection(drawn)
     area = 18.0 + 60.0 * np.sqrt([region.num_members / max(r.num_members for r in regions) for region in regions])
     axes.scatter(
         *centres.T,
         s=area,
-        color=REGION_COLOUR,
+        color=palette.REGION,
         alpha=0.8,
         edgecolors="white",
         linewidths=0.6,
@@ -179,10 +192,13 @@ def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None
     if len(xy_m) > 1:
         c, s = np.cos(poses[-1].yaw_rad), np.sin(poses[-1].yaw_rad)
         arrow = ARROW @ np.array([[c, s], [-s, c]])
-        axes.plot(*xy_m[-1], marker=arrow, ms=15, ls="", color=END_COLOUR, mec="white", mew=1.0, label="end", zorder=5)
-    axes.plot(*xy_m[0], "o", ms=8, color=START_COLOUR, mec="white", mew=1.0, label="start", zorder=5)
+        axes.plot(*xy_m[-1], marker=arrow, ms=15, ls="", color=palette.END, mec="white", mew=1.0, label="end", zorder=5)
+    axes.plot(*xy_m[0], "o", ms=8, color=palette.START, mec="white", mew=1.0, label="start", zorder=5)
 
 
 def _save(figure: Figure, path: Path) -> None:
-    with atomic_write(path) as partial:
-        FigureCanvasAgg(figure).print_figure(partial, format="png", bbox_inches="tight", pad_inches=0.1)
+    """Write a PNG and, beside it, a PDF; without a date, so that the same figure has the same bytes."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.print_figure(path, format="png", bbox_inches="tight", pad_inches=0.1)
+    dateless = {"CreationDate": None}
+    canvas.print_figure(path.with_suffix(".pdf"), format="pdf", bbox_inches="tight", pad_inches=0.1, metadata=dateless)

@@ -57,9 +57,29 @@ def test_topdown_without_graph_and_poses(tmp_path, missing):
 def test_curve_is_drawn_however_short(tmp_path, num_rows):
     steps = 10 * np.arange(num_rows)
     ratio = 95.0 * (1.0 - np.exp(-steps / 100.0))
-    draw_curve(tmp_path / "curve.png", steps, ratio, 100.0 - ratio, title="box")
+    draw_curve(tmp_path / "curve.png", steps, ratio, ratio + 5.0, 100.0 - ratio, title="box")
     with Image.open(tmp_path / "curve.png") as picture:
         assert min(picture.size) > 500
+
+
+def test_a_pdf_stands_beside_the_picture_with_the_same_bytes_every_time(tmp_path):
+    for name in ("a", "b"):
+        draw(tmp_path / f"{name}.png")
+    first = (tmp_path / "a.pdf").read_bytes()
+    assert first.startswith(b"%PDF")
+    assert (tmp_path / "b.pdf").read_bytes() == first
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_headline_metric_is_drawn_where_it_is_known(tmp_path, known):
+    steps, ratio = 10 * np.arange(20), np.linspace(0.0, 60.0, 20)
+    observable = ratio + 30.0 if known else np.full(20, np.nan)
+    draw_curve(tmp_path / "curve.png", steps, ratio, observable, 100.0 - ratio, title="box")
+    with Image.open(tmp_path / "curve.png") as picture:
+        blue = np.abs(np.asarray(picture.convert("RGB")).astype(int) - [0x2B, 0x6C, 0xA3]).max(axis=2) < 4
+    # Above 70 % in the axes there is only the headline's line.
+    rows, cols = blue.shape
+    assert blue[rows // 10 : rows // 4, cols // 2 : int(0.85 * cols)].any() == known
 
 
 def test_matplotlib_state_is_unchanged():
