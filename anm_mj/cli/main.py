@@ -1,4 +1,4 @@
-"""The command line: ``anm-mj explore | map | eval | view | export | bench | scene | doctor``.
+"""The command line: ``anm-mj explore | map | eval | view | export | bench | scene | robot | doctor``.
 
 Wrong input ends with one sentence and exit status 2. Heavy packages are imported by the commands that need them, so
 that ``--help`` and a mistyped option answer at once.
@@ -15,6 +15,7 @@ from anm_mj.cli.evaluate import add_evaluate
 from anm_mj.cli.explore import add_explore
 from anm_mj.cli.export import add_export
 from anm_mj.cli.map import add_map
+from anm_mj.cli.robot import add_robot
 from anm_mj.cli.scene import add_scene
 from anm_mj.cli.view import add_view
 from anm_mj.errors import AnmError
@@ -88,6 +89,7 @@ def _parser() -> _Parser:
     add_export(commands)
     add_bench(commands)
     add_scene(commands)
+    add_robot(commands)
     doctor = commands.add_parser("doctor", help="what this machine has, and what will be used")
     doctor.set_defaults(command=_doctor)
     for command in commands.choices.values():

@@ -56,6 +56,8 @@ class RobotDescription:
     """``differential``, ``skid steer`` or ``holonomic``."""
     spec: mujoco.MjSpec
     """The robot alone; copy it and attach the copy to a scene."""
+    root: str
+    """Name of its top-level body."""
     base_joints: tuple[str, ...]
     """Name of its free joint; of a holonomic base two slides and a hinge, whose positions are x, y and yaw."""
     wheel_joints: tuple[str, ...]
@@ -175,6 +177,7 @@ def _wheeled(
         name=path.stem,
         kind=parts.kind,
         spec=spec,
+        root=parts.root,
         base_joints=(base_joint,),
         wheel_joints=(*parts.left, *parts.right),
         wheel_signs=signs,
@@ -232,6 +235,7 @@ def _holonomic(
         name=path.stem,
         kind=HOLONOMIC,
         spec=spec,
+        root=parts.root,
         base_joints=joints,
         wheel_joints=(),
         wheel_signs=(),

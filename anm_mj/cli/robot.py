@@ -1,0 +1,133 @@
+"""``anm-mj robot``: checks robots."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from anm_mj.control.drive_test import DriveTest
+    from anm_mj.robot.description import RobotDescription
+
+UNUSABLE = 1
+"""Exit status when the robot loads but does not drive."""
+_CLOSE = 0.05
+"""Share of a motion that may be missing, or that wheels may slip, without a remark."""
+
+
+def add_robot(commands: Any) -> None:
+    """Add ``robot`` and its actions to the commands of the program."""
+    robot = commands.add_parser("robot", help="check robots")
+    actions = robot.add_subparsers(required=True, metavar="ACTION")
+    check = actions.add_parser("check", help="print what is understood of a robot, drive it, and draw it")
+    check.add_argument("robot", metavar="ROBOT", help="an MJCF file, or a name (docs/robot.md)")
+    check.add_argument(
+        "--set",
+        action="append",
+        metavar="NAME=VALUE",
+        dest="settings",
+        default=[],
+        help="a setting of the robot, as in model.camera_pose=0.05,0,0.3,10,60; may be repeated",
+    )
+    check.add_argument("--out", type=Path, metavar="PNG", help="picture (default: ROBOT_check.png in this folder)")
+    check.set_defaults(command=_check)
+
+
+def _check(parsed: argparse.Namespace) -> int:
+    from anm_mj.config import DEFAULT_PRESET, make_config
+    from anm_mj.robot.presets import robot_path
+    from anm_mj.sim.gl import select_backend
+
+    config = make_config(DEFAULT_PRESET, parsed.settings, scene="", robot=parsed.robot).model
+    path = robot_path(parsed.robot)
+    backend = select_backend()
+    from anm_mj.control.drive_test import drive_over_a_floor, plain_fault
+    from anm_mj.robot.description import describe_robot
+    from anm_mj.sim.robot_views import SIDES, robot_views
+    from anm_mj.viz.picture_row import save_picture_row
+
+    robot = describe_robot(path, config)
+    test = drive_over_a_floor(robot)
+    plain = plain_fault(path, robot.root)
+    console = Console()
+    for line in describe(robot, test):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+    if plain:
+        console.print(f"warning: {plain}", highlight=False, soft_wrap=True, markup=False)
+    images = robot_views(robot.spec, robot.root, robot.T_root_base, robot.T_base_camera, robot.footprint, backend)
+    out = parsed.out or Path(f"{robot.name}_check.png")
+    save_picture_row(out, images, SIDES)
+    console.print(f"picture: {out}", highlight=False, soft_wrap=True)
+    faults = problems(robot, test)
+    for problem in faults:
+        Console(stderr=True).print(f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+    return UNUSABLE if faults else 0
+
+
+def describe(robot: RobotDescription, test: DriveTest) -> list[str]:
+    """One line per thing that was understood."""
+    x, y, z = robot.T_base_camera[:3, 3]
+    ahead = robot.T_base_camera[:3, 2]
+    tilt_deg, aside_deg = -math.degrees(math.asin(ahead[2])), math.degrees(math.atan2(ahead[1], ahead[0]))
+    body = robot.footprint
+    half = len(robot.wheel_joints) // 2
+    lines = [f"{robot.name}: {robot.kind}, {robot.mass_kg:.1f} kg"]
+    if half:
+        lines += [
+            f"wheels: left {', '.join(robot.wheel_joints[:half])}; right {', '.join(robot.wheel_joints[half:])}",
+            f"wheel radius {robot.wheel_radius_m:.4f} m, track {robot.track_m:.4f} m"
+            + (f", effective track {robot.track_m * robot.track_scale:.4f} m" if robot.track_scale != 1.0 else ""),
+        ]
+        if math.isfinite(robot.max_wheel_radps):
+            lines.append(f"highest wheel speed {robot.max_wheel_radps:.3g} rad/s")
+    else:
+        lines.append("wheels: none, planar joints")
+    lines += [
+        f"footprint: circle of radius {body.radius_m:.3f} m about the base, heights {body.z_min_m:.2f} to "
+        f"{body.z_max_m:.2f} m; it passes doors from {2.0 * body.radius_m:.2f} m on",
+        f"camera: {robot.camera} at ({x:.3f}, {y:.3f}, {z:.3f}) m, {_tilt(tilt_deg)}, {aside_deg:+.0f} deg to the "
+        f"left, vertical field of view {robot.fovy_deg:.0f} deg",
+        f"centre of mass: {robot.centre_of_mass_m[0]:+.3f} m ahead, {robot.centre_of_mass_m[2]:.3f} m up",
+    ]
+    if robot.locked:
+        where = f"key frame {robot.key_frame}" if robot.key_frame else "their reference positions"
+        lines.append(f"locked at {where}: {', '.join(robot.locked)}")
+    lines += robot.notes
+    lines.append(
+        f"physics drive: {test.moved_m:.3f} of {test.asked_m:.3f} m forward, {math.degrees(test.turned_rad):.1f} of "
+        f"{math.degrees(test.asked_rad):.0f} deg to the left"
+    )
+    slip = test.turn_by_wheels_rad / test.turned_rad if abs(test.turned_rad) > 0.1 else 1.0
+    if abs(slip - 1.0) > _CLOSE and test.fault is None:
+        lines.append(
+            f"odometry: in turns the wheels roll {slip:.2f} times as far as without slip; --set "
+            f"model.track_scale={slip * robot.track_scale:.2f} corrects that"
+        )
+    return lines
+
+
+def problems(robot: RobotDescription, test: DriveTest) -> list[str]:
+    """Why the robot does not drive, with what to do; empty where it does."""
+    found = []
+    if len(robot.support_xy_m) and robot.wheel_joints:
+        low, high = robot.support_xy_m[:, 0].min(), robot.support_xy_m[:, 0].max()
+        if not low - 1e-6 <= robot.centre_of_mass_m[0] <= high + 1e-6:
+            found.append(
+                f"The centre of mass lies {robot.centre_of_mass_m[0]:+.3f} m ahead of the axle, but wheels and casters "
+                f"only reach from {low:+.3f} to {high:+.3f} m, so that the robot tips over; add a caster."
+            )
+    if test.fault is not None:
+        found.append(f"On an empty floor the physics drive ends with {test.fault}; see the lines above.")
+    elif test.moved_m < (1.0 - _CLOSE) * test.asked_m or test.turned_rad < (1.0 - _CLOSE) * test.asked_rad:
+        found.append("On an empty floor the physics drive falls short of what was asked; look at mass and friction.")
+    return found
+
+
+def _tilt(tilt_deg: float) -> str:
+    if abs(tilt_deg) < 0.5:
+        return "level"
+    return f"{abs(tilt_deg):.0f} deg {'down' if tilt_deg > 0 else 'up'}"

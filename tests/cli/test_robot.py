@@ -1,0 +1,50 @@
+"""``anm-mj robot check``: what it prints, draws and refuses."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from anm_mj.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+MODELS = ROOT / "tests" / "robot" / "models"
+
+
+def test_a_skid_steered_robot(tmp_path, capsys):
+    out = tmp_path / "four.png"
+    robot = str(MODELS / "four_wheels.xml")
+    assert main(["robot", "check", robot, "--set", "model.skid_steer=true", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    for words in (
+        "skid steer, 18.4 kg",
+        "left front_left_wheel, rear_left_wheel",
+        "wheel radius 0.0950 m",
+        "camera: front",
+    ):
+        assert words in said
+    assert "90.0 of 90 deg" in said
+    assert "times as far as without slip; --set model.track_scale=2." in said
+    picture = np.asarray(Image.open(out).convert("RGB"))
+    assert picture.shape[1] > 2.5 * picture.shape[0]
+    assert ((picture[..., 0] > 150) & (picture[..., 1] < 120)).sum() > 500  # The footprint.
+
+
+def test_wrong_robots_write_nothing(tmp_path, capsys):
+    out = tmp_path / "no.png"
+    assert main(["robot", "check", str(MODELS / "four_wheels.xml"), "--out", str(out)]) == 2
+    assert "has 4 driven wheels" in capsys.readouterr().err
+    assert main(["robot", "check", "nobody", "--out", str(out)]) == 2
+    assert main(["robot", "check", str(MODELS / "planar.xml"), "--set", "model.keyframe=none", "--out", str(out)]) == 2
+    assert not out.exists()
+
+
+def test_a_robot_that_tips_over(tmp_path, capsys):
+    text = (ROOT / "tests" / "rover.xml").read_text()
+    before = '<geom name="caster"'
+    assert before in text
+    robot = tmp_path / "tipping.xml"
+    robot.write_text(text.replace(before, '<geom name="lid" contype="0" conaffinity="0"'))
+    assert main(["robot", "check", str(robot), "--out", str(tmp_path / "tipping.png")]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "so that the robot tips over; add a caster" in said
