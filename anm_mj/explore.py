@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
-from anm_mj.planning.lookahead import path_is_blocked
+from anm_mj.planning.lookahead import lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
 from anm_mj.sensor_monitor import SensorMonitor
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
@@ -152,4 +152,5 @@ def _is_blocked(
     """Whether the map now shows an obstacle on the planned path; fixed actions are executed without a check."""
     if action is not Action.MOVE_FORWARD or plan is None or plan.actions:
         return False
-    return path_is_blocked(mapper.occupancy, robot.footprint, observation.pose)
+    grid = mapper.occupancy_about(observation.pose.xy_m, lookahead_radius_m(robot.footprint))
+    return path_is_blocked(grid, robot.footprint, observation.pose)

@@ -105,6 +105,10 @@ class Mapper(Protocol):
         """Free, occupied and unknown space, fused from depth (a view, not a copy)."""
         ...
 
+    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
+        """The same grid, which has to be of now only within ``radius_m`` [m] of a place along both axes."""
+        ...
+
 
 @runtime_checkable
 class EstimatesErrors(Protocol):

@@ -81,6 +81,11 @@ class OccupancyMapper:
         """The grid."""
         return self._grid.grid
 
+    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
+        """The whole grid."""
+        del centre_xy_m, radius_m
+        return self._grid.grid
+
 
 @dataclass
 class Timed:

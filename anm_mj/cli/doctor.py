@@ -44,15 +44,16 @@ print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda e
 ENGINE_PROGRAM = """
 import json
 from anm_mj.mapping.backends.select import choose_engine
+from anm_mj.mapping.occupancy_native import native_fusion
 choice = choose_engine()
-name, device = choice.name, "cpu"
+name, device, outdated = choice.name, "cpu", False
 if name == "native":
     from anm_mj.mapping.backends.native_backend import kernel_names
-    name = f"native ({kernel_names()[0]})"
+    name, outdated = f"native ({kernel_names()[0]})", native_fusion() is None
 else:
     from anm_mj.mapping.backends.tensor_backend import resolve_device
     device = resolve_device("auto").type
-print(json.dumps([name, device, choice.reason, choice.instead_of]))
+print(json.dumps([name, device, choice.reason, choice.instead_of, outdated]))
 """
 
 
@@ -158,10 +159,13 @@ def check_engine() -> Check:
     if done.returncode != 0:
         advice = "Run make setup, or explore with --set mapping.engine=torch."
         return Check("map engine", State.NOTE, f"does not start: {_last_line(done.stderr)}", advice)
-    name, device, reason, instead_of = json.loads(done.stdout)
+    name, device, reason, instead_of, outdated = json.loads(done.stdout)
     found = f"{name} on the {'GPU' if device == 'cuda' else 'CPU'}"
     if instead_of is not None:
         return Check("map engine", State.NOTE, f"{found}, slower than {instead_of} would be", f"Why: {reason}.")
+    if outdated:
+        found = f"{found}, but built from an older source: the occupancy grid runs in NumPy, slower"
+        return Check("map engine", State.NOTE, found, "Run make setup, which builds it again.")
     return Check("map engine", State.GOOD, f"{found}, {reason}")
 
 

@@ -2,21 +2,39 @@
 
 The occupancy grid knows what has been observed; the field knows where the surface is. A grid of raw depth puts an
 obstacle wherever noise ever put a pixel, while the field averages the noise of all views. So every voxel that holds a
-hit, and every observed voxel beside one, is read from the field: it is occupied where the surface passes through it or
-before it. What no depth ever hit stays free or unknown, because a field extrapolates any sign it likes there.
+hit, and every observed voxel beside one, is read from the field.
+
+A hit is dismissed only where the field says that the surface passes the voxel by *and* the sensor's noise explains
+how the hit came there. The noise is learnt from the images (:mod:`anm_mj.mapping.depth_noise`), and the smallest depth
+at which the voxel was hit says how far it reaches. So with exact depth every hit stands, also where the field has not
+learnt a chair's leg or the top of a bed yet, and with a noisy sensor the field decides. A voxel beside a hit is
+occupied where its centre lies in the solid. What no depth ever hit stays free or unknown, because a field extrapolates
+any sign it likes there.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from jaxtyping import Int8, Int32, Int64
+import math
 
-from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int8, Int32, Int64, Shaped
+
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SdfQuery, VoxelGrid
 from anm_mj.utils.arrays import dilate_mask, embed
 
-SURFACE_SHARE = 0.5
-"""A voxel is occupied where the signed distance at its centre is at most this share of its edge."""
+HIT_SHARE = 0.75
+"""The surface passes a voxel by where the signed distance at its centre is more than this share of its edge. A surface
+in the voxel lies within half an edge of the centre if it faces an axis, within 0.87 if it faces a corner; a floor one
+layer below lies a whole edge away."""
+NOISE_REACH = 8.0
+"""Noise explains a hit that lies within so many standard deviations of the surface: of the millions of pixels that fall
+near a surface, the farthest is what an obstacle is made of."""
+_NOISE_CHANGE = 1.1
+"""All blocks are read again when the noise turns out larger or smaller by this factor."""
+_EXACT_PER_M = 1e-5
+"""Less noise than this is none: it is a tenth of a millimetre at 3 m, and rounding makes some [1/m]."""
 
 
 class FieldGeometry:
@@ -32,42 +50,84 @@ class FieldGeometry:
         self._corner: Int64[np.ndarray, "3"] = np.zeros(3, np.int64)
         self._state: Int8[np.ndarray, "layers rows cols"] = np.zeros((0, 0, 0), np.int8)
         self._column_version: Int32[np.ndarray, "block_rows block_cols"] = np.zeros((0, 0), np.int32)
-        self._read_frame = 0
+        self._read_frame: Int32[np.ndarray, "block_layers block_rows block_cols"] = np.zeros((0, 0, 0), np.int32)
+        self._read_up_to = 0
+        self._noise_per_m = math.inf
 
-    def grid(self, sdf_m: SdfQuery) -> VoxelGrid:
+    def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> VoxelGrid:
         """Free, occupied and unknown space as of now.
 
         Args:
             sdf_m: signed distance at world points (N, 3) [m], positive in free space.
+            box_xy_m: lower and upper corner of a box in the world [m]; elsewhere the grid may be that of an earlier
+                reading. None = the whole grid is of now.
         """
         raw = self._occupancy.grid
         self._follow_growth(raw)
-        if self._read_frame < raw.version:
-            self._read(raw, sdf_m)
-            self._read_frame = raw.version
+        if self._read_up_to < raw.version:
+            self._follow_noise()
+            self._read(raw, sdf_m, box_xy_m)
+            self._read_up_to = raw.version if box_xy_m is None else self._read_up_to
         return VoxelGrid(
             self._state, raw.seen_range_m, raw.origin_m, raw.resolution_m, raw.version, self._column_version
         )
 
-    def _read(self, raw: VoxelGrid, sdf_m: SdfQuery) -> None:
-        """Read the blocks again that any frame since the last reading changed or had a hit in."""
+    def _read(self, raw: VoxelGrid, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None) -> None:
+        """Read the blocks again that any frame since their last reading changed or had a hit in."""
         assert raw.column_version is not None  # The occupancy grid keeps track.
-        changed_columns = raw.column_version > self._read_frame
-        blocks = (self._occupancy.block_stamp > self._read_frame) | changed_columns
+        rows, cols = self._block_window(raw, box_xy_m)
+        near = np.zeros(self._read_frame.shape, np.bool_)
+        near[:, rows, cols] = True
+        changed = near & (raw.column_version > self._read_frame)
+        blocks = changed | (near & (self._occupancy.block_stamp > self._read_frame))
+        if not blocks.any():
+            return
+        self._read_frame[blocks] = raw.version
         state = _in_blocks(raw.state)[blocks]
         beside = dilate_mask(state == OCCUPIED, first_axis=1) & (state != UNKNOWN)
         block, layer, row, col = np.nonzero(beside)
         corner = np.argwhere(blocks)[block] * BLOCK + np.stack([layer, row, col], axis=1)
         points_m = (corner[:, ::-1] + self._corner) * raw.resolution_m
-        solid = sdf_m(points_m.astype(float)) <= SURFACE_SHARE * raw.resolution_m
+        seen_m = _in_blocks(raw.seen_range_m)[blocks][block, layer, row, col]
+        hit = state[block, layer, row, col] == OCCUPIED
+        solid = self._is_solid(sdf_m(points_m.astype(float)), hit, seen_m, raw.resolution_m)
         state[block, layer, row, col] = np.where(solid, np.int8(OCCUPIED), np.int8(FREE))
         view = _in_blocks(self._state)
         moved = (view[blocks] != state).any(axis=(1, 2, 3))
         view[blocks] = state
-        columns = changed_columns.copy()
+        self._column_version[changed.any(axis=0)] = raw.version
         rows_cols = np.argwhere(blocks)[moved][:, 1:]
-        columns[rows_cols[:, 0], rows_cols[:, 1]] = True
-        self._column_version[columns] = raw.version
+        self._column_version[rows_cols[:, 0], rows_cols[:, 1]] = raw.version
+
+    def _is_solid(
+        self,
+        sdf_m: Float[np.ndarray, " n"],
+        hit: Bool[np.ndarray, " n"],
+        seen_m: Float32[np.ndarray, " n"],
+        resolution_m: float,
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether voxels are occupied, from the signed distance at their centres."""
+        off_m = sdf_m - np.float32(0.5 * resolution_m)
+        # Only a hit has been seen from somewhere.
+        reach_m = np.float32(NOISE_REACH * self._noise_per_m) * np.where(hit, seen_m, np.float32(1.0)) ** 2
+        return np.where(hit, (sdf_m <= HIT_SHARE * resolution_m) | (off_m > reach_m), sdf_m <= 0.0)
+
+    def _follow_noise(self) -> None:
+        """Start over where the sensor turns out to be another one than what was read says."""
+        noise = self._occupancy.depth_noise_per_m
+        noise = 0.0 if noise < _EXACT_PER_M else noise
+        if max(noise, self._noise_per_m) > _NOISE_CHANGE * min(noise, self._noise_per_m):
+            self._noise_per_m = noise
+            self._read_frame.fill(0)
+
+    def _block_window(self, raw: VoxelGrid, box_xy_m: Float[np.ndarray, "2 2"] | None) -> tuple[slice, slice]:
+        """Rows and columns of the blocks that touch a box, give or take two voxels."""
+        if box_xy_m is None:
+            return slice(None), slice(None)
+        around_m = 2.0 * raw.resolution_m * np.array([[-1.0], [1.0]])
+        low, high = (box_xy_m + around_m - raw.origin_m[:2]) / (BLOCK * raw.resolution_m)
+        low, high = np.maximum(np.floor(low), 0).astype(int), np.maximum(np.ceil(high), 0).astype(int)
+        return slice(low[1], high[1]), slice(low[0], high[0])
 
     def _follow_growth(self, raw: VoxelGrid) -> None:
         """Keep the states aligned with a grid that has grown."""
@@ -76,12 +136,13 @@ class FieldGeometry:
         corner = self._occupancy.corner
         start = (self._corner - corner)[::-1] if self._state.size else np.zeros(3, np.int64)
         self._state = embed(self._state, raw.state.shape, start, UNKNOWN)
-        shape = tuple(n // BLOCK for n in raw.state.shape[1:])
-        self._column_version = embed(self._column_version, shape, start[1:] // BLOCK, 0)
+        shape = tuple(n // BLOCK for n in raw.state.shape)
+        self._read_frame = embed(self._read_frame, shape, start // BLOCK, 0)
+        self._column_version = embed(self._column_version, shape[1:], start[1:] // BLOCK, 0)
         self._corner = corner.copy()
 
 
-def _in_blocks(state: Int8[np.ndarray, "layers rows cols"]) -> Int8[np.ndarray, "bl br bc b b b"]:
+def _in_blocks(voxels: Shaped[np.ndarray, "layers rows cols"]) -> Shaped[np.ndarray, "bl br bc b b b"]:
     """A view of voxels by block: ``[block layer, block row, block col, layer, row, col]``."""
-    layers, rows, cols = (n // BLOCK for n in state.shape)
-    return state.reshape(layers, BLOCK, rows, BLOCK, cols, BLOCK).transpose(0, 2, 4, 1, 3, 5)
+    layers, rows, cols = (n // BLOCK for n in voxels.shape)
+    return voxels.reshape(layers, BLOCK, rows, BLOCK, cols, BLOCK).transpose(0, 2, 4, 1, 3, 5)

@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
-from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.mapping.surface import REACH_VOXELS
 from anm_mj.types import OCCUPIED, SdfQuery
 

@@ -191,6 +191,15 @@ class NeuralMap:
         """
         return self._occupancy.grid if self._geometry is None else self._geometry.grid(self.sdf)
 
+    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
+        """The occupancy, as of now within ``radius_m`` [m] of a place along both axes, maybe of earlier elsewhere.
+
+        It costs a fraction of the whole one.
+        """
+        if self._geometry is None:
+            return self._occupancy.grid
+        return self._geometry.grid(self.sdf, np.stack([centre_xy_m - radius_m, centre_xy_m + radius_m]))
+
     def mesh(self, resolution_m: float = 0.05, *, reuse: bool = False) -> trimesh.Trimesh:
         """The observed surface in the world [m], with vertex colours; faces look into free space.
 

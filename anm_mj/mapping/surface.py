@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
-from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.types import OCCUPIED, SdfQuery
 
 _NORMAL_STEP_M = 0.02

@@ -12,11 +12,16 @@ LOOKAHEAD_STEPS = 2
 """Forward steps that must be free."""
 
 
+def lookahead_radius_m(footprint: Footprint) -> float:
+    """How far from its place a robot sees obstacles by :func:`path_is_blocked`, along both axes [m]."""
+    return footprint.radius_m + LOOKAHEAD_STEPS * FORWARD_STEP_M
+
+
 def path_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
     """Whether the next forward steps bring occupied voxels into the body, and nearer than any is now.
 
     Args:
-        grid: the occupancy.
+        grid: the occupancy, of now within :func:`lookahead_radius_m`.
         footprint: the robot's body.
         pose: the robot's pose; it would move along its heading.
     """

@@ -64,7 +64,7 @@ def test_broken_torch(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_missing_native_engine(monkeypatch: pytest.MonkeyPatch):
-    found = '["torch", "cpu", "the native engine is missing: it was not built", "native"]'
+    found = '["torch", "cpu", "the native engine is missing: it was not built", "native", false]'
     monkeypatch.setattr(doctor, "run_python", lambda *_: subprocess.CompletedProcess([], 0, found, ""))
 
     check = doctor.check_engine()
@@ -98,6 +98,15 @@ def test_missing_compiler(monkeypatch: pytest.MonkeyPatch):
 
     assert check.found == "torch on the CPU, slower than native would be"
     assert "it was not built; install a C++17 compiler (apt install g++) and run make setup" in check.advice
+
+
+def test_an_engine_of_an_older_source_is_to_be_built_again(monkeypatch: pytest.MonkeyPatch):
+    without = "import anm_mj.mapping.backends._native as native\ndel native.Occupancy\n"
+    monkeypatch.setattr(doctor, "ENGINE_PROGRAM", without + doctor.ENGINE_PROGRAM)
+    check = doctor.check_engine()
+    assert check.state is doctor.State.NOTE
+    assert "older source" in check.found
+    assert "make setup" in check.advice
 
 
 def test_engine_that_does_not_start(monkeypatch: pytest.MonkeyPatch):

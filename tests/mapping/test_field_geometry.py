@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.field_geometry import FieldGeometry
+from anm_mj.mapping.field_geometry import HIT_SHARE, FieldGeometry
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from tests.mapping.ray_room import Room
 
@@ -42,7 +43,7 @@ def test_noise_leaves_no_obstacle_in_free_space(room, occupancy):
     before = np.abs(room.sdf(centres(occupancy.grid, OCCUPIED)))
     after = room.sdf(centres(FieldGeometry(occupancy).grid(room.sdf), OCCUPIED))
     assert (before > 0.06).mean() > 0.2
-    assert after.max() <= VOXEL_M / 2 + 1e-6
+    assert after.max() <= HIT_SHARE * VOXEL_M + 1e-6
 
 
 def test_surface_stays_occupied(room, occupancy):
@@ -50,6 +51,63 @@ def test_surface_stays_occupied(room, occupancy):
     wall = np.stack([np.zeros(40), np.linspace(0.5, 2.5, 40), np.full(40, 1.2)], axis=1)
     cell = np.floor((wall - grid.origin_m) / grid.resolution_m).astype(int)
     assert (grid.state[cell[:, 2], cell[:, 1], cell[:, 0]] == OCCUPIED).all()
+
+
+@pytest.fixture
+def exact(room: Room) -> OccupancyGrid:
+    return fuse(OccupancyGrid(OccupancyConfig()), room.turn(1.5, 1.5, 12, size=128))
+
+
+def nothing_there(points):
+    return np.full(len(points), 0.1, np.float32)
+
+
+def test_every_hit_of_exact_depth_stands(exact):
+    grid = FieldGeometry(exact).grid(nothing_there)
+    assert np.array_equal(grid.state, exact.grid.state)
+
+
+def test_hits_that_noise_explains_do_not(occupancy):
+    assert not (FieldGeometry(occupancy).grid(nothing_there).state == OCCUPIED).any()
+
+
+def test_of_a_noisy_sensor_what_was_hit_from_near_stands(room):
+    occupancy = OccupancyGrid(OccupancyConfig())
+    rng = np.random.default_rng(0)
+    for seen in room.turn(1.5, 1.5, 12, size=128):
+        noise = 1.0 + 0.004 * seen.depth_m * rng.standard_normal(seen.depth_m.shape)
+        fuse(occupancy, [replace(seen, depth_m=(seen.depth_m * noise).astype(np.float32))])
+    state = FieldGeometry(occupancy).grid(nothing_there).state
+    hit, seen_m = occupancy.grid.state == OCCUPIED, occupancy.grid.seen_range_m
+    assert (state[hit & (seen_m < 1.4)] == OCCUPIED).all()
+    assert (state[hit & (seen_m > 1.7)] == FREE).all()
+
+
+def test_the_field_decides_where_no_image_told_of_the_sensor(exact):
+    state = exact.get_state()
+    del state["depth_noise"]
+    old = OccupancyGrid(OccupancyConfig())
+    old.set_state(state)
+    assert not (FieldGeometry(old).grid(nothing_there).state == OCCUPIED).any()
+
+
+def test_a_part_is_of_now_and_the_rest_follows(room, occupancy):
+    geometry, whole = FieldGeometry(occupancy), FieldGeometry(occupancy)
+    geometry.grid(room.sdf)
+    fuse(occupancy, noisy(room.turn(1.5, 0.7, 6, size=128)))
+    fresh = whole.grid(room.sdf).state.copy()
+    place, reach = np.array([1.5, 0.7]), 0.3
+    part = geometry.grid(room.sdf, np.stack([place - reach, place + reach]))
+    rows, cols = (
+        slice(*((place[axis] + np.array([-reach, reach]) - part.origin_m[axis]) / VOXEL_M).astype(int))
+        for axis in (1, 0)
+    )
+    assert np.array_equal(part.state[:, rows, cols], fresh[:, rows, cols])
+    assert not np.array_equal(part.state, fresh)
+    version = part.version
+    after = geometry.grid(room.sdf)
+    assert np.array_equal(after.state, fresh)
+    assert (after.column_version == version).any()
 
 
 def test_field_decides_nothing_that_was_not_observed(occupancy):

@@ -5,7 +5,8 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import BLOCK, OccupancyGrid, footprint_minima
+from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.occupancy_fusion import BLOCK, footprint_minima
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics
 from tests.mapping.ray_room import LEG, Room, camera_pose
 

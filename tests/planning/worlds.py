@@ -42,6 +42,9 @@ class BoxWorld:
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
+    def occupancy_about(self, centre_xy_m, radius_m) -> VoxelGrid:
+        return self.occupancy
+
     def surface(self, centre_xy_m, radius_m) -> SurfacePoints:
         return SurfacePoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
 

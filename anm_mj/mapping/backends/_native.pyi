@@ -68,5 +68,64 @@ class Engine:
     def query_sensitivity(self, points: _Floats) -> tuple[_Floats, _Floats]: ...
     def render(self, origin: _Floats, direction: _Floats, depths: _Floats) -> tuple[_Floats, _Floats]: ...
 
+class Occupancy:
+    def __init__(self, num_threads: int, kernel: str) -> None: ...
+    def bind(
+        self,
+        log_odds: NDArray[np.int8],
+        state: NDArray[np.int8],
+        seen_range: _Floats,
+        num_hits: NDArray[np.uint16],
+        block_stamp: NDArray[np.int32],
+        column_version: NDArray[np.int32],
+        corner: NDArray[np.int64],
+    ) -> None: ...
+    def carve(
+        self,
+        depth: _Floats,
+        fx: float,
+        fy: float,
+        cx: float,
+        cy: float,
+        rotation: _Floats,
+        position: _Floats,
+        low: NDArray[np.int64],
+        high: NDArray[np.int64],
+        edge: float,
+        margin: float,
+        footprint_px: float,
+        nearest: float,
+        furthest: float,
+        miss: int,
+        limit: int,
+        no_depth_is_free: bool,
+        frame: int,
+    ) -> None: ...
+    def mark(
+        self, voxels: NDArray[np.int64], depth: _Floats, range_step: float, hit: int, limit: int, frame: int
+    ) -> None: ...
+    def hits(
+        self,
+        depth: _Floats,
+        rays: _Floats,
+        first_row: int,
+        first_col: int,
+        stride: int,
+        range: float,
+        matrix: _Floats,
+        offset: _Floats,
+        voxels: NDArray[np.int64],
+        hit_depth: _Floats,
+    ) -> int: ...
+    def counts(
+        self,
+        depth: _Floats,
+        rays: _Floats,
+        range: float,
+        matrix: _Floats,
+        offset: _Floats,
+        out: NDArray[np.uint16],
+    ) -> None: ...
+
 def kernel_names() -> list[str]: ...
 def roofline(table_bytes: int, kernel: str) -> dict[str, float]: ...

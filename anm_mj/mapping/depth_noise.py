@@ -1,0 +1,81 @@
+"""How noisy a depth camera is, learnt from its images alone.
+
+Over a plane, inverse depth is linear in the pixel, so the second difference of three neighbours is noise and nothing
+else: with independent errors of standard deviation s it has a variance of 6 s^2. Rooms are mostly planes, so the median
+over an image tells s, whatever edges and plants do. Errors of stereo and of time-of-flight cameras grow with the square
+of the depth, so s is one figure for all depths: sigma_z = s z^2. It holds what makes a pixel's depth uncertain by
+itself (disparity, its quantization, its place in the image), not what all pixels share.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+_LINES = 64
+"""So many rows and columns are looked at: the median of some thousand values is good to a few percent."""
+_FIRST_IMAGES, _IMAGE_EVERY = 8, 8
+"""The first images are all looked at, then one of so many: a sensor does not change."""
+_MEDIAN_OF_NORMAL = 0.6744897501960817
+"""Median of the size of a standard normal variable."""
+_LEAST_TRIPLES = 16
+"""Fewer triples of measured pixels tell nothing."""
+
+
+def inverse_depth_noise(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
+    """Standard deviation of inverse depth in an image [1/m], so that sigma_z = this times z^2.
+
+    Args:
+        depth_m: planar depth [m]; what is not finite and positive was not measured.
+
+    Returns:
+        The larger of the figures along rows and along columns; None where too little was measured to tell.
+    """
+    found = [noise for image in (depth_m, depth_m.T) if (noise := _noise_along_columns(image)) is not None]
+    return max(found, default=None)
+
+
+def _noise_along_columns(depth_m: Float32[np.ndarray, "h w"]) -> float | None:
+    rows, cols = (max(1, side // _LINES) for side in depth_m.shape)
+    count = max((depth_m.shape[0] + rows - 3) // rows, 0)
+    above, middle, below = (depth_m[start::rows, ::cols][:count] for start in range(3))
+    measured = np.isfinite(above) & np.isfinite(middle) & np.isfinite(below)
+    measured &= (above > 0.0) & (middle > 0.0) & (below > 0.0)
+    if np.count_nonzero(measured) < _LEAST_TRIPLES:
+        return None
+    above, middle, below = (1.0 / depth[measured].astype(np.float64) for depth in (above, middle, below))
+    return float(np.median(np.abs(above - 2.0 * middle + below))) / (_MEDIAN_OF_NORMAL * math.sqrt(6.0))
+
+
+class NoiseMean:
+    """The mean of :func:`inverse_depth_noise` over the images of a sensor."""
+
+    def __init__(self) -> None:
+        self._sum = 0.0
+        self._count = 0
+        self._num_images = 0
+
+    @property
+    def value(self) -> float:
+        """The mean [1/m]; infinite before the first image that tells."""
+        return self._sum / self._count if self._count else math.inf
+
+    def add(self, depth_m: Float32[np.ndarray, "h w"]) -> None:
+        """Take in one image of planar depth [m]; of later ones only some are looked at."""
+        self._num_images += 1
+        if self._count >= _FIRST_IMAGES and self._num_images % _IMAGE_EVERY:
+            return
+        noise = inverse_depth_noise(depth_m)
+        if noise is not None:
+            self._sum += noise
+            self._count += 1
+
+    def get_state(self) -> Float64[np.ndarray, "3"]:
+        """Sum and number of the figures, and number of images."""
+        return np.array([self._sum, self._count, self._num_images], np.float64)
+
+    def set_state(self, state: Float64[np.ndarray, "3"]) -> None:
+        """Take over what ``get_state`` gave."""
+        self._sum, self._count, self._num_images = float(state[0]), int(state[1]), int(state[2])
