@@ -92,6 +92,9 @@ class Budget:
 
 def watched(watch: Watch) -> None:
     """Put the watch on all stages."""
+    from anm_mj.sim.gl import select_backend
+
+    select_backend()
     import mujoco
 
     import anm_mj.run

@@ -18,10 +18,11 @@ VOXEL_M = 0.05
 
 
 def noisy(observations, sigma_m=0.05):
+    """Depth with an error that grows with its square, as that of stereo cameras; ``sigma_m`` at 2 m."""
     rng = np.random.default_rng(0)
     for seen in observations:
-        noise = rng.normal(0.0, sigma_m, seen.depth_m.shape).astype(np.float32)
-        yield replace(seen, depth_m=seen.depth_m + noise)
+        noise = rng.normal(0.0, sigma_m, seen.depth_m.shape) * (seen.depth_m / 2.0) ** 2
+        yield replace(seen, depth_m=(seen.depth_m + noise).astype(np.float32))
 
 
 def fuse(occupancy, observations):
@@ -94,6 +95,7 @@ def test_the_field_decides_where_no_image_told_of_the_sensor(exact):
 def test_a_part_is_of_now_and_the_rest_follows(room, occupancy):
     geometry, whole = FieldGeometry(occupancy), FieldGeometry(occupancy)
     geometry.grid(room.sdf)
+    whole.grid(room.sdf)
     fuse(occupancy, noisy(room.turn(1.5, 0.7, 6, size=128)))
     fresh = whole.grid(room.sdf).state.copy()
     place, reach = np.array([1.5, 0.7]), 0.3
