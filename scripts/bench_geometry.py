@@ -17,8 +17,6 @@ from typing import Annotated
 import numpy as np
 import tyro
 from jaxtyping import Bool, Int
-from rich.console import Console
-from rich.table import Table
 from scipy import ndimage
 
 from anm_mj.config import make_config
@@ -151,16 +149,13 @@ def main(
         json_file: where the figures go too.
     """
     rows = []
+    print("scene\tsensor\tnoise\tgeometry\tobstacles\tlost\tholes\tfalse\tlearnt noise [1/m]")
     for scene in scenes:
         seen, body = walk(scene, steps, seed=0)
         for scale in noise:
-            rows += measure(scene, sensor, scale, seen, body)
-    table = Table("scene", "sensor", "noise", "geometry", "obstacles", "lost", "holes", "false", "learnt noise /m")
-    for row in rows:
-        counts = (str(n) for n in (row.obstacles, row.lost, row.holes, row.false))
-        told = (row.scene, row.sensor, f"{row.noise:g}", row.geometry)
-        table.add_row(*told, *counts, f"{row.learnt_noise_per_m:.5f}")
-    Console(width=120).print(table)
+            for row in measure(scene, sensor, scale, seen, body):
+                rows.append(row)
+                print(*asdict(row).values(), sep="\t", flush=True)
     if json_file is not None:
         json_file.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")
 

@@ -115,8 +115,9 @@ class OccupancyGrid:
         voxels, hit_depth = self._fusion.hits(view, self.config, phase, stride)
         low, high = box = self._view_box(view, 0.0)
         if len(voxels):
-            low = np.minimum(low, voxels.min(axis=0))
-            high = np.maximum(high, voxels.max(axis=0))
+            # Axis by axis: a reduction over many rows of three takes several times as long.
+            low = np.minimum(low, [axis.min() for axis in voxels.T])
+            high = np.maximum(high, [axis.max() for axis in voxels.T])
         self._grow(low, high)
         # What is seen of the sky frees the space that the grid has, but the grid does not grow into the sky.
         missing_m = self.config.carve_range_m if self.config.no_depth_is_free else 0.0
@@ -222,8 +223,8 @@ class OccupancyGrid:
         depth_m = view.depth_m[::4, ::4]
         reach = np.nan_to_num(depth_m, nan=0.0, posinf=missing_m).clip(0.0, self.config.carve_range_m)
         ends = (view.rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ view.rotation.T
-        low = np.minimum(ends.min(axis=0), 0.0) + view.position
-        high = np.maximum(ends.max(axis=0), 0.0) + view.position
+        low = np.minimum([axis.min() for axis in ends.T], np.float32(0.0)) + view.position
+        high = np.maximum([axis.max() for axis in ends.T], np.float32(0.0)) + view.position
         edge = self.config.voxel_m
         return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
 
