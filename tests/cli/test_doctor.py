@@ -101,7 +101,7 @@ def test_missing_compiler(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_an_engine_of_an_older_source_is_to_be_built_again(monkeypatch: pytest.MonkeyPatch):
-    without = "import anm_mj.mapping.backends._native as native\ndel native.Occupancy\n"
+    without = 'import anm_mj.mapping.backends._native as native\nvars(native).pop("Occupancy", None)\n'
     monkeypatch.setattr(doctor, "ENGINE_PROGRAM", without + doctor.ENGINE_PROGRAM)
     check = doctor.check_engine()
     assert check.state is doctor.State.NOTE
