@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from anm_mj.bench.engine import RESULT
 from anm_mj.bench.job import Job
+from anm_mj.bench.statistics import restricted_steps
 from anm_mj.bench.sweep import BenchError
 from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.io.read_run import read_json
@@ -112,7 +113,7 @@ def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
 def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
     """A row per run, in the order of the results; every row has every column."""
     oracle_steps = {
-        (r.job["scene_name"], r.job["start"], *_seen_by(r), level): r.steps_to(level)
+        (r.job["scene_name"], r.job["start"], *_seen_by(r), level): restricted_steps(r.steps_to(level), r.job["steps"])
         for r in results
         if needs_truth(r.job["policy"])
         for level in LEVELS
@@ -132,13 +133,15 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             "settings": " ".join(job["settings"]),
             "budget": job["steps"],
             **metrics,
+            "observable_ratio_auc": result.area_under_curve(OBSERVABLE),
             "completion_ratio_auc": result.area_under_curve(COMPLETION),
         }
         for level in LEVELS:
             steps = result.steps_to(level)
             row[f"steps_to_{level}"] = steps
+            row[f"restricted_steps_to_{level}"] = restricted = restricted_steps(steps, job["steps"])
             oracle = oracle_steps.get((job["scene_name"], job["start"], *_seen_by(result), level), np.nan)
-            row[f"oracle_ratio_{level}"] = steps / oracle
+            row[f"oracle_ratio_{level}"] = restricted / oracle
         row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
         rows.append(row)
     columns = list(dict.fromkeys(key for row in rows for key in row))

@@ -14,6 +14,14 @@
 
 Keys outside of a sweep hold for all sweeps; a file without sweeps is one sweep itself. Every run is one scene, one
 policy, one robot, drive, pose and sensor, one start and one seed.
+
+Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench.generated`):
+
+    [[generated]]
+    name = "office_a"
+    rooms = 12
+    seed = 3
+    kind = "office"
 """
 
 from __future__ import annotations
@@ -24,6 +32,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from anm_mj.bench.generated import GeneratedScene, area_budget, provide
 from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
@@ -31,7 +40,7 @@ from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.robot.presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
-from anm_mj.utils.read_file import read_toml
+from anm_mj.utils.read_file import convert, read_toml
 
 
 class BenchError(AnmError):
@@ -51,7 +60,9 @@ class Sweep:
     seeds: tuple[int, ...] = (0,)
     """Seeds of the runs."""
     steps: int | None = None
-    """Budget of each run; None = the scene's own, which depends on its number of rooms as in the paper."""
+    """Budget of each run; None = the one that ``budget`` names."""
+    budget: str = "rooms"
+    """``rooms``: the scene's own, which depends on its number of rooms as in the paper; ``area``: by its floor."""
     preset: str = "default"
     """Of the map, as ``anm-mj explore --preset`` has it."""
     sensor: tuple[str, ...] = ("exact",)
@@ -75,6 +86,7 @@ FIELDS: dict[str, type | tuple[type, ...]] = {
     "starts": int,
     "seeds": list,
     "steps": int,
+    "budget": str,
     "preset": str,
     "sensor": _TEXTS,
     "robot": _TEXTS,
@@ -97,10 +109,14 @@ def read_jobs(path: Path) -> list[Job]:
         RobotError: There is no such robot or sensor.
     """
     jobs: dict[str, Job] = {}
-    for sweep in read_sweeps(path):
+    sweeps, generated = read_sweeps(path)
+    for sweep in sweeps:
         for name in sweep.scenes:
             beside = path.parent / name
-            scene = load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
+            if name in generated:
+                scene = provide(generated[name])
+            else:
+                scene = load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
             robots = [_beside(path, robot) for robot in sweep.robot]
             for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
@@ -114,8 +130,8 @@ def _beside(path: Path, name: str) -> str:
     return str((path.parent / name).resolve()) if (path.parent / name).is_file() else name
 
 
-def read_sweeps(path: Path) -> list[Sweep]:
-    """The sweeps of a file.
+def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene]]:
+    """The sweeps of a file, and the scenes to generate for them, by name.
 
     Raises:
         BenchError: The file cannot be read, or an entry is not what it should be.
@@ -124,11 +140,15 @@ def read_sweeps(path: Path) -> list[Sweep]:
         content = read_toml(path)
     except (OSError, ValueError) as err:
         raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
+    try:
+        generated = {scene.name: scene for scene in convert(content.pop("generated", []), list[GeneratedScene])}
+    except ValueError as err:
+        raise BenchError(f"{path}: generated{err}; give name, rooms and seed of each scene.") from err
     common = {key: value for key, value in content.items() if key != "sweep"}
     sweeps = content.get("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(sweep, dict) for sweep in sweeps):
         raise BenchError(f"{path}: sweep must be a list of tables; write [[sweep]] above each.")
-    return [_sweep(path, {**common, **sweep}) for sweep in sweeps]
+    return [_sweep(path, {**common, **sweep}) for sweep in sweeps], generated
 
 
 def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
@@ -168,7 +188,10 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
         raise BenchError(
             f"starts is {sweep.starts}, but scene {scene.name} names {len(scene.starts)} start poses; give 1 to that."
         )
-    steps = sweep.steps or scene.budget_steps or default_steps(scene.rooms)
+    if sweep.budget not in ("rooms", "area"):
+        raise BenchError(f"budget is {sweep.budget!r}; give rooms or area.")
+    own = area_budget(scene) if sweep.budget == "area" else scene.budget_steps or default_steps(scene.rooms)
+    steps = sweep.steps or own
     return [
         Job(
             scene=where,

@@ -18,8 +18,16 @@ def add_bench(commands: Any) -> None:
         help="compare policies over scenes, starts and seeds, and write tables",
         epilog="The same command resumes an interrupted comparison.",
     )
-    bench.add_argument("file", type=Path, metavar="FILE", help="a TOML file with scenes, policies, starts and seeds")
-    bench.add_argument("--out", type=Path, metavar="DIR", help="folder (default: bench/<name of FILE>)")
+    what = bench.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "file", type=Path, nargs="?", metavar="FILE", help="a TOML file with scenes, policies, starts and seeds"
+    )
+    what.add_argument(
+        "--suite",
+        metavar="NAME",
+        help="a comparison of the package, on generated scenes: smoke (minutes), tune, test (hours), large",
+    )
+    bench.add_argument("--out", type=Path, metavar="DIR", help="folder (default: bench/<name of FILE or suite>)")
     bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs in parallel (default: 1)")
     bench.add_argument("--engine", default="local", help="local (processes) or ray (a cluster) (default: local)")
     bench.set_defaults(command=_bench)
@@ -30,9 +38,11 @@ def _bench(parsed: argparse.Namespace) -> int:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from anm_mj.bench.bench import run_bench
+    from anm_mj.bench.suite import suite_file
 
     console = Console(markup=False)
-    out = parsed.out or Path("bench") / parsed.file.stem
+    file = suite_file(parsed.suite) if parsed.suite is not None else parsed.file
+    out = parsed.out or Path("bench") / file.stem
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=None)
@@ -43,7 +53,7 @@ def _bench(parsed: argparse.Namespace) -> int:
                 console.print(f"{done}/{total} {last}", highlight=False, soft_wrap=True)
 
         bench = run_bench(
-            parsed.file,
+            file,
             out,
             num_workers=parsed.workers,
             engine=parsed.engine,

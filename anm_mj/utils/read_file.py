@@ -13,11 +13,9 @@ import tomllib
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO
 
 import numpy as np
-
-T = TypeVar("T")
 
 MAX_TEXT_MIB = 512
 """Larger text files are refused: the log of a very long run has some hundred megabytes [MiB]."""
@@ -94,8 +92,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError("its values are nested too deeply") from None
 
 
-def convert(value: Any, type_: type[T]) -> T:
-    """A value of JSON or TOML as a type of msgspec, such as a ``Struct``; keys that the type lacks are ignored.
+def convert(value: Any, type_: Any) -> Any:
+    """A value of JSON or TOML as a type of msgspec, such as a ``Struct`` or a list of them.
+
+    Keys that the type lacks are ignored.
 
     Raises:
         ValueError: The value has another shape; the message names the place.

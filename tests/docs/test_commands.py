@@ -235,7 +235,7 @@ def test_blocks(page):
 
 
 def test_published_comparison():
-    sweeps = read_sweeps(ROOT / "docs" / "benchmark.toml")
+    sweeps, _ = read_sweeps(ROOT / "docs" / "benchmark.toml")
     assert {scene for sweep in sweeps for scene in sweep.scenes} >= {"white_room", "aws_hospital"}
     for sweep in sweeps:
         for policy in sweep.policies:

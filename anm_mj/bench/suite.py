@@ -1,0 +1,29 @@
+"""Suites: comparisons that come with the package, on generated scenes, so that everybody can repeat them.
+
+``tune`` is for choosing settings. ``test`` is for judging them: other seeds, never used for a choice. ``large`` holds
+buildings of 40 to 60 rooms. ``smoke`` takes minutes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from anm_mj.bench.sweep import BenchError
+
+_FOLDER = Path(__file__).parent / "suites"
+
+
+def suite_names() -> tuple[str, ...]:
+    """Names of the suites."""
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
+
+
+def suite_file(name: str) -> Path:
+    """The file of a suite.
+
+    Raises:
+        BenchError: There is no such suite.
+    """
+    if name not in suite_names():
+        raise BenchError(f"There is no suite {name!r}; give one of {', '.join(suite_names())}.")
+    return _FOLDER / f"{name}.toml"

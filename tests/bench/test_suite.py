@@ -1,0 +1,89 @@
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from anm_mj.bench.generated import BASE_STEPS, STEPS_PER_M2, GeneratedScene, area_budget, provide
+from anm_mj.bench.suite import suite_file, suite_names
+from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
+from anm_mj.errors import SceneError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_every_suite_has_scenes_with_hashes():
+    assert set(suite_names()) >= {"smoke", "tune", "test", "large"}
+    seeds = []
+    for name in suite_names():
+        sweeps, generated = read_sweeps(suite_file(name))
+        used = {scene for sweep in sweeps for scene in sweep.scenes}
+        assert used == set(generated)
+        assert all(len(scene.hash) == 64 for scene in generated.values())
+        seeds += [scene.seed for scene in generated.values()]
+    assert len(seeds) == len(set(seeds))
+
+
+def test_an_unknown_suite_is_named():
+    with pytest.raises(BenchError, match="smoke"):
+        suite_file("../smoke")
+
+
+def test_no_seed_of_the_test_suite_appears_elsewhere():
+    _, generated = read_sweeps(suite_file("test"))
+    seeds = re.compile(rb"\b(" + b"|".join(str(scene.seed).encode() for scene in generated.values()) + rb")\b")
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split(
+        "\n"
+    )
+    own = suite_file("test").relative_to(ROOT).as_posix()
+    kept = [name for name in listed if name.endswith((".py", ".toml", ".md", ".sh", ".json")) and name != own]
+    where = [name for name in kept if (ROOT / name).is_file() and seeds.search((ROOT / name).read_bytes())]
+    assert where == [], "seeds of the suite test are for judging only"
+
+
+def test_a_published_scene_comes_out_again(cache, tmp_path):
+    _, generated = read_sweeps(suite_file("smoke"))
+    wanted = generated["smoke_1"]
+    scene = provide(wanted)
+    before = (scene.folder / "scene.toml").stat().st_mtime_ns
+    assert (provide(wanted).folder / "scene.toml").stat().st_mtime_ns == before
+
+    file = tmp_path / "own.toml"
+    entry = f'[[generated]]\nname = "smoke_1"\nrooms = {wanted.rooms}\nseed = {wanted.seed}\n'
+    file.write_text('scenes = ["smoke_1"]\npolicies = ["random"]\nbudget = "area"\n' + entry)
+    (job,) = read_jobs(file)
+    assert job.steps == area_budget(scene) >= BASE_STEPS + STEPS_PER_M2
+    assert job.scene_hash == scene.hash == wanted.hash
+
+
+def test_a_scene_that_comes_out_differently_is_refused(cache):
+    with pytest.raises(SceneError, match="would not compare"):
+        provide(GeneratedScene("tiny", rooms=1, seed=11, hash="0" * 64))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('[[generated]]\nname = "x"\nrooms = 0\nseed = 1\n', "rooms"),
+        ('[[generated]]\nname = "../x"\nrooms = 1\nseed = 1\n', "name"),
+        ('[[generated]]\nname = "x"\nrooms = 1\n', "seed"),
+        ('[[generated]]\nname = "x"\nrooms = 1\nseed = 1\ncolour = "red"\n', "colour"),
+        ('generated = "x"\n', "generated"),
+    ],
+)
+def test_a_wrong_entry_is_named(text, says, tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text('scenes = ["x"]\npolicies = ["random"]\n' + text if "[[" in text else text + 'scenes = ["x"]\n')
+    with pytest.raises(BenchError, match=says):
+        read_jobs(file)
+
+
+def test_a_wrong_budget_is_named(tmp_path):
+    (tmp_path / "own.toml").write_text('scenes = ["home"]\npolicies = ["random"]\nbudget = "money"\n')
+    with pytest.raises(BenchError, match="rooms or area"):
+        read_jobs(tmp_path / "own.toml")
