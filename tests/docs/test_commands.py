@@ -22,6 +22,7 @@ import trimesh
 import tyro
 
 import anm_mj.run
+from anm_mj.bench.suite import suite_file
 from anm_mj.bench.sweep import read_jobs, read_sweeps
 from anm_mj.cli.main import main
 from anm_mj.config import make_config
