@@ -268,7 +268,9 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         explore(words, command, place, monkeypatch)
     elif words[0] == "bench":
         parsed = parse(words, monkeypatch)
-        if parsed.file in (Path("comparison.toml"), Path("own_comparison.toml")):
+        if parsed.suite is not None:
+            assert read_sweeps(suite_file(parsed.suite))[1]
+        elif parsed.file in (Path("comparison.toml"), Path("own_comparison.toml")):
             assert read_jobs(place / parsed.file)
         else:
             assert parsed.file.is_file()
