@@ -260,6 +260,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["view"],
         ["export"],
         ["map"],
+        ["robot", "check"],
     ):
         help_of(words, capsys)  # Only the name of a command.
     elif words in (["explore"], ["bench"]) or "--help" in words:
@@ -297,6 +298,9 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         assert main([*words, "--rooms", "1"]) == 0
     elif words == ["scene", "list"]:
         assert main(words) == 0
+    elif words[:2] == ["robot", "check"]:
+        assert words[2] in robot_presets() or (place / words[2]).is_file()
+        parse(words, monkeypatch)  # tests/cli/test_robot.py executes these.
     else:
         pytest.fail(f"nothing here knows how to execute: {command}")
 
