@@ -8,6 +8,7 @@ from anm_mj.errors import PlanError
 from anm_mj.utils.settings import check_settings, setting
 
 GEOMETRIES = ("field", "occupancy")
+REGION_KNOWN_BY = ("error", "range")
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class PlanningConfig:
     """Ridges between surface points nearer to each other than this lead into walls, not along them [m]."""
     region_percentile: float = setting(80.0, below=100.0)
     """Surface points above this percentile of uncertainty may form regions [%]; as in the authors' released code."""
+    region_known_by: str = setting("range", choices=REGION_KNOWN_BY)
+    """What makes surface known, so that it forms no region however uncertain it is beside the rest: ``range``, it was
+    seen from within ``anchor_range_m``; ``error``, the map expects it to be off by less than ``region_error_m``."""
+    region_error_m: float = 0.005
+    """With ``error``, surface whose expected error has a larger reducible part than this is known badly [m]."""
     region_radius_m: float = 6.0
     """Uncertainty is computed anew within this distance of the robot and remembered beyond [m]: what the vertices in
     the local horizon can see."""

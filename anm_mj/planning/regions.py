@@ -1,10 +1,12 @@
 """Regions of interest: uncertain surface, clustered by geometry and topology, anchored to vertices that can see it.
 
-A surface point belongs to a region if it is more uncertain than most (paper, Eq. 4) and was seen only from afar. It is
-anchored to the nearest vertex that sees it: within range, not at a grazing angle, with nothing in between. Points form
-one region if they are anchored to the same vertex and lie close together *in front of* the surface, so that the two
-sides of a wall never join. Some surface always is the most uncertain, but a region vanishes once it was seen from as
-near as from an anchor, or once the robot has turned to it at its anchor. So all regions vanish in the end.
+A surface point belongs to a region if it is more uncertain than most (paper, Eq. 4) and not known yet: it was seen only
+from afar, or, as ``region_known_by`` says, the map expects it to be off by more than a few millimetres. It is anchored
+to the nearest vertex that sees it: within range, not at a grazing angle, with nothing in between. Points form one
+region if they are anchored to the same vertex and lie close together *in front of* the surface, so that the two sides
+of a wall never join. Some surface always is the most uncertain, and noise on the decoders' weights (Eq. 4) does not
+tell how often a place was observed; range and expected error do. A region vanishes once its surface is known, or once
+the robot has turned to it at its anchor. So all regions vanish in the end.
 """
 
 from __future__ import annotations
@@ -37,6 +39,8 @@ class RegionFinder:
         self._points = SurfacePoints(
             np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
         )
+        self._error_m: Float32[np.ndarray, " n"] | None = None
+        """Expected error of each point that observations can take away; None where the map does not tell."""
         self._observed: set[tuple[int, ...]] = set()
         """Cubes with suppressed patches."""
         self._patches = _Patches.of(np.zeros((0, 3)), np.zeros((0, 3)))
@@ -44,8 +48,22 @@ class RegionFinder:
         self._patches_of: dict[tuple[float, ...], Int[np.ndarray, " k"]] = {}
         """Patches of each of the last regions, by its centre."""
 
-    def update(self, surface: SurfacePoints, centre_xy_m: Float[np.ndarray, 2], radius_m: float) -> None:
-        """Replace the surface within ``radius_m`` of a place [m]."""
+    def update(
+        self,
+        surface: SurfacePoints,
+        centre_xy_m: Float[np.ndarray, 2],
+        radius_m: float,
+        error_m: Float32[np.ndarray, " n"] | None = None,
+    ) -> None:
+        """Replace the surface near a place.
+
+        Args:
+            surface: the new surface.
+            centre_xy_m: the place [m].
+            radius_m: how far from it surface is replaced [m].
+            error_m: expected error of each point that observations can take away [m]; None where the map, now as
+                always, does not tell.
+        """
         old = self._points
         far = np.linalg.norm(old.xyz_m[:, :2] - centre_xy_m.astype(np.float32), axis=1) > radius_m
         low = surface.xyz_m[:, 2] <= self.config.region_max_height_m
@@ -54,6 +72,9 @@ class RegionFinder:
             np.concatenate([old.normal[far], surface.normal[low]]),
             np.concatenate([old.uncertainty[far], surface.uncertainty[low]]),
         )
+        if error_m is not None:
+            before = np.zeros(0, np.float32) if self._error_m is None else self._error_m[far]
+            self._error_m = np.concatenate([before, error_m[low]])
 
     def mark_observed(self, region: Region) -> None:
         """Suppress a region from now on: the robot has turned to it at its anchor, and no view is better."""
@@ -81,7 +102,10 @@ class RegionFinder:
             return ()
         median = max(float(np.median(points.uncertainty)), 1e-12)
         uncertain = points.uncertainty > np.percentile(points.uncertainty, self.config.region_percentile)
-        uncertain[uncertain] = _nearest_view_m(grid, points.xyz_m[uncertain]) > self.config.anchor_range_m
+        if self._error_m is None:
+            uncertain[uncertain] = _nearest_view_m(grid, points.xyz_m[uncertain]) > self.config.anchor_range_m
+        else:
+            uncertain &= self._error_m > self.config.region_error_m
         patches = _Patches.of(points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float))
         unobserved = np.array([tuple(cube) not in self._observed for cube in patches.cube.tolist()], bool)
         tiers = [np.arange(len(graph.vertex_xy_m))] if preferred is None else [preferred]

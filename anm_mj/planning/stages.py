@@ -15,7 +15,7 @@ from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.rooms import find_rooms
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
-from anm_mj.protocols import Mapper
+from anm_mj.protocols import EstimatesErrors, Mapper
 from anm_mj.types import (
     FORWARD_STEP_M,
     Action,
@@ -111,7 +111,10 @@ class Stages:
                     room = find_rooms(graph, topdown, self.topdown.trajectory_xy_m[0]).room
             with watch.stage("regions"):
                 radius = self.config.region_radius_m
-                self.region_finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius)
+                error_m = None
+                if self.config.region_known_by == "error" and isinstance(mapper, EstimatesErrors):
+                    error_m = mapper.surface_errors(pose.xy_m, radius).error_m
+                self.region_finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius, error_m)
                 regions = self.region_finder.regions(graph, mapper.occupancy, height, decisions)
         return PlanningState(pose, topdown, graph, paths, regions, height, watch, decisions, frontier, room)
 

@@ -120,3 +120,15 @@ def test_line_of_sight_ends_at_an_obstacle_and_passes_over_a_low_one():
 
 def test_empty_map_has_no_regions():
     assert RegionFinder(CONFIG).regions(graph_at((1.0, 1.0)), room(4, 3).occupancy, 1.25) == ()
+
+
+def test_surface_that_is_known_well_forms_no_region():
+    world = room(4, 3)
+    surface = surface_of(wall_points(4.2, 1.0, 1.6, -1.0, 9.0), wall_points(0.2, 0.2, 3.2, 1.0, 1.0))
+    graph = graph_at((2.5, 1.3), (1.0, 1.3))
+    # However near it was seen: the expected error says what is known.
+    world.occupancy.seen_range_m[:] = 1.0
+    for error_m, count in ((0.02, 1), (0.001, 0)):
+        finder = RegionFinder(CONFIG)
+        finder.update(surface, np.array([4.0, 1.5]), 100.0, np.full(len(surface.uncertainty), error_m, np.float32))
+        assert len(finder.regions(graph, world.occupancy, 1.25)) == count
