@@ -146,7 +146,7 @@ def _true_scene(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], N
 def _make_policy(config: RunConfig, robot: SimRobot, truth: Callable[[], SceneTruth]) -> Policy:
     """The policy; only one that needs the truth waits for it."""
     told = truth() if needs_truth(config.policy) else None
-    context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, config.goal, told)
+    context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, told, config.goal)
     return GuardedPolicy(make_policy(config.policy, context), config.policy)
 
 

@@ -42,8 +42,8 @@ class PolicyContext(Generic[SettingsT]):
     """Settings of the shared planning stages."""
     seed: int = 0
     """Seed of whatever the policy draws."""
-    goal: str = DEFAULT_GOAL
-    """What the run is for: one of ``GOALS``. A policy that can only look for new surface ignores it."""
     truth: object = None
     """The scene as it is, an :class:`anm_mj.evaluation.scene_truth.SceneTruth`; None for policies whose registry entry
     does not ask for it."""
+    goal: str = DEFAULT_GOAL
+    """What the run is for: one of ``GOALS``. A policy that can only look for new surface ignores it."""

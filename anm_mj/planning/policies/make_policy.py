@@ -6,14 +6,20 @@ from typing import Any
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies import registry
-from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.context import DEFAULT_GOAL, PolicyContext
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings
 from anm_mj.protocols import Policy
 from anm_mj.types import Footprint
 
 
 def make_policy(
-    name: str = DEFAULT_POLICY, *, footprint: Footprint, settings: Any = None, seed: int = 0, truth: object = None
+    name: str = DEFAULT_POLICY,
+    *,
+    footprint: Footprint,
+    settings: Any = None,
+    seed: int = 0,
+    truth: object = None,
+    goal: str = DEFAULT_GOAL,
 ) -> Policy:
     """A policy for a robot.
 
@@ -23,9 +29,10 @@ def make_policy(
         settings: an instance of the class's ``Config``; None = its defaults.
         seed: of what the policy draws.
         truth: the true scene, for a policy that needs it.
+        goal: what the run is for: ``coverage``, ``reconstruction`` or ``both``.
 
     Raises:
         PlanError: there is no such policy, or it cannot be made.
     """
     told = default_settings(name) if settings is None else settings
-    return registry.make_policy(name, PolicyContext(footprint, told, PlanningConfig(), seed, truth))
+    return registry.make_policy(name, PolicyContext(footprint, told, PlanningConfig(), seed, truth, goal))
