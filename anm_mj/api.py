@@ -154,8 +154,8 @@ def explore_scene(
         settings: ``group.name=value`` each, as for ``--set``.
         on_step: called after every step; the run ends (``INTERRUPTED``) when it returns True.
         viewer: shows the run while it goes on.
-        **options: ``start`` (x [m], y [m], yaw [deg]), ``robot``, ``drive``, ``pose``, ``goal`` and ``device``, as on the command
-            line.
+        **options: ``start`` (x [m], y [m], yaw [deg]), ``robot``, ``drive``, ``pose``, ``goal`` and ``device``, as on
+            the command line.
 
     Raises:
         AnmError: the scene, start, policy, a setting, the renderer or the output folder cannot be used.
