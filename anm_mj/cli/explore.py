@@ -23,7 +23,11 @@ def add_explore(commands: Any) -> None:
         help="let the robot explore a scene and write a run folder",
         epilog="example: anm-mj explore home --steps 500",
     )
-    explore.add_argument("scene", metavar="SCENE", help="name from the catalogue (anm-mj scene list) or a scene folder")
+    explore.add_argument(
+        "scene",
+        metavar="SCENE",
+        help="name from the catalogue (anm-mj scene list), a scene folder, or a file to import",
+    )
     explore.add_argument(
         "--policy",
         default=DEFAULT_POLICY,
@@ -111,6 +115,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.config import make_config
     from anm_mj.run import run
+    from anm_mj.scene.importing.on_the_fly import folder_of
     from anm_mj.types import StopReason
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
@@ -118,7 +123,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     config = make_config(
         parsed.preset,
         parsed.settings,
-        scene=parsed.scene,
+        scene=folder_of(parsed.scene),
         policy=parsed.policy,
         goal=parsed.goal,
         steps=parsed.steps,

@@ -16,7 +16,7 @@ def add_scene(commands: Any) -> None:
     imported = actions.add_parser(
         "import", help="turn a mesh, a Gazebo or MuJoCo world, a scan or a floor plan into a scene folder"
     )
-    imported.add_argument("src", type=Path, metavar="SRC", help="a file or a scene's folder (docs/scenes.md)")
+    imported.add_argument("src", type=Path, metavar="SRC", help="a file, a folder or a name (docs/scenes.md)")
     imported.add_argument("out", type=Path, metavar="OUT", help="the scene folder to make")
     imported.add_argument(
         "--format",
@@ -41,6 +41,8 @@ def add_scene(commands: Any) -> None:
         help="a folder of models that SRC refers to; may be given several times",
     )
     imported.add_argument("--no-furniture", action="store_true", help="leave the rooms of a floor plan empty")
+    imported.add_argument("--root", type=Path, metavar="DIR", help="folder of the data set that SRC names a scene of")
+    imported.add_argument("--force", action="store_true", help="replace a scene that OUT holds already")
     _add_choice(imported)
     imported.set_defaults(command=_scene_import)
     generated = actions.add_parser("generate", help="generate a furnished building")
@@ -51,6 +53,7 @@ def add_scene(commands: Any) -> None:
         "--kind", choices=("apartment", "office"), default="apartment", help="type of building (default: apartment)"
     )
     generated.add_argument("--name", help="name of the scene (default: the folder's)")
+    generated.add_argument("--force", action="store_true", help="replace a scene that OUT holds already")
     generated.set_defaults(command=_scene_generate)
     add_check(actions)
     actions.add_parser("list", help="the scenes that can be named").set_defaults(command=_scene_list)
@@ -122,6 +125,8 @@ def _scene_import(parsed: argparse.Namespace) -> int:
         settle=parsed.settle,
         movable=parsed.movable,
         groups=_groups(parsed.groups),
+        root=parsed.root,
+        overwrite=parsed.force,
     )
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
@@ -137,7 +142,7 @@ def _scene_generate(parsed: argparse.Namespace) -> int:
     from anm_mj.scene.folder import remember_folder
     from anm_mj.scene.generation.scene import generate_scene
 
-    scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name)
+    scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name, overwrite=parsed.force)
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
     return _say(

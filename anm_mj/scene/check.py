@@ -11,13 +11,16 @@ from jaxtyping import Float
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import ASSETS, TOML, Scene
-from anm_mj.scene.importing.canonical_axes import find_floor
+from anm_mj.scene.importing.canonical_axes import find_floor, find_up
 from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_area
 from anm_mj.scene.raster import border_labels, clip_to_slab, distance_cells, label_components, rasterise
 from anm_mj.scene.rooms import RoomPlan, find_rooms
 from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.picture import open_picture
 
+_ON_ITS_SIDE = 2.0
+"""Another axis must look so many times as much like that of a building."""
+_HEIGHTS_M = (0.5, 200.0)
 MIN_HOLE_M2 = 0.02
 """Smaller gaps in the floor are slits between tiles [m2]."""
 
@@ -60,15 +63,16 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
         except (OSError, ValueError) as err:
             raise SceneError(f"The texture {path} cannot be read ({err}): import the scene again.") from err
     found = SceneCheck(scene, footprint, None if floor is None else float(floor.z_m), tuple(sizes))
+    misread = _misread(triangles)
     try:
         area = scene_area(scene, footprint)
     except SceneError as err:
-        return replace(found, blocked_starts=scene.starts, problems=(str(err),))
+        return replace(found, blocked_starts=scene.starts, problems=(*misread, str(err)))
     clear = tuple(start for start in scene.starts if is_clear(scene, start, footprint))
-    problems = ()
+    problems = misread
     if not clear:
         near = area.nearest(area.places(1).mean(axis=0))
-        problems = (
+        problems += (
             f"None of the {len(scene.starts)} start poses is clear: put starts = [[{near[0]:.2f}, {near[1]:.2f}, 0.0]] "
             f"into {TOML}, or import the scene again.",
         )
@@ -81,6 +85,24 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
         blocked_starts=tuple(start for start in scene.starts if start not in clear),
         problems=problems,
     )
+
+
+def _misread(triangles_m: Float[np.ndarray, "f 3 3"]) -> tuple[str, ...]:
+    """What looks as if axes or units of the source had been misread, a sentence each."""
+    found = []
+    up = find_up(triangles_m, "z", _ON_ITS_SIDE)
+    if up != "z":
+        found.append(
+            f"The scene lies on its side: its floors are level along {up}, not along z. Import it again with --up {up} "
+            "if that is the axis of the source, or else with the axis that points up there."
+        )
+    height_m = float(np.ptp(triangles_m[:, :, 2]))
+    if not _HEIGHTS_M[0] <= height_m <= _HEIGHTS_M[1]:
+        found.append(
+            f"The scene is {height_m:.3g} m high, which no building is: import it again with --scale (0.01 for cm, "
+            "0.001 for mm)."
+        )
+    return tuple(found)
 
 
 def _holes(

@@ -7,6 +7,8 @@ close doorways, and simplification would lose table legs.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
@@ -30,6 +32,10 @@ RESOLUTION_M = 0.025
 POCKET_RADIUS_M = 0.1
 """Enclosed free pockets too small for a disc of this radius are filled: a hollow wall becomes one box [m]."""
 
+_MAX_CELLS = 8_000_000
+"""Larger grids are worked through in tiles, of which only those that hold something cost anything."""
+_TILE_M = 5.0
+
 
 def collision_boxes(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "n 4"]:
     """Rectangles x_min, y_min, x_max, y_max [m] that cover all triangles between SLICE_Z_MIN_M and SLICE_Z_MAX_M.
@@ -40,8 +46,34 @@ def collision_boxes(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarr
     if not len(polygons):
         return np.zeros((0, 4))
     grid = grid_over(polygons, RESOLUTION_M)
+    if grid.rows * grid.cols > _MAX_CELLS:
+        return _tiled_boxes(polygons)
     occupied = fill_pockets(rasterise(polygons, grid), POCKET_RADIUS_M / RESOLUTION_M)
     return merge_cells(occupied, grid)
+
+
+def _tiled_boxes(polygons_m: Float64[np.ndarray, "p 5 2"]) -> Float64[np.ndarray, "n 4"]:
+    """The same rectangles tile by tile, where polygons lie far apart; pockets that reach beyond a tile stay open."""
+    low, high = polygons_m.min(axis=1), polygons_m.max(axis=1)
+    # Borders of tiles are borders of cells, so that no cell is covered twice.
+    side = round(_TILE_M / RESOLUTION_M)
+    first = np.floor((np.stack([low, high]) / RESOLUTION_M + 0.5) / side).astype(np.int64)
+    boxes = []
+    for row in range(int(first[0, :, 1].min()), int(first[1, :, 1].max()) + 1):
+        in_row = np.flatnonzero((first[0, :, 1] <= row) & (first[1, :, 1] >= row))
+        if not len(in_row):
+            continue
+        for col in range(int(first[0, in_row, 0].min()), int(first[1, in_row, 0].max()) + 1):
+            own = in_row[(first[0, in_row, 0] <= col) & (first[1, in_row, 0] >= col)]
+            if len(own):
+                origin = (np.array([col, row]) * side - 0.5) * RESOLUTION_M
+                grid = Grid(origin, RESOLUTION_M, side, side)
+                occupied = rasterise(polygons_m[own], grid)
+                if not occupied.any():
+                    continue
+                occupied = fill_pockets(occupied, POCKET_RADIUS_M / RESOLUTION_M)
+                boxes.append(merge_cells(occupied, grid))
+    return np.concatenate(boxes)
 
 
 def fill_pockets(occupied: Bool[np.ndarray, "rows cols"], radius_cells: float) -> Bool[np.ndarray, "rows cols"]:
@@ -49,12 +81,15 @@ def fill_pockets(occupied: Bool[np.ndarray, "rows cols"], radius_cells: float) -
     free, num = label_components(~occupied)
     if not num:
         return occupied
-    # The border counts as free: the outside is no pocket.
-    distance = distance_cells(np.pad(~occupied, 1, constant_values=True))[1:-1, 1:-1]
-    widest = np.asarray(ndimage.maximum(distance, free, index=np.arange(num + 1)))
-    pocket = widest < radius_cells
-    pocket[border_labels(free)] = False
-    pocket[0] = False
+    enclosed = np.setdiff1d(np.arange(1, num + 1), border_labels(free))
+    windows = ndimage.find_objects(free)
+    margin = math.ceil(radius_cells) + 1
+    pocket = np.zeros(num + 1, dtype=bool)
+    for label in enclosed.tolist():
+        # What is farther away than the radius does not count, so that a window about the pocket suffices.
+        window = tuple(slice(max(0, part.start - margin), part.stop + margin) for part in windows[label - 1])
+        distance = distance_cells(np.pad(~occupied[window], 1, constant_values=True))[1:-1, 1:-1]
+        pocket[label] = float(distance[free[window] == label].max()) < radius_cells
     return occupied | pocket[free]
 
 

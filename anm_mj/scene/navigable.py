@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 RESOLUTION_M = 0.025
 """Cell size of the grid of standing places [m]."""
+MAX_CELLS = 8_000_000
+"""Larger scenes, from 70 m square on, get cells of a multiple of that size."""
 FLOOR_TOLERANCE_M = 0.06
 """Largest distance of the floor from z = 0 [m]."""
 DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
@@ -28,6 +30,7 @@ DEFAULT_FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
 _START_MARGIN_M = 0.12
 """Extra clearance of start poses, where the scene has room for it [m]."""
 _NUM_STARTS = 8
+_MAX_PLACES = 1_000_000
 _MIN_AREA_M2 = 0.5
 """A scene with less room was misread, or is too small for a robot [m2]."""
 
@@ -74,7 +77,7 @@ def navigable_area(
         obstacles_m = triangles_m
     else:
         triangles_m = np.concatenate([triangles_m, obstacles_m])
-    grid = grid_over(triangles_m, RESOLUTION_M, 2 * RESOLUTION_M)
+    grid = _grid_for(triangles_m)
     blocked = rasterise(clip_to_slab(obstacles_m, footprint.z_min_m, footprint.z_max_m), grid)
     # Joints between floor tiles and thresholds leave slits that no wheel falls into.
     floor = floor_cells(triangles_m, grid, closing_cells=2)
@@ -95,12 +98,33 @@ def navigable_area(
     return NavigableArea(grid, np.minimum(clearance, to_edge), rank[labels])
 
 
+def _grid_for(triangles_m: Float[np.ndarray, "f 3 3"]) -> Grid:
+    """The grid of standing places over a scene."""
+    size_m = np.ptp(triangles_m.reshape(-1, 3)[:, :2], axis=0)
+    coarser = max(1, math.ceil(math.sqrt(float(size_m.prod()) / RESOLUTION_M**2 / MAX_CELLS)))
+    cell_m = coarser * RESOLUTION_M
+    return grid_over(triangles_m, cell_m, 2 * cell_m)
+
+
 def floor_cells(
     triangles_m: Float[np.ndarray, "f 3 3"], grid: Grid, closing_cells: int
 ) -> Bool[np.ndarray, "rows cols"]:
     """Cells with a floor at z = 0, after closing gaps of up to twice ``closing_cells``."""
     level = clip_to_slab(triangles_m[level_mask(triangles_m)], -FLOOR_TOLERANCE_M, FLOOR_TOLERANCE_M)
     return np.asarray(ndimage.binary_closing(rasterise(level, grid), iterations=closing_cells), dtype=bool)
+
+
+def pooled(area: NavigableArea, cells: int) -> NavigableArea:
+    """The same area with cells so many times as wide, each as good as the best of those it replaces."""
+    rows, cols = area.component.shape
+    padding = ((0, -rows % cells), (0, -cols % cells))
+    shape = (-(-rows // cells), cells, -(-cols // cells), cells)
+    # Components are numbered from the largest, and 0 is none.
+    number = np.where(area.component > 0, area.component, np.iinfo(area.component.dtype).max)
+    best = np.pad(number, padding, constant_values=np.iinfo(number.dtype).max).reshape(shape).min(axis=(1, 3))
+    clearance = np.pad(area.clearance_m, padding).reshape(shape).max(axis=(1, 3))
+    grid = Grid(area.grid.origin_xy_m, area.grid.resolution_m * cells, shape[0], shape[2])
+    return NavigableArea(grid, clearance, np.where(best == np.iinfo(number.dtype).max, 0, best))
 
 
 def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STARTS) -> tuple[Pose2, ...]:
@@ -111,6 +135,8 @@ def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STA
     reachable = area.component == 1
     roomy = reachable & (area.clearance_m >= footprint.radius_m + _START_MARGIN_M)
     rows, cols = np.nonzero(roomy if np.count_nonzero(roomy) >= num else reachable)
+    # One in a few of a million places serves as well.
+    rows, cols = (own[:: max(1, len(rows) // _MAX_PLACES)] for own in (rows, cols))
     cells = np.stack([rows, cols], axis=1).astype(np.float64)
     chosen = [int(np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1)))]
     distance = np.full(len(cells), np.inf)

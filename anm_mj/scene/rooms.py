@@ -7,6 +7,7 @@ clearly narrower than both (:mod:`anm_mj.geometry.room_merging`, as for the room
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +15,13 @@ from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
 
 from anm_mj.geometry.room_merging import merge_into_rooms
-from anm_mj.scene.navigable import NavigableArea, floor_cells
+from anm_mj.scene.navigable import NavigableArea, floor_cells, pooled
 from anm_mj.scene.raster import clip_to_slab, distance_in_walls, label_components, rasterise
 
 WALL_SLICE_M = (1.5, 1.9)
 """Heights of the slice of walls [m]."""
+_MAX_CELLS = 3_000_000
+"""Larger areas are divided on a coarser grid."""
 DOOR_MAX_M = 1.6
 """Wider openings lie within one room [m]."""
 _DOOR_MIN_M = 0.3
@@ -54,6 +57,12 @@ class RoomPlan:
 
 def find_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> RoomPlan:
     """The rooms connected to most of the floor, and the doors between them."""
+    coarser = math.ceil(math.sqrt(area.component.size / _MAX_CELLS))
+    if coarser > 1:
+        plan = find_rooms(triangles_m, pooled(area, coarser))
+        rows, cols = area.component.shape
+        finer = np.repeat(np.repeat(plan.room, coarser, axis=0), coarser, axis=1)[:rows, :cols]
+        return RoomPlan(finer, plan.area_m2, plan.doors)
     grid, cell_m = area.grid, area.grid.resolution_m
     walls = rasterise(clip_to_slab(triangles_m, *WALL_SLICE_M), grid)
     free = floor_cells(triangles_m, grid, closing_cells=4) & ~walls

@@ -183,13 +183,15 @@ def replaced_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def check_destination(out: Path) -> None:
+def check_destination(out: Path, overwrite: bool = True) -> None:
     """Accept a folder that is new, empty or a scene folder, before any work is done for it.
 
     Raises:
-        SceneError: if it is something else, which must not be overwritten.
+        SceneError: if it is something else, or a scene folder and ``overwrite`` is false.
     """
     try:
+        if not overwrite and (out / TOML).is_file():
+            raise SceneError(f"{out} holds a scene already: choose a new folder, or replace it with --force.")
         if out.exists() and not out.is_dir():
             raise SceneError(f"{out} is a file: choose a new folder for the scene.")
         if out.is_dir() and not (out / TOML).is_file() and any(out.iterdir()):

@@ -33,7 +33,9 @@ _MIN_REACHED_M2 = 0.1
 _STEPS_PER_ROOM, _BASE_STEPS = 100, 300
 
 
-def generate_scene(out: Path, rooms: int, seed: int, style: Style = "apartment", name: str | None = None) -> Scene:
+def generate_scene(
+    out: Path, rooms: int, seed: int, style: Style = "apartment", name: str | None = None, *, overwrite: bool = True
+) -> Scene:
     """Make a furnished building and write it as a scene folder; the same bytes for the same arguments.
 
     Args:
@@ -42,11 +44,12 @@ def generate_scene(out: Path, rooms: int, seed: int, style: Style = "apartment",
         seed: Which of the buildings of this size; 0 or more.
         style: "apartment" or "office".
         name: Name of the scene; that of the folder by default.
+        overwrite: False to refuse a folder that holds a scene already.
 
     Raises:
         SceneError: if an argument is out of its range or the folder cannot be written.
     """
-    check_destination(out)
+    check_destination(out, overwrite)
     source = f"anm-mj scene generate --rooms {rooms} --seed {seed} --kind {style}"
     info = SceneInfo(name or out.resolve().name, source, "MIT", rooms=rooms)
     return write_building(plan_building(rooms, seed, style), seed, info, out)

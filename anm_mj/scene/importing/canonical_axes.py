@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.scene.raster import areas, clip_to_slab, grid_over, level_mask, rasterise
+from anm_mj.scene.raster import Grid, areas, clip_to_slab, grid_over, level_mask, rasterise
 
 UNITS = {1.0: "m", 0.01: "cm", 0.001: "mm"}
 """Metres per unit of the source, and the unit's name."""
@@ -25,6 +25,7 @@ _FLOOR_ROUGHNESS_M = 0.05
 """Height above a level that still belongs to it: rugs, thresholds, scan noise [m]."""
 _CELL_M = 0.1
 _BIN_M = 0.02
+_MAX_CELLS = 1_010_000
 _T_WORLD_SOURCE = {
     "z": np.eye(3),
     # +90 degrees about x: source y becomes world z.
@@ -132,9 +133,15 @@ def _walkable_m2(triangles_m: Float[np.ndarray, "f 3 3"], level: Float[np.ndarra
     ground = clip_to_slab(level, z_m - _BIN_M, z_m + _BIN_M)
     if not len(ground):
         return 0.0
-    grid = grid_over(ground, _CELL_M)
+    grid = _coarse_grid(ground)
     above = clip_to_slab(triangles_m, z_m + _FLOOR_ROUGHNESS_M, z_m + _HEADROOM_M)
-    return float(np.count_nonzero(rasterise(ground, grid) & ~rasterise(above, grid))) * _CELL_M**2
+    return float(np.count_nonzero(rasterise(ground, grid) & ~rasterise(above, grid))) * grid.resolution_m**2
+
+
+def _coarse_grid(polygons_m: Float64[np.ndarray, "p k 2"]) -> Grid:
+    """A grid of 10 cm over polygons, or a coarser one where that has more than a million cells."""
+    size_m = np.ptp(polygons_m.reshape(-1, 2), axis=0)
+    return grid_over(polygons_m, max(_CELL_M, math.sqrt(float(size_m.prod()) / _MAX_CELLS)))
 
 
 def covered_share(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
@@ -143,7 +150,7 @@ def covered_share(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
     floor = clip_to_slab(level, -_FLOOR_ROUGHNESS_M, _FLOOR_ROUGHNESS_M)
     if not len(floor):
         return 0.0
-    grid = grid_over(floor, _CELL_M)
+    grid = _coarse_grid(floor)
     ground = rasterise(floor, grid)
     overhead = clip_to_slab(level, 1.8, max(1.8, float(level[:, :, 2].max())))
     return float(np.mean(rasterise(overhead, grid)[ground]))

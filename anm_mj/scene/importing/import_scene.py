@@ -12,6 +12,7 @@ from pathlib import Path
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.importing.canonical_axes import UNITS
+from anm_mj.scene.importing.datasets import find_named, is_name
 from anm_mj.scene.importing.doors import Doors
 from anm_mj.scene.importing.floorplan import import_floorplan, is_floorplan
 from anm_mj.scene.importing.placing import Choice, UpAxis, place
@@ -43,6 +44,8 @@ def import_scene(
     settle: bool = False,
     movable: bool = False,
     groups: Sequence[int] | None = None,
+    root: Path | None = None,
+    overwrite: bool = True,
 ) -> Scene:
     """Make the scene folder ``out`` from a mesh, a Gazebo or MuJoCo world, a scene of a data set or a floor plan.
 
@@ -50,8 +53,8 @@ def import_scene(
     say which axes and units were found or given. What cannot be imported is logged, a sentence per problem.
 
     Args:
-        src: The file, or the folder of a scene of a known layout.
-        out: The folder to make; a scene folder already there is replaced.
+        src: The file, the folder of a scene of a known layout, or a name such as "molmospaces:procthor-10k-val/12".
+        out: The folder to make; a scene folder already there is replaced in one step.
         source_format: A name in :data:`anm_mj.scene.importing.readers.formats.FORMATS`, "floorplan", or "auto" to
             find it.
         up: The source's up axis, or "auto" to find it.
@@ -68,6 +71,8 @@ def import_scene(
         settle: MuJoCo worlds: drop all bodies until they rest.
         movable: MuJoCo worlds: keep free bodies as objects that the robot may push.
         groups: MuJoCo worlds: geom groups that are drawn; None for those that MuJoCo draws, 0 to 2.
+        root: Where the data set of a name lies; None for what its environment variable says.
+        overwrite: False to refuse a folder that holds a scene already.
 
     Raises:
         SceneError: if the source cannot be used, an option has no meaning for it, or the folder cannot be written.
@@ -80,7 +85,14 @@ def import_scene(
     missing = next((folder for folder in model_paths if not folder.is_dir()), None)
     if missing is not None:
         raise SceneError(f"{missing} is not a folder: give folders that hold models with --model-path.")
-    check_destination(out)
+    check_destination(out, overwrite)
+    if is_name(src):
+        named = find_named(src, root)
+        src, source_format = named.path, named.source_format
+        source, licence = source or named.source, licence or named.licence
+        groups = named.groups if groups is None else groups
+    elif root is not None:
+        raise SceneError(f"{src} is no name of a data set's scene: leave --root out.")
     if source_format == "floorplan" or (source_format == "auto" and is_floorplan(src)):
         if up != "auto" or scale is not None or model_paths:
             raise SceneError(

@@ -11,7 +11,7 @@ from jaxtyping import Float, Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import Level, levels
-from anm_mj.scene.raster import areas, level_mask
+from anm_mj.scene.raster import areas, clip_to_slab, level_mask
 from anm_mj.scene.submesh import Submesh
 
 _SHARE = 0.25
@@ -20,6 +20,7 @@ _APART_M = 1.8
 """Floors nearer to one another belong to one storey: podiums, sunken lounges [m]."""
 _SLAB_M = (0.01, 0.8)
 """Depths below the next floor at which its slab may end [m]."""
+_WALLS_M = (0.8, 1.4)
 _EDGE_M = 0.005
 _BELOW_M = 0.1
 """So much below a storey's floor still belongs to it [m]."""
@@ -49,11 +50,20 @@ def find_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Storey]:
     for level in sorted(all_levels, key=lambda level: -level.walkable_m2):
         if level.walkable_m2 >= max(_SHARE * most, 1.0) and all(abs(level.z_m - own.z_m) > _APART_M for own in found):
             found.append(level)
-    found.sort(key=lambda level: level.z_m)
+    found = sorted((level for level in found if _has_walls(triangles_m, level.z_m)), key=lambda level: level.z_m)
     tops = [_top_below(triangles_m, upper.z_m) for upper in found[1:]] + [float("inf")]
     return [
         Storey(level.z_m, level.walkable_m2, level.z_m - _BELOW_M, top) for level, top in zip(found, tops, strict=True)
     ]
+
+
+def _has_walls(triangles_m: Float[np.ndarray, "f 3 3"], floor_m: float) -> bool:
+    """Whether things stand on a floor from one of its ends to the other; on a roof they do not."""
+    above = clip_to_slab(triangles_m, floor_m + _WALLS_M[0], floor_m + _WALLS_M[1])
+    if not len(above):
+        return False
+    spread, whole = (np.ptp(points.reshape(-1, points.shape[-1])[:, :2], axis=0) for points in (above, triangles_m))
+    return bool((spread > 0.4 * whole).all())
 
 
 def _top_below(triangles_m: Float[np.ndarray, "f 3 3"], floor_m: float) -> float:

@@ -7,6 +7,7 @@ Gazebo does.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
@@ -17,6 +18,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import find_uri, model_file, search_folders
@@ -72,7 +74,7 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
         raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
     models = ", ".join(sorted(reader.models))
     source = f"Gazebo world {file.name}" + (f" with the models {models}" if models else "")
-    return ParsedScene(submeshes, source, up="z", up_certainty=float("inf"), scale=1.0)
+    return ParsedScene(submeshes, source, up="z", up_certainty=float("inf"), scale=1.0, joints=reader.joints)
 
 
 class _Reader:
@@ -81,6 +83,8 @@ class _Reader:
     def __init__(self, folders: list[Path], report: ImportReport) -> None:
         self.models: set[str] = set()
         """Names of the model folders that were used."""
+        self.joints: dict[str, Joint] = {}
+        """How links can move, by the name of their part."""
         self._folders = folders
         self._report = report
         self._materials = MaterialReader(folders, report)
@@ -102,7 +106,8 @@ class _Reader:
         for scaled in world.findall("state//model"):
             if numbers(scaled.find("scale"), 3, (1.0, 1.0, 1.0)) != (1.0, 1.0, 1.0):
                 self._report.add(_SCALED, scaled.get("name", "a model"))
-        self._read_scope(Scope(world, np.eye(4), state_poses(world), ""))
+        # A file with a model instead of a world holds one part.
+        self._read_scope(Scope(world, np.eye(4), state_poses(world), ""), "")
         return self._submeshes + [submesh for ground in self._grounds for submesh in self._cut_ground(*ground)]
 
     def _expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
@@ -151,7 +156,7 @@ class _Reader:
         parent.insert(at, model)
         self._expand(parent, model, file.absolute().parent, depth + 1)
 
-    def _read_scope(self, scope: Scope) -> None:
+    def _read_scope(self, scope: Scope, part: str) -> None:
         """Gather the submeshes of a world or model, and of the models in it."""
         for child in scope.element:
             if child.tag == "model":
@@ -159,16 +164,18 @@ class _Reader:
                 if np.abs(inner.T_world_scope[:3, 3]).max() > _FAR_M:
                     self._report.add(_FALLEN, child.get("name", "a model"))
                 else:
-                    self._read_scope(inner)
+                    self._read_scope(inner, _below(part, child, "model"))
             elif child.tag == "link":
                 folder = Path(scope.element.get(_FOLDER, "."))
                 for visual in child.findall("visual"):
-                    self._read_visual(visual, scope, scope.place(child), folder)
+                    self._read_visual(visual, scope, scope.place(child), folder, _below(part, child, "link"))
+            elif child.tag == "joint":
+                self._read_joint(child, scope, part)
             elif child.tag in ("actor", "population", "road"):
                 self._report.add(_NO_SHAPE, f"<{child.tag}> {child.get('name', '')}".strip())
 
     def _read_visual(
-        self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path
+        self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path, part: str
     ) -> None:
         """Gather the submeshes of one <visual>."""
         shape = next(iter(visual.findall("geometry/*")), None)
@@ -181,7 +188,7 @@ class _Reader:
         name = f"{scope.element.get('name', 'model')}_{visual.get('name', 'visual')}"
 
         def stand(submesh: Submesh) -> Submesh:
-            return transformed(submesh, T_world_visual[:3, :3], T_world_visual[:3, 3])
+            return replace(transformed(submesh, T_world_visual[:3, :3], T_world_visual[:3, 3]), part=part)
 
         if shape.tag == "mesh":
             for submesh in self._mesh_submeshes(shape, folder):
@@ -202,6 +209,34 @@ class _Reader:
             self._report.add(_NO_SHAPE, f"<{shape.tag}> of {name}")
         else:
             self._submeshes.append(stand(with_material(submesh, material)))
+
+    def _read_joint(self, joint: ET.Element, scope: Scope, part: str) -> None:
+        """Remember how a link hangs on its model."""
+        child = (joint.findtext("child") or "").strip()
+        link = next((link for link in scope.element.findall("link") if link.get("name") == child), None)
+        axis = joint.find("axis")
+        if joint.get("type") not in ("revolute", "prismatic", "continuous") or link is None or axis is None:
+            return
+        pose, T_world_link = joint.find("pose"), scope.place(link)
+        relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
+        T_world_joint = (scope.frame(relative_to) if relative_to else T_world_link) @ pose_of(joint)
+        direction = np.array(numbers(axis.find("xyz"), 3, (0.0, 0.0, 1.0)))
+        stated_in = axis.find("xyz")
+        expressed_in = None if stated_in is None else stated_in.get("expressed_in")
+        in_model = (axis.findtext("use_parent_model_frame") or "").strip().lower() in ("1", "true")
+        T_world_axis = scope.frame(expressed_in) if expressed_in else scope.T_world_scope if in_model else T_world_joint
+        low, high = (numbers(axis.find(f"limit/{end}"), 1, (math.nan,))[0] for end in ("lower", "upper"))
+        # Endless limits are written as huge numbers.
+        limited = joint.get("type") != "continuous" and -1e3 < low <= high < 1e3
+        length = float(np.linalg.norm(direction))
+        if length > 0.0:
+            self.joints[_below(part, link, "link")] = Joint(
+                hinge=joint.get("type") != "prismatic",
+                axis=T_world_axis[:3, :3] @ direction / length,
+                anchor_m=T_world_joint[:3, 3].copy(),
+                value=0.0,
+                limits=(low, high) if limited else None,
+            )
 
     def _mesh_submeshes(self, shape: ET.Element, folder: Path) -> Iterator[Submesh]:
         """The submeshes of a <mesh>, scaled; none, with a note, where they cannot be had."""
@@ -250,6 +285,7 @@ class _Reader:
         submesh = plane_submesh(
             (float(high[0] - low[0]), float(high[1] - low[1])), np.array([0.0, 0.0, 1.0]), ground.name
         )
+        submesh = replace(submesh, part=ground.part)
         submesh = transformed(submesh, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
         share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
         # The texture keeps its size on the ground.
@@ -259,11 +295,18 @@ class _Reader:
 def _parse(file: Path) -> ET.Element:
     """The root element of an XML file."""
     try:
-        return ET.parse(file).getroot()
+        # Gazebo reads a file with blank lines before its declaration too.
+        return ET.fromstring(file.read_bytes().lstrip())
     except ET.ParseError as err:
         raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
     except (OSError, ValueError, LookupError) as err:
         raise SceneError(f"{file} cannot be read ({err}): check its permissions and its encoding.") from err
+
+
+def _below(part: str, element: ET.Element, default: str) -> str:
+    """The part that a model or link is, within another."""
+    name = (element.get("name") or default).replace("/", "_")
+    return f"{part}/{name}" if part else name
 
 
 def _ground_plane() -> ET.Element:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +175,7 @@ class _Templates:
             vertices, faces = merge_geometry(submeshes)
             used = vertices[faces].reshape(-1, 3)
             shift = shift - matrix @ (used.min(axis=0) + used.max(axis=0)) / 2.0
-        return [transformed(submesh, matrix, shift) for submesh in submeshes]
+        return [replace(transformed(submesh, matrix, shift), part=placement.template) for submesh in submeshes]
 
     def _read(self, name: str) -> list[Submesh]:
         """The submeshes of a template as it is made, turned to y up."""

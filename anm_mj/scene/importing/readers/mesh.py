@@ -76,7 +76,11 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
         neighbours = MeshNeighbours(src, report)
         loaded = trimesh.load_scene(src, process=False, resolver=neighbours)
-        submeshes = [submesh for placed in _placed_meshes(loaded, unit_m) for submesh in _submeshes_of(placed, store)]
+        submeshes = [
+            replace(submesh, part=placed.part)
+            for placed in _placed_meshes(loaded, unit_m)
+            for submesh in _submeshes_of(placed, store)
+        ]
     except SceneError:
         raise
     except Exception as err:
@@ -113,6 +117,8 @@ class _PlacedMesh(NamedTuple):
     """A mesh where it stands."""
 
     name: str
+    part: str
+    """Name of the node that places it."""
     vertices: Float64[np.ndarray, "v 3"]
     faces: Integer[np.ndarray, "f 3"]
     visual: Any
@@ -133,13 +139,13 @@ def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_PlacedMesh]:
         faces = np.asarray(mesh.faces, dtype=np.int64)
         if np.linalg.det(transform[:3, :3]) < 0.0:
             faces = faces[:, ::-1]
-        placed.append(_PlacedMesh(str(name), vertices * unit_m, faces, mesh.visual))
+        placed.append(_PlacedMesh(str(name), str(node).replace("/", "_"), vertices * unit_m, faces, mesh.visual))
     return placed
 
 
 def _submeshes_of(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
     """Submeshes that look like a mesh."""
-    name, vertices, faces, visual = mesh
+    name, _, vertices, faces, visual = mesh
     if not np.isfinite(vertices).all():
         bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
         raise SceneError(f"Mesh {name!r} has {bad} vertices with NaN or infinite coordinates: repair it.")
@@ -154,7 +160,7 @@ def _submeshes_of(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
 
 def _textured_submeshes(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
     """Submeshes of a mesh with a material: texture times factor, else vertex colours times factor, else the factor."""
-    name, vertices, faces, visual = mesh
+    name, _, vertices, faces, visual = mesh
     image, factor = _material(visual.material)
     uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, dtype=np.float64)[:, :2])
     if uv is not None and len(uv) != len(vertices):

@@ -97,7 +97,7 @@ def model_file(folder: Path) -> Path | None:
         config = folder / "manifest.xml"
     if config.is_file():
         try:
-            listed = ET.parse(config).getroot().findall("sdf")
+            listed = ET.fromstring(config.read_bytes().lstrip()).findall("sdf")
         except ET.ParseError:
             listed = []
         named = [(_version(entry.get("version", "0")), (entry.text or "").strip()) for entry in listed]

@@ -26,7 +26,7 @@ def read_urdf(path: Path, report: ImportReport) -> list[Submesh]:
         SceneError: if the file is no URDF, a joint names a link that is not there, or a mesh cannot be read.
     """
     try:
-        robot = ET.parse(path).getroot()
+        robot = ET.fromstring(path.read_bytes().lstrip())
     except (OSError, ValueError, LookupError, ET.ParseError) as err:
         raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
     joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}

@@ -27,13 +27,13 @@ def house(tmp_path_factory):
     return src, import_scene(src, folder / "house")
 
 
-def _write(path, body: str, more: str = ""):
+def write_world(path, body: str, more: str = ""):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(f"<mujoco>{more}<worldbody>{body}</worldbody></mujoco>")
     return path
 
 
-def _room(half: float = 3.0, height: float = 2.5) -> str:
+def room_xml(half: float = 3.0, height: float = 2.5) -> str:
     floor = f'<geom name="floor" type="plane" size="{half} {half} 1"/>'
     walls = ((half, 0, 0.05, half), (-half, 0, 0.05, half), (0, half, half, 0.05), (0, -half, half, 0.05))
     return floor + "".join(
@@ -129,15 +129,15 @@ def _near(vertices, xy, radius):
 
 
 def test_endless_and_wide_grounds_are_cut_to_the_building(tmp_path):
-    endless = _room().replace('size="3.0 3.0 1"', 'size="0 0 1"')
-    scene = import_scene(_write(tmp_path / "a.xml", endless), tmp_path / "a")
+    endless = room_xml().replace('size="3.0 3.0 1"', 'size="0 0 1"')
+    scene = import_scene(write_world(tmp_path / "a.xml", endless), tmp_path / "a")
     assert np.allclose(scene.bounds_m[:, :2], [[-3.05, -3.05], [3.05, 3.05]], atol=1e-4)
-    wide = _room().replace('size="3.0 3.0 1"', 'size="80 80 1"')
-    scene = import_scene(_write(tmp_path / "b.xml", wide), tmp_path / "b")
+    wide = room_xml().replace('size="3.0 3.0 1"', 'size="80 80 1"')
+    scene = import_scene(write_world(tmp_path / "b.xml", wide), tmp_path / "b")
     assert np.allclose(scene.bounds_m[:, :2], [[-3.05, -3.05], [3.05, 3.05]], atol=1e-4)
     # Without walls there is ground around things.
     thing = '<geom type="plane" size="0 0 1"/><geom type="box" size="0.2 0.2 0.5" pos="1 0 0.5"/>'
-    scene = import_scene(_write(tmp_path / "c.xml", thing), tmp_path / "c")
+    scene = import_scene(write_world(tmp_path / "c.xml", thing), tmp_path / "c")
     assert np.allclose(scene.bounds_m[:, :2], [[-3, -4], [5, 4]], atol=1e-4)
 
 
@@ -164,8 +164,8 @@ def test_a_movable_object_keeps_its_mass_and_may_be_pushed(house, tmp_path):
 
 
 def test_groups_choose_what_is_seen(tmp_path):
-    body = _room() + '<geom name="hull" type="box" size="0.5 0.5 0.5" pos="1 1 0.5" group="3"/>'
-    src = _write(tmp_path / "a.xml", body)
+    body = room_xml() + '<geom name="hull" type="box" size="0.5 0.5 0.5" pos="1 1 0.5" group="3"/>'
+    src = write_world(tmp_path / "a.xml", body)
     plain = import_scene(src, tmp_path / "plain")
     shown = import_scene(src, tmp_path / "shown", groups=[0, 3])
     assert shown.num_triangles - plain.num_triangles == 12
@@ -174,30 +174,30 @@ def test_groups_choose_what_is_seen(tmp_path):
 
 
 def test_a_world_in_which_nothing_collides_is_met_as_it_is_drawn(tmp_path, caplog):
-    body = _room().replace("<geom ", '<geom contype="0" conaffinity="0" ')
-    scene = import_scene(_write(tmp_path / "a.xml", body), tmp_path / "a")
+    body = room_xml().replace("<geom ", '<geom contype="0" conaffinity="0" ')
+    scene = import_scene(write_world(tmp_path / "a.xml", body), tmp_path / "a")
     assert "Nothing in the world collides" in caplog.text
     assert not is_clear(scene, Pose2(3.0, 0.0, 0.0), DEFAULT_FOOTPRINT)
 
 
 def _wrong_worlds(folder):
     """Files that must be refused, with a word of the refusal."""
-    room = _room()
-    yield _write(folder / "a.xml", '<include file="gone.xml"/>'), "gone.xml"
-    yield _write(folder / "b.xml", '<include file="b.xml"/>'), "b.xml"
-    _write(folder / "d.xml", '<include file="c.xml"/>')
-    yield _write(folder / "c.xml", '<include file="d.xml"/>'), "cannot compile"
-    yield _write(folder / "e.xml", f'{room}<geom type="box"/>'), "size"
-    yield _write(folder / "f.xml", f'{room}<geom type="cube" size="1 1 1"/>'), "cube"
-    yield _write(folder / "g.xml", room, '<asset><mesh name="m" file="gone.stl"/></asset>'), "gone.stl"
-    yield _write(folder / "h.xml", f'{room}<geom type="mesh" mesh="none"/>'), "none"
-    yield _write(folder / "i.xml", f'{room}<geom name="floor" size="1"/>'), "floor"
-    yield _write(folder / "j.xml", f"{room}<body><freejoint/></body>"), "mass"
-    yield _write(folder / "k.xml", f'{room}<geom size="1" material="none"/>'), "none"
-    yield _write(folder / "l.xml", room, '<asset><texture name="t" type="2d" file="t.png"/></asset>'), "t.png"
-    yield _write(folder / "m.xml", room, "<keyframe><key qpos='1 2 3'/></keyframe>"), "qpos"
-    yield _write(folder / "n.xml", ""), "nothing that is drawn"
-    yield _write(folder / "o.xml", '<geom size="0.1"/>'), "m2 to move"
+    room = room_xml()
+    yield write_world(folder / "a.xml", '<include file="gone.xml"/>'), "gone.xml"
+    yield write_world(folder / "b.xml", '<include file="b.xml"/>'), "b.xml"
+    write_world(folder / "d.xml", '<include file="c.xml"/>')
+    yield write_world(folder / "c.xml", '<include file="d.xml"/>'), "cannot compile"
+    yield write_world(folder / "e.xml", f'{room}<geom type="box"/>'), "size"
+    yield write_world(folder / "f.xml", f'{room}<geom type="cube" size="1 1 1"/>'), "cube"
+    yield write_world(folder / "g.xml", room, '<asset><mesh name="m" file="gone.stl"/></asset>'), "gone.stl"
+    yield write_world(folder / "h.xml", f'{room}<geom type="mesh" mesh="none"/>'), "none"
+    yield write_world(folder / "i.xml", f'{room}<geom name="floor" size="1"/>'), "floor"
+    yield write_world(folder / "j.xml", f"{room}<body><freejoint/></body>"), "mass"
+    yield write_world(folder / "k.xml", f'{room}<geom size="1" material="none"/>'), "none"
+    yield write_world(folder / "l.xml", room, '<asset><texture name="t" type="2d" file="t.png"/></asset>'), "t.png"
+    yield write_world(folder / "m.xml", room, "<keyframe><key qpos='1 2 3'/></keyframe>"), "qpos"
+    yield write_world(folder / "n.xml", ""), "nothing that is drawn"
+    yield write_world(folder / "o.xml", '<geom size="0.1"/>'), "m2 to move"
     for name, text, word in (
         ("p.xml", "<mujoco><worldbody>", "cannot compile"),
         ("q.xml", "<sdf/>", "no format"),
@@ -208,11 +208,11 @@ def _wrong_worlds(folder):
         (folder / name).write_text(text)
         yield folder / name, word
     (folder / "bad.stl").write_bytes(b"solid nothing")
-    yield _write(folder / "u.xml", room, '<asset><mesh name="m" file="bad.stl"/></asset>'), "bad.stl"
+    yield write_world(folder / "u.xml", room, '<asset><mesh name="m" file="bad.stl"/></asset>'), "bad.stl"
     (folder / "bad.png").write_bytes(b"\x89PNG no picture")
-    yield _write(folder / "v.xml", room, '<asset><texture name="t" type="2d" file="bad.png"/></asset>'), "bad.png"
-    yield _write(folder / "w.xml", f"{room}<geom type='sphere' size='nan'/>"), "w.xml"
-    yield _write(folder / "x.xml", room, "<actuator><motor joint='none'/></actuator>"), "none"
+    yield write_world(folder / "v.xml", room, '<asset><texture name="t" type="2d" file="bad.png"/></asset>'), "bad.png"
+    yield write_world(folder / "w.xml", f"{room}<geom type='sphere' size='nan'/>"), "w.xml"
+    yield write_world(folder / "x.xml", room, "<actuator><motor joint='none'/></actuator>"), "none"
 
 
 def test_wrong_worlds_are_refused_in_one_sentence_and_leave_nothing_behind(tmp_path, monkeypatch):
