@@ -146,14 +146,36 @@ def _explore(parsed: argparse.Namespace) -> int:
                 out=parsed.out,
                 viewer=viewer,
                 stop_requested=interrupt.requested,
-                on_step=line.update,
+                on_step=_on_step(line, viewer),
                 on_survey=line.surveying,
             )
+        if viewer is not None:
+            viewer.ended(f"The run has ended: {metrics.stop_reason}, {metrics.steps} steps, {metrics.path_m:.1f} m.")
     finally:
         if viewer is not None:
             viewer.close()
     print_metrics(console, metrics, folder.path)
     return POLICY_FAILED if metrics.stop_reason == StopReason.POLICY_ERROR else 0
+
+
+def _on_step(line: Any, viewer: Any) -> Any:
+    """What is told after every step: the terminal, and the page where there is one."""
+
+    def tell(report: Any, recorder: Any, num_steps: int) -> None:
+        line.update(report, recorder, num_steps)
+        if viewer is not None:
+            viewer.progress(report.step, num_steps, _completed(recorder.completion))
+
+    return tell
+
+
+def _completed(row: Any) -> str:
+    """The headline metric in words; empty where it was not measured yet."""
+    if row is None:
+        return ""
+    if row.observable_ratio is not None:
+        return f"{row.observable_ratio:.1f} % of the observable surface"
+    return f"{row.completion_ratio:.1f} % of the surface"
 
 
 def _policies() -> list[str]:
@@ -170,7 +192,7 @@ def _viewer(parsed: argparse.Namespace) -> Any:
         return None
     from anm_mj.viz.meshcat_viewer import MeshcatViewer
 
-    return MeshcatViewer(port=parsed.port)
+    return MeshcatViewer(port=parsed.port, title=f"{Path(parsed.scene).name}, {parsed.policy}, seed {parsed.seed}")
 
 
 def _start(text: str | None) -> tuple[float, float, float] | None:

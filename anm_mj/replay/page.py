@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -65,20 +64,15 @@ def replay_page(
     total = 2 * timeline.num_frames
     mesh = growing_mesh(timeline.run, MAX_FACES, lambda done, _: on_progress(done, total))
     images = _images(timeline, scene, lambda done: on_progress(timeline.num_frames + done, total))
-    data = json.dumps({**_data(timeline, mesh), **images}, separators=(",", ":"), allow_nan=False)
     parts = {
         "TITLE": html.escape(timeline.title),
         "STYLE": assets.page_asset("style.css"),
         "LICENCE": assets.bundle_licence(),
         "BUNDLE": assets.bundle(),
-        # No text of a run may end the script element.
-        "DATA": data.replace("<", "\\u003c"),
+        "DATA": assets.script_json({**_data(timeline, mesh), **images}),
         "PROGRAM": assets.page_asset("replay.js"),
     }
-    page, *rest = assets.page_asset("replay.html").split("@")
-    for k, piece in enumerate(rest):
-        page += parts[piece] if k % 2 == 0 else piece
-    return page
+    return assets.filled("replay.html", parts)
 
 
 def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib import resources
 from pathlib import Path
 
@@ -11,6 +12,19 @@ import meshcat
 def page_asset(name: str) -> str:
     """The text of a file of ``anm_mj/viz/pages``."""
     return resources.files("anm_mj.viz").joinpath("pages", name).read_text(encoding="utf-8")
+
+
+def filled(name: str, parts: dict[str, str]) -> str:
+    """A page with its parts in the places of ``@NAME@``; what stands in a part stays as it is."""
+    page, *rest = page_asset(name).split("@")
+    for k, piece in enumerate(rest):
+        page += parts[piece] if k % 2 == 0 else piece
+    return page
+
+
+def script_json(value: object) -> str:
+    """A value as JSON that no text in it can lead out of its script element."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def bundle() -> str:

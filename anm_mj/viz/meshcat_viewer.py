@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import getpass
+import io
 import logging
 import socket
 import time
@@ -10,15 +12,17 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from meshcat.commands import SetObject, SetProperty, SetTransform
 from meshcat.geometry import Object
 from meshcat.path import Path
+from PIL import Image
 
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan
-from anm_mj.viz import shapes
+from anm_mj.viz import palette, shapes
+from anm_mj.viz.assets import filled, page_asset, script_json
 from anm_mj.viz.page_server import FIRST_PORT, PageServer
 
 logger = logging.getLogger(__name__)
@@ -29,9 +33,20 @@ MESH_EVERY_STEPS = 20
 MESH_RESOLUTION_M = 0.1
 TRAJECTORY_SEGMENT_STEPS = 50
 """Steps per segment of the trajectory; the cost of a step stays constant, because only the last segment changes."""
-BODY, FRUSTUM, TRAJECTORY = 0x4A5568, 0x2B6CA3, 0x7A3FA0
-GRAPH, REGIONS, TARGET, PATH = 0x3B8A5A, 0xE08A1E, 0xC8323C, 0xC8323C
-"""Colours of the drawn objects, as 0xRRGGBB."""
+LEGEND = (
+    ("mesh", "surface of the map", "#a8b3bd"),
+    ("robot", "robot", palette.ROBOT),
+    ("camera", "camera", palette.CAMERA),
+    ("trajectory", "trajectory", palette.TRAJECTORY),
+    ("graph", "Voronoi graph", palette.GRAPH),
+    ("regions", "regions of interest", palette.REGION),
+    ("path", "planned path", palette.PATH),
+    ("target", "target", palette.TARGET),
+)
+"""Name of the object in the page, words, colour."""
+BODY, FRUSTUM, _, GRAPH, REGIONS, PATH, TARGET = (palette.number(colour) for _, _, colour in LEGEND[1:])
+TRAJECTORY = palette.number(palette.TRAJECTORY)
+PICTURE_PX, PICTURE_QUALITY = 160, 75
 
 
 @runtime_checkable
@@ -51,13 +66,16 @@ class MeshcatViewer:
 
     Args:
         port: The first port to try; the viewer takes the next free one. None starts at 7000.
+        title: What the page is called, such as scene and policy.
 
     Raises:
         RenderError: No port is free.
     """
 
-    def __init__(self, port: int | None = None) -> None:
-        self._server = PageServer(FIRST_PORT if port is None else port)
+    def __init__(self, port: int | None = None, title: str = "anm-mj") -> None:
+        parts = {"STYLE": page_asset("style.css"), "DATA": script_json(LEGEND), "PROGRAM": page_asset("live.js")}
+        self._server = PageServer(FIRST_PORT if port is None else port, filled("live.html", parts))
+        self._server.say("title", {"title": title})
         self._failed = False
         self._trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
         self._plan: Plan | None = None
@@ -84,12 +102,29 @@ class MeshcatViewer:
             self._show_robot(observation)
             if plan is not None and plan is not self._plan:
                 self._show_plan(plan)
+                self._server.say("reason", {"reason": plan.reason})
+            if self._server.num_browsers:
+                self._server.say("picture", {"picture": _jpeg(observation.rgb)})
             if isinstance(mapper, Meshable) and self._mesh_is_due(observation.step):
                 self._show_mesh(mapper, observation.step)
         except Exception:
             # No error of the view may stop the run.
             logger.exception("An error disabled the live view; the run continues.")
             self._failed = True
+
+    def progress(self, step: int, num_steps: int, completed: str) -> None:
+        """Tell the page how far the run is.
+
+        Args:
+            step: Steps so far.
+            num_steps: The budget.
+            completed: How much is done, in words; empty = not measured.
+        """
+        self._server.say("progress", {"step": step, "num_steps": num_steps, "completed": completed})
+
+    def ended(self, why: str) -> None:
+        """Tell the page that the run has ended, and why; it stays as it is after that."""
+        self._server.say("ended", {"ended": why})
 
     def close(self) -> None:
         """Free the port; a second time does nothing."""
@@ -158,6 +193,14 @@ class MeshcatViewer:
 
     def _property(self, path: str, key: str, value: object) -> None:
         self._server.publish(SetProperty(key, value, _path(path)))
+
+
+def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> str:
+    image = Image.fromarray(rgb)
+    image.thumbnail((PICTURE_PX, PICTURE_PX), Image.Resampling.BOX)
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=PICTURE_QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
 def _path(path: str) -> Path:

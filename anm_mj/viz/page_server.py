@@ -8,6 +8,7 @@ or slow browser gets the present state. Page and message format are meshcat's.
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 import threading
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import umsgpack
 from meshcat.commands import SetObject, SetProperty, SetTransform
 from tornado.httpserver import HTTPServer
-from tornado.web import Application, StaticFileHandler
+from tornado.web import Application, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from anm_mj.errors import RenderError
@@ -27,6 +28,8 @@ FIRST_PORT = 7000
 PORTS_TRIED = 100
 HOSTS = r"(127\.0\.0\.1|localhost)"
 """Accepted host names; the server rejects foreign names that resolve to this machine (DNS rebinding)."""
+LAST_WORDS_S = 1.0
+"""Longest wait for a browser that still has to be sent something when the server ends [s]."""
 TIMEOUT_S = 10.0
 """Longest wait for the start or end of the thread [s]; both take milliseconds."""
 
@@ -39,17 +42,19 @@ class PageServer:
 
     Args:
         first_port: The first port to try; the server takes the next free one.
+        page: The page's HTML; the files of meshcat's bundle lie beside it.
 
     Raises:
         RenderError: No port is free.
     """
 
-    def __init__(self, first_port: int = FIRST_PORT) -> None:
+    def __init__(self, first_port: int = FIRST_PORT, page: str = "") -> None:
+        self._page = page
         listening = _free_socket(first_port)
         self.port: int = listening.getsockname()[1]
         self._lock = threading.Lock()
-        self._outbox: dict[Key, bytes] = {}
-        self._state: dict[Key, bytes] = {}
+        self._outbox: dict[Key, bytes | str] = {}
+        self._state: dict[Key, bytes | str] = {}
         self._browsers: set[_Browser] = set()
         self._started = threading.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -70,12 +75,18 @@ class PageServer:
     def publish(self, command: SetObject | SetTransform | SetProperty) -> None:
         """Update the scene; returns at once, whatever the browsers do."""
         message: dict[str, Any] = command.lower()
-        data: bytes = umsgpack.packb(message)
+        self._put((message["path"], message.get("property", message["type"])), umsgpack.packb(message))
+
+    def _put(self, key: Key, data: bytes | str) -> None:
         with self._lock:
             waiting = bool(self._outbox)
-            self._outbox[message["path"], message.get("property", message["type"])] = data
+            self._outbox[key] = data
         if not waiting and self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._broadcast)
+
+    def say(self, topic: str, status: dict[str, Any]) -> None:
+        """Tell the page something for its card; what was said before on the same topic is forgotten."""
+        self._put((topic, "text"), json.dumps(status))
 
     def close(self) -> None:
         """End the thread and free the port; may be called again."""
@@ -106,6 +117,7 @@ class PageServer:
         application.add_handlers(
             HOSTS,
             [
+                (r"/static/", _Index, {"page": self._page}),
                 (r"/static/(.*)", _Page, {"path": str(bundle_folder()), "default_filename": "index.html"}),
                 (r"/", _Browser, {"server": self}),
             ],
@@ -120,6 +132,17 @@ class PageServer:
         await server.close_all_connections()
 
 
+class _Index(RequestHandler):
+    """The page itself."""
+
+    def initialize(self, page: str) -> None:
+        self._html = page
+
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.write(self._html)
+
+
 class _Page(StaticFileHandler):
     """The files of the page, without browser cache, so that an upgrade of meshcat takes effect at once."""
 
@@ -132,7 +155,7 @@ class _Browser(WebSocketHandler):
 
     def initialize(self, server: PageServer) -> None:
         self._server = server
-        self._updates: dict[Key, bytes] = {}
+        self._updates: dict[Key, bytes | str] = {}
         self._sending: asyncio.Task[None] | None = None
 
     def open(self, *args: str, **kwargs: str) -> None:
@@ -144,12 +167,15 @@ class _Browser(WebSocketHandler):
     def on_close(self) -> None:
         self._server.leave(self)
 
-    def send(self, updates: dict[Key, bytes]) -> None:
+    def send(self, updates: dict[Key, bytes | str]) -> None:
         self._updates.update(updates)
         if self._updates and (self._sending is None or self._sending.done()):
             self._sending = asyncio.create_task(self._send())
 
     async def end(self) -> None:
+        # The last words, unless the browser is too slow for them.
+        if self._sending is not None:
+            await asyncio.wait({self._sending}, timeout=LAST_WORDS_S)
         self.close()
         if self._sending is not None:
             self._sending.cancel()
@@ -158,7 +184,8 @@ class _Browser(WebSocketHandler):
     async def _send(self) -> None:
         try:
             while self._updates:
-                await self.write_message(self._updates.pop(next(iter(self._updates))), binary=True)
+                data = self._updates.pop(next(iter(self._updates)))
+                await self.write_message(data, binary=isinstance(data, bytes))
         except WebSocketClosedError:
             self._server.leave(self)
 

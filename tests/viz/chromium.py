@@ -47,8 +47,11 @@ class Chromium:
         return self
 
     def __exit__(self, *_):
-        self._socket.close()
-        self._loop.run_until_complete(asyncio.sleep(0.05))
+        async def leave():
+            self._socket.close()
+            await asyncio.sleep(0.05)
+
+        self._loop.run_until_complete(leave())
         self._loop.close()
         self._process.terminate()
         self._process.wait(20)

@@ -6,9 +6,11 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 import trimesh
 import umsgpack
+from PIL import Image
 from tornado.websocket import websocket_connect
 
 from anm_mj.errors import RenderError
@@ -17,6 +19,7 @@ from anm_mj.viz import page_server
 from anm_mj.viz.meshcat_viewer import MESH_EVERY_STEPS, MeshcatViewer
 from anm_mj.viz.viewer import NullViewer
 from tests.box_room import FakeMap, observe, room_plan
+from tests.viz.chromium import PROGRAM, Chromium
 
 
 class CountingMap(FakeMap):
@@ -58,6 +61,14 @@ async def leave(page) -> None:
         pass
 
 
+async def drawn(page) -> dict:
+    """The next message that draws something; what stands in the card comes as text."""
+    while True:
+        message = await asyncio.wait_for(page.read_message(), 20)
+        if isinstance(message, bytes):
+            return umsgpack.unpackb(message)
+
+
 def watch(viewer, enough: Callable[[dict], bool]) -> dict:
     """What an open page is told, by path, until it is enough."""
     told = {}
@@ -65,7 +76,7 @@ def watch(viewer, enough: Callable[[dict], bool]) -> dict:
     async def listen():
         page = await websocket_connect(f"ws://127.0.0.1:{port_of(viewer)}/")
         while not enough(told):
-            message = umsgpack.unpackb(await asyncio.wait_for(page.read_message(), 20))
+            message = await drawn(page)
             told[message["path"], message.get("property", message["type"])] = message
         await leave(page)
 
@@ -118,7 +129,7 @@ def test_mesh_rate(viewer):
         await asyncio.to_thread(show, viewer, MESH_EVERY_STEPS, mapper, 1)
         paths = set()
         while "/meshcat/mesh" not in paths:
-            paths.add(umsgpack.unpackb(await asyncio.wait_for(page.read_message(), 20))["path"])
+            paths.add((await drawn(page))["path"])
         await leave(page)
 
     asyncio.run(look())
@@ -202,3 +213,34 @@ def test_null_viewer_shows_nothing():
     viewer = NullViewer()
     show(viewer, 1)
     viewer.close()
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")
+def test_the_page_shows_the_run_and_says_when_it_has_ended(tmp_path):
+    viewer = MeshcatViewer(port=0, title="box, gvg, seed 0")
+    text = "document.getElementById('{}').textContent".format
+    with Chromium(tmp_path) as browser:
+        browser.open(viewer.url, "window.live")
+        while viewer._server.num_browsers == 0:
+            time.sleep(0.01)
+        show(viewer, 30)
+        viewer.progress(29, 500, "41.5 % of the observable surface")
+        browser.wait("document.getElementById('step').textContent.startsWith('29')")
+        assert browser.evaluate(text("title")) == "box, gvg, seed 0"
+        assert browser.evaluate(text("step")) == "29 of at most 500"
+        assert browser.evaluate(text("coverage")) == "41.5 % of the observable surface"
+        assert browser.evaluate(text("reason")) == room_plan().reason
+        browser.wait("document.getElementById('picture').naturalWidth == 160")
+        assert browser.evaluate("document.querySelectorAll('#layers label').length") == 8
+        assert browser.evaluate("document.getElementById('ended').hidden")
+        with Image.open(browser.picture(tmp_path / "live.png")) as picture:
+            shown = np.asarray(picture.convert("RGB")).astype(int)[150:700, 320:1050]
+        # The robot, its path and the walls, not an empty canvas.
+        assert shown.std() > 8.0
+
+        viewer.ended("The run has ended: COMPLETE, 30 steps, 0.3 m.")
+        viewer.close()
+        browser.wait("!document.getElementById('ended').hidden")
+        assert browser.evaluate(text("ended")) == "The run has ended: COMPLETE, 30 steps, 0.3 m."
+        assert browser.evaluate(text("step")) == "29 of at most 500"
+        assert browser.problems == []
