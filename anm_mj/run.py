@@ -45,6 +45,7 @@ def run(
     stop_requested: Callable[[], bool] = lambda: False,
     on_step: Callable[[StepReport, RunRecorder, int], None] = lambda report, recorder, num_steps: None,
     on_survey: Callable[[int, int], None] = lambda done, total: None,
+    on_end: Callable[[Outcome], None] = lambda outcome: None,
 ) -> tuple[RunFolder, Metrics]:
     """Explore a scene and write everything about it.
 
@@ -55,6 +56,7 @@ def run(
         stop_requested: asked before every step; True ends the run with INTERRUPTED and everything written.
         on_step: called after every step, with the budget.
         on_survey: called with the progress of the search for the observable surface; only at the first run in a scene.
+        on_end: called when the loop has ended, before the results are written.
 
     Raises:
         AnmError: the scene, start, policy, device, renderer or output folder cannot be used; nothing has been written
@@ -85,6 +87,7 @@ def run(
                 on_step=lambda report: on_step(report, recorder, steps),
             )
             wall_s = time.perf_counter() - begin
+            on_end(outcome)
             if config.goal != "coverage" and outcome.stop_reason is not StopReason.INTERRUPTED:
                 mapper.finish()
             left = _what_is_left(config, robot, mapper, recorder, outcome)

@@ -148,9 +148,8 @@ def _explore(parsed: argparse.Namespace) -> int:
                 stop_requested=interrupt.requested,
                 on_step=_on_step(line, viewer),
                 on_survey=line.surveying,
+                on_end=_on_end(viewer),
             )
-        if viewer is not None:
-            viewer.ended(f"The run has ended: {metrics.stop_reason}, {metrics.steps} steps, {metrics.path_m:.1f} m.")
     finally:
         if viewer is not None:
             viewer.close()
@@ -165,6 +164,16 @@ def _on_step(line: Any, viewer: Any) -> Any:
         line.update(report, recorder, num_steps)
         if viewer is not None:
             viewer.progress(report.step, num_steps, _completed(recorder.completion))
+
+    return tell
+
+
+def _on_end(viewer: Any) -> Any:
+    """Tells the page, where there is one, why the run has ended."""
+
+    def tell(outcome: Any) -> None:
+        if viewer is not None:
+            viewer.ended(f"The run has ended after {outcome.num_steps} steps: {outcome.stop_reason}.")
 
     return tell
 
