@@ -1,0 +1,47 @@
+"""Makes the film and the pictures of the README again, all from one run in a scene of ours.
+
+python scripts/gallery.py docs
+"""
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from anm_mj.config import make_config
+from anm_mj.replay.film import write_film
+from anm_mj.replay.timeline import read_timeline
+from anm_mj.run import run
+
+
+def main(
+    out: Annotated[Path, tyro.conf.Positional],
+    scene: str = "home",
+    steps: int = 500,
+    seed: int = 0,
+    every: int = 10,
+    existing: Path | None = None,
+) -> None:
+    """Explore, then write film.gif and curve.png.
+
+    Args:
+        out: folder of the pictures.
+        scene: name or folder of a scene.
+        steps: budget of the run.
+        seed: of map and policy.
+        every: steps between two frames of the film.
+        existing: a run folder to take instead of exploring.
+    """
+    folder = existing
+    if folder is None:
+        folder = run(make_config("default", [], scene=scene, steps=steps, seed=seed))[0].path
+    out.mkdir(parents=True, exist_ok=True)
+    write_film(read_timeline(folder), out / "film.gif", fps=10.0, every=every)
+    shutil.copyfile(folder / "curve.png", out / "curve.png")
+    size = sum((out / name).stat().st_size for name in ("film.gif", "curve.png"))
+    print(f"Wrote {out / 'film.gif'} and {out / 'curve.png'} from {folder} ({size / 1e6:.1f} MB).")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
