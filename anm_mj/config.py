@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
+from anm_mj.checkpoint.config import CheckpointConfig
 from anm_mj.errors import AnmError
 from anm_mj.io.record_config import RecordConfig
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
@@ -82,6 +83,8 @@ class RunConfig:
     """Settings of the planning stages that the policies share."""
     record: RecordConfig = field(default_factory=RecordConfig)
     """What the run folder keeps for replay and exports."""
+    checkpoint: CheckpointConfig = field(default_factory=CheckpointConfig)
+    """How often the state of the run is stored."""
     policy_settings: Any = None
     """Settings of the policy: an instance of its class's ``Config``; None = its defaults."""
 

@@ -35,3 +35,7 @@ class TaskError(AnmError):
 
 class RunFolderError(AnmError):
     """A run folder or a recorded sequence cannot be written or read."""
+
+
+class CheckpointError(AnmError):
+    """A run cannot be continued: it has no checkpoint, a damaged one, or state that cannot be stored."""

@@ -37,6 +37,29 @@ class StepReport:
     """Time spent in the loop so far, without set-up and recording [s]."""
 
 
+class LoopState:
+    """What the loop itself remembers between two steps."""
+
+    def __init__(self) -> None:
+        """Before the first observation."""
+        self.step = 0
+        """Number of actions so far."""
+        self.follower = Follower()
+        self.monitor = SensorMonitor()
+        self.total = Stopwatch()
+        """Time spent in the loop, without set-up and recording."""
+        self.collisions = 0
+        """On paths, without a free step in between."""
+        self.plan: Plan | None = None
+        self.observation: Observation | None = None
+        """The last one."""
+
+    @property
+    def loop_s(self) -> float:
+        """Time spent in the loop so far [s]."""
+        return sum(self.total.ms.values()) / 1e3
+
+
 @dataclass(frozen=True)
 class Outcome:
     """The end of a run."""
@@ -59,6 +82,8 @@ def explore(
     viewer: Viewer,
     stop_requested: Callable[[], bool] = lambda: False,
     on_step: Callable[[StepReport], None] = lambda report: None,
+    state: LoopState | None = None,
+    between_steps: Callable[[LoopState], None] = lambda state: None,
 ) -> Outcome:
     """Explore until a ``StopReason`` comes up.
 
@@ -71,40 +96,43 @@ def explore(
         viewer: shows the run.
         stop_requested: asked before every step; True ends the run with INTERRUPTED.
         on_step: called after every step.
+        state: where a former call stood, to go on from there with the robot, mapper and policy of then; None = at the
+            start. It is kept up to date.
+        between_steps: called before every step, when nothing is in between.
 
     Raises:
         PlanError: the policy returned a plan that asks for nothing.
     """
-    follower = Follower()
-    monitor = SensorMonitor()
-    total = Stopwatch()
-    collisions = 0
-    plan: Plan | None = None
-    observation, update = _perceive(robot, mapper, policy, total)
-    recorder.observation(observation)
-    monitor.add(observation, moved=False)
+    state = state or LoopState()
+    if state.observation is None:
+        observation, _ = _perceive(robot, mapper, policy, state.total)
+        state.observation = observation
+        recorder.observation(observation)
+        state.monitor.add(observation, moved=False)
+    observation, plan = state.observation, state.plan
 
-    def outcome(reason: StopReason, steps: int) -> Outcome:
-        return Outcome(reason, steps, sum(total.ms.values()) / 1e3, observation)
+    def outcome(reason: StopReason) -> Outcome:
+        return Outcome(reason, state.step, state.loop_s, observation)
 
-    for step in range(1, num_steps + 1):
+    for step in range(state.step + 1, num_steps + 1):
+        between_steps(state)
         if stop_requested():
-            return outcome(StopReason.INTERRUPTED, step - 1)
+            return outcome(StopReason.INTERRUPTED)
         watch = Stopwatch()
         with watch.stage("plan"):
-            action = follower.next_action(observation.pose)
+            action = state.follower.next_action(observation.pose)
             decided = action is None or _is_blocked(action, plan, robot, mapper, observation)
             if decided:
                 plan = policy.plan(mapper, observation)
-                follower.start(plan)
-                action = follower.next_action(observation.pose)
+                state.follower.start(plan)
+                action = state.follower.next_action(observation.pose)
         assert plan is not None  # The follower has no action without a plan.
         if decided:
             recorder.plan(step - 1, plan)
         if plan.stop is not None:
-            total.add(watch)
+            state.total.add(watch)
             # What a blind robot says about its surroundings means nothing.
-            return outcome(StopReason.SENSOR_FAULT if monitor.is_blind else plan.stop, step - 1)
+            return outcome(StopReason.SENSOR_FAULT if state.monitor.is_blind else plan.stop)
         if action is None:
             raise PlanError(f"The policy's plan at step {step} ('{plan.reason}') holds neither an action nor a stop.")
 
@@ -112,28 +140,29 @@ def explore(
             result = robot.act(action)
         if result.collided:
             policy.on_collision(observation.pose, action)
-            follower.drop()
-            collisions += not plan.actions
+            state.follower.drop()
+            state.collisions += not plan.actions
         elif action is Action.MOVE_FORWARD:
-            collisions = 0
+            state.collisions = 0
         observation, update = _perceive(robot, mapper, policy, watch)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)
-        total.add(watch)
+        state.total.add(watch)
+        state.step, state.plan, state.observation = step, plan, observation
         recorder.observation(observation)
         recorder.step(step, result, observation.pose, update, watch.ms)
-        on_step(StepReport(step, observation, plan, update, sum(total.ms.values()) / 1e3))
-        monitor.add(observation, moved=not result.collided)
-        if monitor.fault is not None:
-            _logger.error("%s; the run ends at step %d.", monitor.fault, step)
-            return outcome(StopReason.SENSOR_FAULT, step)
+        on_step(StepReport(step, observation, plan, update, state.loop_s))
+        state.monitor.add(observation, moved=not result.collided)
+        if state.monitor.fault is not None:
+            _logger.error("%s; the run ends at step %d.", state.monitor.fault, step)
+            return outcome(StopReason.SENSOR_FAULT)
         if result.fault is not None:
             _logger.error("the robot can drive no more (%s); the run ends at step %d.", result.fault, step)
-            return outcome(result.fault, step)
-        if collisions >= STUCK_COLLISIONS:
-            return outcome(StopReason.STUCK, step)
+            return outcome(result.fault)
+        if state.collisions >= STUCK_COLLISIONS:
+            return outcome(StopReason.STUCK)
 
-    return outcome(StopReason.BUDGET, num_steps)
+    return outcome(StopReason.BUDGET)
 
 
 def _perceive(robot: Robot, mapper: Mapper, policy: Policy, watch: Stopwatch) -> tuple[Observation, MapUpdate]:

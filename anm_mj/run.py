@@ -7,23 +7,26 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from anm_mj.checkpoint.classes import KnownClasses
+from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig, default_steps
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth, reachable_area
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.evaluation.scene_truth import SceneTruth
-from anm_mj.explore import Outcome, StepReport, explore
+from anm_mj.explore import LoopState, Outcome, StepReport, explore
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.guard import GuardedPolicy
-from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_entry
+from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
 from anm_mj.scene.folder import Scene, load_scene
@@ -63,37 +66,147 @@ def run(
             then, but for an error in the loop itself.
     """
     begin = time.perf_counter()
+    with make_parts(config, on_survey) as parts:
+        folder = RunFolder.create(out, parts.scene.name, config.policy)
+        folder.write_manifest(manifest(parts.facts, sys.argv))
+        folder.write_config(parts.config)
+        surface = parts.truth().surface
+        malloc_trim()
+        with RunRecorder(folder, surface, true_view(parts), config.record) as recorder:
+            watched = Watched(viewer or NullViewer(), stop_requested, on_step, on_end)
+            metrics = run_loop(parts, folder, recorder, LoopState(), watched, begin)
+    return folder, metrics
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a run is put together from."""
+
+    config: RunConfig
+    """With the budget filled in."""
+    scene: Scene
+    robot: SimRobot
+    mapper: NeuralMap
+    policy: Policy
+    truth: Callable[[], SceneTruth]
+    facts: RunFacts
+
+    @property
+    def known(self) -> KnownClasses:
+        """The classes that the state of the run may have: the package's own, and those of the user's policy."""
+        return KnownClasses(policy_class(self.config.policy).__module__)
+
+
+class Watched(NamedTuple):
+    """Who follows a run while it goes on; see :func:`run`."""
+
+    viewer: Viewer
+    stop_requested: Callable[[], bool]
+    on_step: Callable[[StepReport, RunRecorder, int], None]
+    on_end: Callable[[Outcome], None]
+
+
+@contextmanager
+def make_parts(config: RunConfig, on_survey: Callable[[int, int], None]) -> Iterator[Parts]:
+    """Put a run together; the robot is closed at the end.
+
+    Args:
+        config: what to do.
+        on_survey: called with the progress of the search for the observable surface.
+
+    Raises:
+        AnmError: see :func:`run`.
+    """
     scene = load_scene(config.scene)
-    steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
+    config = replace(config, steps=config.steps or scene.budget_steps or default_steps(scene.rooms))
     backend = select_backend()
     mapper = _make_mapper(config)
     with _make_robot(config, scene) as robot:
         truth = functools.cache(lambda: _true_scene(scene, robot, on_survey))
         policy = _make_policy(config, robot, truth)
-        folder = RunFolder.create(out, scene.name, config.policy)
-        folder.write_manifest(manifest(_facts(config, scene, robot, mapper, backend), sys.argv))
-        folder.write_config(replace(config, steps=steps))
-        surface = truth().surface
-        malloc_trim()
-        with RunRecorder(folder, surface, _true_view(config, robot), config.record) as recorder:
-            outcome = explore(
-                robot,
-                mapper,
-                policy,
-                num_steps=steps,
-                recorder=recorder,
-                viewer=viewer or NullViewer(),
-                stop_requested=stop_requested,
-                on_step=lambda report: on_step(report, recorder, steps),
-            )
-            wall_s = time.perf_counter() - begin
-            on_end(outcome)
-            if config.goal != "coverage" and outcome.stop_reason is not StopReason.INTERRUPTED:
-                mapper.finish()
-            left = _what_is_left(config, robot, mapper, recorder, outcome)
-            # The renderer's memory is needed for the mesh and its comparison with the truth.
-            robot.close()
-            return folder, recorder.finish(outcome.stop_reason, mapper, left, wall_s=wall_s, loop_s=outcome.loop_s)
+        yield Parts(config, scene, robot, mapper, policy, truth, _facts(config, scene, robot, mapper, backend))
+
+
+def run_loop(
+    parts: Parts, folder: RunFolder, recorder: RunRecorder, state: LoopState, watched: Watched, begin: float
+) -> Metrics:
+    """The loop and what follows it, from the start or from where a checkpoint was taken.
+
+    Args:
+        parts: what the run is put together from.
+        folder: the run folder.
+        recorder: writes it.
+        state: where the loop stands.
+        watched: who follows the run.
+        begin: ``time.perf_counter`` at the start of the program, less the time of a former one [s].
+
+    Raises:
+        AnmError: of a stage, or the folder cannot be written.
+    """
+    config, robot, mapper = parts.config, parts.robot, parts.mapper
+    assert config.steps is not None
+    steps = config.steps
+
+    def facts() -> tuple[dict[str, Any], list[Path]]:
+        """What a checkpoint says beside the state, and what must be on the disk before it counts."""
+        said = {
+            "engine": mapper.engine_name,
+            "files": recorder.log_sizes,
+            "wall_s": time.perf_counter() - begin,
+        }
+        return said, recorder.written_since(checkpointer.last_step or 0)
+
+    checkpointer = Checkpointer(
+        CheckpointStore(folder.checkpoints),
+        config.checkpoint,
+        lambda: checkpoint_roots(parts, recorder, state),
+        facts,
+        parts.known,
+        resumed_at=state.step if state.observation is not None else None,
+    )
+    outcome = explore(
+        robot,
+        mapper,
+        parts.policy,
+        num_steps=steps,
+        recorder=recorder,
+        viewer=watched.viewer,
+        stop_requested=watched.stop_requested,
+        on_step=lambda report: watched.on_step(report, recorder, steps),
+        state=state,
+        between_steps=lambda state: checkpointer.after_step(state.step, state.loop_s),
+    )
+    interrupted = outcome.stop_reason is StopReason.INTERRUPTED
+    if interrupted:
+        checkpointer.finish(outcome.num_steps, resumable=True)
+    wall_s = time.perf_counter() - begin
+    watched.on_end(outcome)
+    if config.goal != "coverage" and not interrupted:
+        mapper.finish()
+    left = _what_is_left(config, robot, mapper, recorder, outcome)
+    # The renderer's memory is needed for the mesh and its comparison with the truth.
+    robot.close()
+    metrics = recorder.finish(outcome.stop_reason, mapper, left, wall_s=wall_s, loop_s=outcome.loop_s)
+    if not interrupted:
+        checkpointer.finish(outcome.num_steps, resumable=False)
+    return metrics
+
+
+def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> dict[str, Any]:
+    """Everything that a checkpoint holds, by name."""
+    return {
+        "loop": state,
+        "robot": parts.robot,
+        "mapper": parts.mapper,
+        "policy": parts.policy,
+        "recorder": recorder,
+    }
+
+
+def true_view(parts: Parts) -> Callable[[], TrueView] | None:
+    """A function that gives true poses and depth; None where observations hold them."""
+    config = parts.config
+    return None if config.pose == "true" and not config.sensor.misses else parts.robot.true_view
 
 
 # The next two functions import torch and mujoco: a mistyped option should not cost the seconds that this takes, and
@@ -169,11 +282,6 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         robot.camera_kind,
         config.sensor.name,
     )
-
-
-def _true_view(config: RunConfig, robot: SimRobot) -> Callable[[], TrueView] | None:
-    """A function that gives true poses and depth; None where observations hold them."""
-    return None if config.pose == "true" and not config.sensor.misses else robot.true_view
 
 
 def _what_is_left(

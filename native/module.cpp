@@ -32,6 +32,8 @@ namespace {
 using In = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using InFlat = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<nb::numpy, float>;
+using InFlags = nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Flags = nb::ndarray<nb::numpy, std::uint8_t>;
 
 // Large pages, where the system gives them to those who ask: tables are read at random, and fewer pages are looked up.
 constexpr std::size_t kLargePage = std::size_t{1} << 21;
@@ -176,6 +178,41 @@ public:
         return nb::make_tuple(table_out, decoders_out);
     }
 
+    // The optimiser's moments of table and decoders, the table's lines that ever had a gradient, and the iteration.
+    nb::tuple get_optimizer() {
+        float *table_m = nullptr, *table_v = nullptr, *decoders_m = nullptr, *decoders_v = nullptr;
+        Out table_m_out = make_array({table_size_ / 2, std::size_t{2}}, table_m);
+        Out table_v_out = make_array({table_size_ / 2, std::size_t{2}}, table_v);
+        Out decoders_m_out = make_array({decoder_size()}, decoders_m);
+        Out decoders_v_out = make_array({decoder_size()}, decoders_v);
+        auto* touched = new std::uint8_t[num_lines() > 0 ? num_lines() : 1];
+        Flags touched_out(touched, {num_lines()},
+                          nb::capsule(touched, [](void* p) noexcept { delete[] static_cast<std::uint8_t*>(p); }));
+        const std::lock_guard<std::mutex> lock(mutex_);
+        std::memcpy(table_m, model_.table_m, 4 * table_size_);
+        std::memcpy(table_v, model_.table_v, 4 * table_size_);
+        std::memcpy(decoders_m, model_.decoders_m, 4 * decoder_size());
+        std::memcpy(decoders_v, model_.decoders_v, 4 * decoder_size());
+        std::memcpy(touched, model_.touched, num_lines());
+        return nb::make_tuple(table_m_out, table_v_out, touched_out, decoders_m_out, decoders_v_out, model_.iteration);
+    }
+
+    void set_optimizer(In table_m, In table_v, InFlags touched, InFlat decoders_m, InFlat decoders_v,
+                       std::int64_t iteration) {
+        require(table_m.size() == table_size_ && table_v.size() == table_size_, "the table's moments have another size");
+        require(touched.size() == num_lines(), "the table has another number of lines");
+        require(decoders_m.size() == decoder_size() && decoders_v.size() == decoder_size(),
+                "the decoders' moments have another size");
+        require(iteration >= 0, "an iteration is not negative");
+        const std::lock_guard<std::mutex> lock(mutex_);
+        std::memcpy(model_.table_m, table_m.data(), 4 * table_size_);
+        std::memcpy(model_.table_v, table_v.data(), 4 * table_size_);
+        std::memcpy(model_.touched, touched.data(), num_lines());
+        std::memcpy(model_.decoders_m, decoders_m.data(), 4 * decoder_size());
+        std::memcpy(model_.decoders_v, decoders_v.data(), 4 * decoder_size());
+        model_.iteration = iteration;
+    }
+
     nb::tuple step(In origin, In direction, In rgb, InFlat depth, std::uint32_t seed, std::optional<InFlat> corner) {
         const anm::Rays rays = as_rays(origin, direction, rgb, depth);
         anm::Losses losses{};
@@ -285,6 +322,7 @@ private:
     static std::vector<float> copy(const InFlat& values) { return {values.data(), values.data() + values.size()}; }
 
     std::size_t decoder_size() const { return static_cast<std::size_t>(model_.settings.decoder_size()); }
+    std::size_t num_lines() const { return table_size_ / 16; }
     std::size_t samples() const { return static_cast<std::size_t>(model_.settings.samples()); }
 
     static void require_points(const In& points) { require(points.shape(1) == 3, "points have three coordinates"); }
@@ -540,6 +578,9 @@ NB_MODULE(_native, m) {
         .def_prop_ro("num_threads", &Engine::num_threads)
         .def("set_state", &Engine::set_state, "table"_a, "decoders"_a)
         .def("get_state", &Engine::get_state)
+        .def("set_optimizer", &Engine::set_optimizer, "table_m"_a, "table_v"_a, "touched"_a, "decoders_m"_a,
+             "decoders_v"_a, "iteration"_a)
+        .def("get_optimizer", &Engine::get_optimizer)
         .def("step", &Engine::step, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "seed"_a, "corner"_a.none())
         .def("gradients", &Engine::gradients, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "depths"_a,
              "corner"_a.none())

@@ -36,8 +36,10 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # Its logs, with depth reduced as the evaluation reads it.
     "io.run_log": _BASE | {"io", "io.record_config", "evaluation"},
     # Composes the stages' configurations, which stand beside their stages.
-    "config": _BASE | _STAGES | {"io.record_config"},
+    "config": _BASE | _STAGES | {"io.record_config", "checkpoint"},
     "io.record_config": _BASE,
+    # Knows nothing of what it stores.
+    "checkpoint": _BASE,
     # Builds the robot that explore drives out of simulator, camera and drive.
     "sim.make_robot": _BASE | {"config", "scene", "sim", "robot", "control"},
     # Renders a finished run again: its own views, and its map from where the robot never stood.
@@ -57,7 +59,11 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"sensor_monitor"},
     # Puts everything together for one run.
-    "run": _BASE | _STAGES | {"config", "sim.make_robot", "explore", "io", "io.recorder", "viz", "evaluation"},
+    "run": _BASE
+    | _STAGES
+    | {"config", "sim.make_robot", "explore", "io", "io.recorder", "viz", "evaluation", "checkpoint"},
+    # The same run, from where it was stored.
+    "resume": _BASE | _STAGES | {"config", "run", "explore", "io", "io.recorder", "viz", "evaluation", "checkpoint"},
     # What users import: runs, maps and their parts.
     "api": _BASE | _STAGES | {"config", "run", "explore", "io", "evaluation"},
     # Episodes to learn in: a robot in its scene, rewarded by what the evaluation counts; maps occupancy only.
@@ -74,6 +80,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     | {
         "config",
         "run",
+        "resume",
         "bench",
         "cli.metrics_table",
         "cli.progress",

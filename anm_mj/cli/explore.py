@@ -6,11 +6,16 @@ import argparse
 import math
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
 from anm_mj.sim.sensors.presets import SENSORS
+
+if TYPE_CHECKING:
+    from anm_mj.evaluation.metrics import Metrics
+    from anm_mj.io.run_folder import RunFolder
 
 POLICY_FAILED = 2
 """Exit status of a run that its policy ended by an error; its files are complete."""
@@ -26,7 +31,14 @@ def add_explore(commands: Any) -> None:
     explore.add_argument(
         "scene",
         metavar="SCENE",
+        nargs="?",
         help="name from the catalogue (anm-mj scene list), a scene folder, or a file to import",
+    )
+    explore.add_argument(
+        "--resume",
+        type=Path,
+        metavar="RUN",
+        help="go on with a run that was killed or interrupted, from its folder; takes no scene and no settings",
     )
     explore.add_argument(
         "--policy",
@@ -105,21 +117,25 @@ def add_explore(commands: Any) -> None:
         "may be repeated",
     )
     explore.set_defaults(command=_explore, settings=[])
+    options = {action.dest for action in explore._actions if action.default is not argparse.SUPPRESS}
+    explore.set_defaults(defaults={name: explore.get_default(name) for name in options})
 
 
 def _explore(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from anm_mj.cli.log import log_to
-    from anm_mj.cli.metrics_table import print_metrics
-    from anm_mj.cli.progress import Interrupt, ProgressLine
-    from anm_mj.config import make_config
+    from anm_mj.config import ConfigError, make_config
     from anm_mj.run import run
     from anm_mj.scene.importing.on_the_fly import folder_of
-    from anm_mj.types import StopReason
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
     sys.path.insert(0, os.getcwd())
+    if parsed.resume is not None:
+        from anm_mj.resume import resume
+
+        _require_only(parsed, "--resume", _RESUME_OPTIONS)
+        policy = None if parsed.policy == DEFAULT_POLICY else parsed.policy
+        return _show(parsed, lambda **watched: resume(parsed.resume, policy=policy, **watched))
+    if parsed.scene is None:
+        raise ConfigError("No scene is named; give one of anm-mj scene list, a scene folder, or --resume RUN.")
     config = make_config(
         parsed.preset,
         parsed.settings,
@@ -135,15 +151,44 @@ def _explore(parsed: argparse.Namespace) -> int:
         device=parsed.device,
         sensor=parsed.sensor,
     )
+    return _show(parsed, lambda **watched: run(config, out=parsed.out, **watched))
+
+
+_RESUME_OPTIONS = ("resume", "policy", "view", "port", "verbose")
+"""Options that go with --resume: all others are those of the run."""
+
+
+def _require_only(parsed: argparse.Namespace, option: str, allowed: tuple[str, ...]) -> None:
+    """Raises ConfigError for an option that does not go with another one."""
+    from anm_mj.config import ConfigError
+
+    for name, default in parsed.defaults.items():
+        if name not in allowed and getattr(parsed, name) != default:
+            given = "a scene" if name == "scene" else f"--{'set' if name == 'settings' else name}"
+            raise ConfigError(f"{option} goes on with the run as it was set up; leave out {given}.")
+
+
+def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metrics]]) -> int:
+    """Run, show how it goes, and print the metrics at the end.
+
+    Args:
+        parsed: the options of the viewer.
+        start: the run, given those who follow it.
+    """
+    from rich.console import Console
+
+    from anm_mj.cli.log import log_to
+    from anm_mj.cli.metrics_table import print_metrics
+    from anm_mj.cli.progress import Interrupt, ProgressLine
+    from anm_mj.types import StopReason
+
     console = Console(markup=False)
     if console.is_terminal:
         log_to(console, verbose=parsed.verbose)  # The live line makes room for what its own console prints.
     viewer = _viewer(parsed)
     try:
         with Interrupt(console) as interrupt, ProgressLine(console, details=parsed.verbose) as line:
-            folder, metrics = run(
-                config,
-                out=parsed.out,
+            folder, metrics = start(
                 viewer=viewer,
                 stop_requested=interrupt.requested,
                 on_step=_on_step(line, viewer),

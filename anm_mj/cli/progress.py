@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
+import sys
 import time
 from types import FrameType
 
@@ -92,8 +94,15 @@ class ProgressLine:
         )
 
 
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Ctrl-C, the end that a cluster or a system announces, and a terminal that was closed."""
+
+
 class Interrupt:
-    """The first Ctrl-C ends the run after its present step, the second ends the program."""
+    """The first signal ends the run after its present step, the second ends the program.
+
+    What is ignored stays ignored, such as SIGHUP below ``nohup``.
+    """
 
     def __init__(self, console: Console):
         """Nothing is requested yet."""
@@ -101,18 +110,25 @@ class Interrupt:
         self._requested = False
 
     def __enter__(self) -> Interrupt:
-        self._former = signal.signal(signal.SIGINT, self._on_signal)
+        numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+        heard = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+        self._former = {number: signal.signal(number, self._on_signal) for number in heard}
         return self
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._former)
+        for number, handler in self._former.items():
+            signal.signal(number, handler)
 
     def requested(self) -> bool:
-        """Whether Ctrl-C was pressed."""
+        """Whether the end of the run was asked for."""
         return self._requested
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if self._requested:
             signal.default_int_handler(number, frame)
         self._requested = True
+        if number == getattr(signal, "SIGHUP", None):
+            # The terminal is gone: what is written to it from now on would end the program before the files.
+            nowhere = open(os.devnull, "w")  # noqa: SIM115
+            self._console.file = sys.stdout = sys.stderr = nowhere
         self._console.print("Ending after this step and writing everything; Ctrl-C again to quit at once.")

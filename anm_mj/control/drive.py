@@ -23,6 +23,8 @@ STILL = WheelSpeeds(0.0, 0.0)
 class WheelDrive:
     """A base in a simulation; the subclasses move it."""
 
+    REBUILT = ("_data", "_base", "_kinematics", "_description", "_look_at")
+
     def __init__(
         self,
         model: mujoco.MjModel,

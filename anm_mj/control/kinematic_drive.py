@@ -27,6 +27,8 @@ class KinematicDrive(WheelDrive):
     is a circle about the axis of rotation, so a turn on the spot always succeeds.
     """
 
+    REBUILT = ("_clearance",)
+
     def __init__(
         self,
         model: mujoco.MjModel,

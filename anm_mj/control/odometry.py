@@ -21,6 +21,8 @@ class Odometer:
     Source: Siegwart, Nourbakhsh and Scaramuzza, Introduction to Autonomous Mobile Robots, 2011, section 5.2.4.
     """
 
+    REBUILT = ("_kinematics",)
+
     def __init__(self, kinematics: RobotKinematics, *, noise: float = 0.0, seed: int = 0):
         """Start at the origin.
 

@@ -83,6 +83,8 @@ class PhysicsDrive(WheelDrive):
     not add up. After a collision, or a push from the side, it restarts at the true pose.
     """
 
+    REBUILT = ("_model", "_servo")
+
     def __init__(
         self,
         model: mujoco.MjModel,

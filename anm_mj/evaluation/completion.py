@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt16
@@ -80,6 +81,8 @@ class Coverage:
         observable: Which of them are observable, if known.
     """
 
+    REBUILT = ("_order", "_samples", "_cell", "_bound", "_observable", "_distance_m", "_pending")
+
     def __init__(self, samples: Float32[np.ndarray, "n 3"], observable: Bool[np.ndarray, " n"] | None = None) -> None:
         exact = samples.astype(np.float64)
         bound = DistanceBound(exact)
@@ -112,6 +115,14 @@ class Coverage:
         self._pending.append(points_world)
         if len(self._pending) >= BATCH_FRAMES:
             self._search()
+
+    def checkpoint_state(self) -> dict[str, Any]:
+        """Distances and frames not searched yet, for a checkpoint."""
+        return {"distance_m": self._distance_m, "pending": self._pending}
+
+    def restore_state(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`checkpoint_state` gave, for the same samples."""
+        self._distance_m, self._pending = state["distance_m"], state["pending"]
 
     def completion(self) -> Completion:
         """Completion by all frames so far."""

@@ -83,9 +83,11 @@ class GroundTruth:
     def save(self, path: Path) -> None:
         """Write all of it to an ``.npz`` file."""
         observable = {} if self.observable is None else {"observable": self.observable}
-        np.savez_compressed(
-            path, allow_pickle=False, samples=self.samples, vertices=self.vertices, faces=self.faces, **observable
-        )
+        # By way of an open file, because numpy would give another name to a path without its own suffix.
+        with path.open("wb") as file:
+            np.savez_compressed(
+                file, allow_pickle=False, samples=self.samples, vertices=self.vertices, faces=self.faces, **observable
+            )
 
     @classmethod
     def load(cls, path: Path) -> GroundTruth:

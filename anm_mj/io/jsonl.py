@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,35 @@ from anm_mj.utils.read_file import parse_json, read_bytes
 
 
 class LineWriter:
-    """Appends lines to a new file and flushes after each.
+    """Appends lines to a file and flushes after each.
+
+    Args:
+        path: The file.
+        size: None for a new file; else the length to cut an existing one to before going on [bytes].
 
     Raises:
         RunFolderError: The file cannot be made or written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, size: int | None = None) -> None:
         self._path = path
         with writing(path):
-            self._file = path.open("w", encoding="utf-8", newline="\n")
+            # What is there may have been put there by anybody: a link to another file is not followed.
+            flags = os.O_WRONLY | os.O_NOFOLLOW | (os.O_CREAT | os.O_TRUNC if size is None else os.O_APPEND)
+            descriptor = os.open(path, flags, 0o666)
+            if size is not None:
+                os.truncate(descriptor, size)
+            self._file = os.fdopen(descriptor, "w", encoding="utf-8", newline="\n")
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._path
+
+    @property
+    def size(self) -> int:
+        """Length of all complete lines [bytes]."""
+        return os.fstat(self._file.fileno()).st_size
 
     def line(self, text: str) -> None:
         """Append a line of text."""

@@ -36,6 +36,7 @@ from anm_mj.types import (
     TrueView,
     VoronoiGraph,
 )
+from anm_mj.utils.files import atomic_write
 
 if TYPE_CHECKING:
     import trimesh
@@ -85,10 +86,15 @@ class RunRecorder:
         truth: Ground truth, for the metrics only.
         true_view: Returns true poses and depth, if observations hold only what the robot measures: metrics count what
             the camera truly saw from where it truly was.
+        record: What is kept besides the numbers; None = the defaults.
+        before: None for a new run; for one that goes on, the lengths of its logs by name, as :attr:`log_sizes` gave
+            them, and the step after which they were taken. What was written later is removed.
 
     Raises:
         RunFolderError: From every method, if the folder cannot be written.
     """
+
+    REBUILT = ("_folder", "_true_view", "_truth", "_curve_file")
 
     def __init__(
         self,
@@ -96,18 +102,32 @@ class RunRecorder:
         truth: GroundTruth,
         true_view: Callable[[], TrueView] | None = None,
         record: RecordConfig | None = None,
+        before: tuple[dict[str, int], int] | None = None,
     ) -> None:
         self._folder = folder
         self._true_view = true_view
         self._truth = truth
-        with writing(folder.ground_truth):
-            truth.save(folder.ground_truth)
-        self._log = RunLog(folder, record or RecordConfig())
-        self._curve_file = LineWriter(folder.curve)
-        self._curve_file.line(CURVE_HEADER)
+        if before is None:
+            with writing(folder.ground_truth), atomic_write(folder.ground_truth) as partial:
+                truth.save(partial)
+        self._log = RunLog(folder, record or RecordConfig(), before)
+        self._curve_file = LineWriter(folder.curve, before and before[0][folder.curve.name])
+        if before is None:
+            self._curve_file.line(CURVE_HEADER)
         self._curve = CompletionCurve(truth)
         self._statistics = EpisodeStatistics()
         self._evaluation_s = 0.0
+
+    @property
+    def log_sizes(self) -> dict[str, int]:
+        """Lengths of all logs as of now, by name [bytes]."""
+        return {log.path.name: log.size for log in (*self._log.files, self._curve_file)}
+
+    def written_since(self, step: int) -> list[Path]:
+        """The logs, and the depth images after a step: what must be on the disk before a checkpoint counts."""
+        new = range(step + 1, len(self.poses))
+        logs = [log.path for log in (*self._log.files, self._curve_file)]
+        return [*logs, *(self._folder.depth(each) for each in new)]
 
     @property
     def poses(self) -> list[Pose2]:
@@ -162,8 +182,8 @@ class RunRecorder:
         self.close()
         # What cannot be recomputed comes first, then what takes long: a run killed in between loses nothing.
         write_json(self._folder.metrics, summary)
-        with writing(self._folder.map):
-            finished.save(self._folder.map)
+        with writing(self._folder.map), atomic_write(self._folder.map) as partial:
+            finished.save(partial)
         write_plan(self._folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)

@@ -135,6 +135,16 @@ class RunFolder:
         """The true surface and its samples."""
         return self.path / "ground_truth.npz"
 
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the state from which a killed run goes on; gone once the run has finished."""
+        return self.path / "checkpoint"
+
+    @property
+    def resumed(self) -> Path:
+        """One line per time that the run was resumed."""
+        return self.path / "resumed.jsonl"
+
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the provenance of the run.
 

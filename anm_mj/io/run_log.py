@@ -30,23 +30,32 @@ class RunLog:
     Args:
         folder: A new run folder.
         record: What is kept besides the numbers.
+        before: None for a new run; for one that goes on, the lengths of its logs by name, and the step after which they
+            were taken. What was written later is removed.
 
     Raises:
         RunFolderError: From every method, if the folder cannot be written.
     """
 
-    def __init__(self, folder: RunFolder, record: RecordConfig) -> None:
+    REBUILT = ("_folder", "_record", "_steps", "_plans", "_frames", "_trajectory")
+
+    def __init__(
+        self, folder: RunFolder, record: RecordConfig, before: tuple[dict[str, int], int] | None = None
+    ) -> None:
         self._folder = folder
         self._record = record
+        sizes, step = before or ({}, -1)
         with writing(folder.path):
             if record.images != "none":
-                folder.image(0).parent.mkdir()
+                folder.image(0).parent.mkdir(exist_ok=before is not None)
             if record.plans:
-                folder.plan(0).parent.mkdir()
-        self._steps = LineWriter(folder.steps)
-        self._plans = LineWriter(folder.plans)
-        self._frames = LineWriter(folder.frames)
-        self._trajectory = LineWriter(folder.trajectory)
+                folder.plan(0).parent.mkdir(exist_ok=before is not None)
+            if before is not None:
+                _remove_after(folder, step)
+        logs = (folder.steps, folder.plans, folder.frames, folder.trajectory)
+        self._steps, self._plans, self._frames, self._trajectory = (
+            LineWriter(path, sizes.get(path.name)) for path in logs
+        )
         self._poses: list[Pose2] = []
         self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
 
@@ -134,9 +143,14 @@ class RunLog:
         if self._record.plans:
             write_plan(self._folder.plan(step), PlanRecord.of(plan))
 
+    @property
+    def files(self) -> tuple[LineWriter, ...]:
+        """All logs."""
+        return self._steps, self._plans, self._frames, self._trajectory
+
     def close(self) -> None:
         """Close all files; a second time does nothing."""
-        for file in (self._steps, self._plans, self._frames, self._trajectory):
+        for file in self.files:
             file.close()
 
     def _write_image(self, observation: Observation) -> None:
@@ -148,6 +162,15 @@ class RunLog:
                 Image.fromarray(observation.rgb).save(path, quality=FULL_QUALITY, subsampling=0)
             else:
                 _small(observation.rgb).save(path, quality=SMALL_QUALITY)
+
+
+def _remove_after(folder: RunFolder, step: int) -> None:
+    """Remove what a run that was killed wrote after a step: images of later observations, and later decisions."""
+    for place, first in ((folder.depth, step + 1), (folder.image, step + 1), (folder.plan, step)):
+        if place(0).parent.is_dir():
+            for path in place(0).parent.iterdir():
+                if path.stem >= place(first).stem or path.name.startswith("."):
+                    path.unlink()
 
 
 def tum_line(time_s: float, pose: Pose2) -> str:

@@ -20,6 +20,8 @@ class KeyframeStore:
     ones bring as few, so that all places keep being replayed, each at a lower density.
     """
 
+    REBUILT = ("_memory",)
+
     def __init__(
         self, limit_bytes: int, pixel_share: float, make_memory: Callable[[int], PixelMemory] = HostPixels
     ) -> None:
@@ -71,6 +73,14 @@ class KeyframeStore:
             raise MapError(f"{len(self)} keyframes of one pixel fill the replay store; raise schedule.replay_bytes.")
         self._memory.add_keyframe(begin, pack(observation, pixel[:count]), camera_row(observation))
         self._start = np.append(self._start, begin + count)
+
+    def checkpoint_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels and cameras, for a checkpoint."""
+        return self._memory.first(int(self._start[-1]))
+
+    def restore_state(self, state: tuple[np.ndarray, np.ndarray]) -> None:
+        """Take over what :meth:`checkpoint_state` gave."""
+        self._memory.replace(*state)
 
     def _thin(self) -> None:
         """Give up half of every keyframe's pixels, now and in those to come."""

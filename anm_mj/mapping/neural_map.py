@@ -45,6 +45,8 @@ class NeuralMap:
     parameters are the same bit for bit on a CPU.
     """
 
+    REBUILT = ("backend", "_device", "_mesh")
+
     def __init__(
         self, config: MappingConfig, *, seed: int, device: str = "auto", field_is_geometry: bool = True
     ) -> None:
@@ -261,6 +263,26 @@ class NeuralMap:
         loaded._occupancy.set_state(_part(saved.arrays, "occupancy."))
         loaded._num_frames = saved.num_frames
         return loaded
+
+    def checkpoint_state(self) -> dict[str, np.ndarray]:
+        """Parameters and optimiser of the engine, for a checkpoint."""
+        state = {**self.backend.get_state(), **self.backend.get_optimizer()}
+        for copy in state.values():
+            copy.flags.writeable = False  # So that nobody copies them again.
+        return state
+
+    def restore_state(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`checkpoint_state` gave; the table may have grown since the start.
+
+        Raises:
+            MapError: It does not fit the configuration.
+        """
+        if self.backend.config.field != self.config.field:
+            self.backend = make_backend(self.config, seed=self.seed, device=self._device)
+        # Torch takes no arrays that are read-only.
+        state = {name: np.array(value) for name, value in state.items()}
+        self.backend.set_state(state)
+        self.backend.set_optimizer(state)
 
     def _replay_weight(self, observation: Observation) -> Float32[np.ndarray, "h w"] | None:
         """Weights by which a keyframe's pixels are drawn for replay; None for uniform ones.

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float32, Int64, Shaped, UInt16
 
+from anm_mj.errors import MapError
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, concatenate, part, rays_of_pixels
 from anm_mj.types import Observation
 
@@ -34,6 +35,16 @@ def _pack_depth(depth_m: Float32[np.ndarray, " p"]) -> UInt16[np.ndarray, " p"]:
     return np.where((units < 0) | (units > _DEPTH_LIMIT), NO_DEPTH, units).astype(np.uint16)
 
 
+def require_room(pixels: Shaped[np.ndarray, " p"], cameras: Float32[np.ndarray, "k 17"], count: int) -> None:
+    """Say so if stored pixels are of another type, or too many.
+
+    Raises:
+        MapError: They are.
+    """
+    if pixels.dtype != PIXEL or len(pixels) > count or cameras.shape[1:] != (CAMERA_NUMBERS,):
+        raise MapError(f"{len(pixels)} stored pixels do not fit a replay store of {count}.")
+
+
 @runtime_checkable
 class PixelMemory(Protocol):
     """Room for packed pixels where an engine wants them, and for the cameras that saw them.
@@ -53,6 +64,18 @@ class PixelMemory(Protocol):
             start: Place of its first pixel.
             pixels: As :func:`pack` has them.
             camera: As :func:`anm_mj.mapping.rays.camera_row` has it.
+        """
+        ...
+
+    def first(self, count: int) -> tuple[Shaped[np.ndarray, " p"], Float32[np.ndarray, "k 17"]]:
+        """The first ``count`` pixels, of type :data:`PIXEL`, and the cameras of all keyframes; perhaps views."""
+        ...
+
+    def replace(self, pixels: Shaped[np.ndarray, " p"], cameras: Float32[np.ndarray, "k 17"]) -> None:
+        """Take over what :meth:`first` gave, in place of everything.
+
+        Raises:
+            MapError: There is less room.
         """
         ...
 
@@ -89,6 +112,16 @@ class HostPixels:
         """Take in a keyframe; see the protocol."""
         self._pixels[start : start + len(pixels)] = pixels
         self._cameras = np.concatenate((self._cameras, camera[None]))
+
+    def first(self, count: int) -> tuple[Shaped[np.ndarray, " p"], Float32[np.ndarray, "k 17"]]:
+        """Views of pixels and cameras; see the protocol."""
+        return self._pixels[:count], self._cameras
+
+    def replace(self, pixels: Shaped[np.ndarray, " p"], cameras: Float32[np.ndarray, "k 17"]) -> None:
+        """Take over pixels and cameras; see the protocol."""
+        require_room(pixels, cameras, len(self))
+        self._pixels[: len(pixels)] = pixels
+        self._cameras = cameras.astype(np.float32)
 
     def move(self, old: int, new: int, count: int) -> None:
         """Move pixels; see the protocol."""

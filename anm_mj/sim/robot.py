@@ -15,12 +15,16 @@ from anm_mj.sim.sensors.odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor import Sensor
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
 
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
 
 class SimRobot:
     """A robot in a MuJoCo simulation: a drive and a camera.
 
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
+
+    REBUILT = ("_model", "_data", "_camera")
 
     def __init__(
         self,
@@ -117,10 +121,7 @@ class SimRobot:
         Raises:
             RenderError: after ``close``.
         """
-        # After any joint motion the poses of bodies and cameras are outdated.
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        self._update_poses()
         rgb, exact_m = self._camera.render(self._data)
         # Frames are told apart by their time: velocities do not count as steps.
         rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
@@ -138,6 +139,12 @@ class SimRobot:
             T_world_camera=T_world_camera,
             pose=pose,
         )
+
+    def _update_poses(self) -> None:
+        """After any joint motion the poses of bodies and cameras are outdated."""
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""
@@ -182,6 +189,23 @@ class SimRobot:
         """Move the robot to a pose without driving, at rest and without a collision test."""
         self._drive.place(pose)
         self._odometry.restart()
+
+    def checkpoint_state(self) -> Float[np.ndarray, " n"]:
+        """The simulation's state, for a checkpoint: all that its next step depends on."""
+        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, state, _STATE)
+        return state
+
+    def restore_state(self, state: Float[np.ndarray, " n"]) -> None:
+        """Take over what :meth:`checkpoint_state` gave.
+
+        Raises:
+            RobotError: It is that of another model.
+        """
+        if state.shape != (mujoco.mj_stateSize(self._model, _STATE),):
+            raise RobotError(f"The stored state of the simulation has {state.size} numbers, not those of this scene.")
+        mujoco.mj_setState(self._model, self._data, state, _STATE)
+        self._update_poses()
 
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""

@@ -265,6 +265,9 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         help_of(words, capsys)  # Only the name of a command.
     elif words in (["explore"], ["bench"]) or "--help" in words:
         help_of([word for word in words if word != "--help"], capsys)
+    elif words[:2] == ["explore", "--resume"]:
+        parsed = parse(words, monkeypatch)  # tests/integration/test_kills.py executes these.
+        assert parsed.resume is not None
     elif words[0] == "explore":
         explore(words, command, place, monkeypatch)
     elif words[0] == "bench":

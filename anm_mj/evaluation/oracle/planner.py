@@ -10,6 +10,7 @@ import json
 import logging
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt64
@@ -57,6 +58,8 @@ NUM_STARTS = 4
 RESIDUAL_ROUNDS = 20_000
 """Annealing rounds of each residual tour."""
 SEED = 0
+_REMEMBERED = ("_tours", "_failures", "_expected", "_avoided", "_more_places_m")
+"""What of a planner does not follow from the scene."""
 
 
 class TourPlanner:
@@ -84,6 +87,8 @@ class TourPlanner:
         while num_places(scene.reachable, self._spacing_m) > MAX_PLACES:
             self._spacing_m *= 1.15
         self._roadmap = Roadmap(scene.reachable, self._spacing_m)
+        self._more_places_m: Float[np.ndarray, "k 2"] | None = None
+        """Places of the roadmap beside the regular ones."""
         self._key = self._scene_key()
         self._tours = 0
         self._failures = np.zeros(len(self.samples), np.int64)
@@ -118,6 +123,21 @@ class TourPlanner:
         self._avoided.append(spot_m)
         self._roadmap.avoid(spot_m)
 
+    def checkpoint_state(self) -> dict[str, Any]:
+        """What was planned and met so far, for a checkpoint."""
+        return {name: getattr(self, name) for name in _REMEMBERED}
+
+    def restore_state(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`checkpoint_state` gave."""
+        for name in _REMEMBERED:
+            setattr(self, name, state[name])
+        self._make_roadmap()
+
+    def _make_roadmap(self) -> None:
+        self._roadmap = Roadmap(self._scene.reachable, self._spacing_m, self._more_places_m)
+        for spot_m in self._avoided:
+            self._roadmap.avoid(spot_m)
+
     def _first_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
         """A tour through all planned samples."""
         total = len(self._planned)
@@ -138,10 +158,8 @@ class TourPlanner:
             return []
         residual = np.sort(np.random.default_rng(SEED).permutation(which)[:MAX_RESIDUAL])
         samples = self.samples[residual]
-        places_m = select_places(samples, self._scene.reachable, self._rays)
-        self._roadmap = Roadmap(self._scene.reachable, self._spacing_m, places_m)
-        for spot_m in self._avoided:
-            self._roadmap.avoid(spot_m)
+        self._more_places_m = select_places(samples, self._scene.reachable, self._rays)
+        self._make_roadmap()
         bits = exact_bits(samples, self._roadmap.places_m, self._rays)
         visible = _union(bits)
         most = int(count(visible))

@@ -10,6 +10,7 @@ tour is known, but none is ruled out.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class Oracle:
     """Drives tours that a planner with full knowledge of the scene makes."""
 
     Config = OracleConfig
+    REBUILT = ("_scene", "_planner", "_coverage")
 
     def __init__(self, context: PolicyContext[OracleConfig]) -> None:
         """Take the scene's truth in.
@@ -56,6 +58,7 @@ class Oracle:
         self._scene = context.truth
         self._rounds = context.settings.rounds
         self._planner: TourPlanner | None = None
+        self._first_pose: Pose2 | None = None
         self._stops = list[Stop]()
         """The rest of the present tour."""
         self._stop: Stop | None = None
@@ -68,10 +71,29 @@ class Oracle:
     def observe(self, observation: Observation) -> None:
         """Track what the frames cover; the first one fixes the headings."""
         if self._planner is None:
-            self._planner = TourPlanner(self._scene, self._rounds, observation.pose)
-            self._coverage = Coverage(self._planner.samples)
+            self._start(observation.pose)
         depth_mm = reduce_depth(observation.depth_m)
         self._coverage.add(depth_mm, observation.intrinsics, observation.T_world_camera)
+
+    def _start(self, pose: Pose2) -> None:
+        self._first_pose = pose
+        self._planner = TourPlanner(self._scene, self._rounds, pose)
+        self._coverage = Coverage(self._planner.samples)
+
+    def checkpoint_state(self) -> dict[str, Any] | None:
+        """What planner and coverage remember, for a checkpoint; None before the first observation."""
+        if self._planner is None:
+            return None
+        return {"planner": self._planner.checkpoint_state(), "coverage": self._coverage.checkpoint_state()}
+
+    def restore_state(self, state: dict[str, Any] | None) -> None:
+        """Take over what :meth:`checkpoint_state` gave."""
+        if state is None or self._first_pose is None:
+            return
+        self._start(self._first_pose)
+        assert self._planner is not None
+        self._planner.restore_state(state["planner"])
+        self._coverage.restore_state(state["coverage"])
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The actions to the next stop of the tour, or the end if nothing is left."""

@@ -6,9 +6,11 @@ of a software GL renderer: in a process that has rendered before, this ends in a
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from anm_mj.mapping.config import OptimizerConfig
+from anm_mj.mapping.parameters import check_state
 
 
 class Adam:
@@ -60,6 +62,30 @@ class Adam:
                 amsgrad=False,
                 maximize=False,
             )
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Copies of moments and steps, by group and place."""
+        return {name: tensor.detach().cpu().numpy().copy() for name, tensor in self._tensors().items()}
+
+    @torch.no_grad()
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_state` gave.
+
+        Raises:
+            MapError: A name is missing or has another shape.
+        """
+        tensors = self._tensors()
+        check_state(state, {name: tuple(tensor.shape) for name, tensor in tensors.items()})
+        for name, tensor in tensors.items():
+            tensor.copy_(torch.from_numpy(np.asarray(state[name])))
+
+    def _tensors(self) -> dict[str, torch.Tensor]:
+        return {
+            f"adam.{number}.{kind}.{place}": tensor
+            for number, (group, _, _) in enumerate(self._groups)
+            for kind in ("first_moments", "second_moments", "num_steps")
+            for place, tensor in enumerate(getattr(group, kind))
+        }
 
 
 class _Group:

@@ -106,3 +106,15 @@ class MapperBackend(ABC):
         Raises:
             MapError: If a name is missing or a shape differs from the configuration's.
         """
+
+    @abstractmethod
+    def get_optimizer(self) -> dict[str, np.ndarray]:
+        """Copies of the optimiser's moments and counters by name, none of which is the name of a parameter."""
+
+    @abstractmethod
+    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_optimizer` gave; other names are passed over.
+
+        Raises:
+            MapError: If a name is missing or a shape differs from the configuration's.
+        """

@@ -188,6 +188,14 @@ class MlpBackend(TensorBackend):
             weight.copy_(torch.from_numpy(state[name]))
         self._optimizer = Adam(self.config.optimizer, [], self._weights)
 
+    def get_optimizer(self) -> dict[str, np.ndarray]:
+        """Adam's moments and steps; see the base class."""
+        return self._optimizer.get_state()
+
+    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_optimizer` gave; see the base class."""
+        self._optimizer.set_state(state)
+
     def _last_input(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n width"]:
         layers = _Layers()
         self._s(points, self._weights, layers)

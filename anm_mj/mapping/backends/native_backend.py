@@ -29,6 +29,8 @@ from anm_mj.utils.threads import usual_num_threads
 _MAX_WIDTH = 1024
 """Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
 
+_MOMENTS = ("table_m", "table_v", "table_touched", "decoders_m", "decoders_v")
+
 
 class NativeBackend(MapperBackend):
     """Implements :class:`~anm_mj.mapping.backends.backend.MapperBackend` on the CPU."""
@@ -135,6 +137,24 @@ class NativeBackend(MapperBackend):
         check_state(state, parameter_shapes(self.config.field))
         decoders = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
         self._engine.set_state(_floats(state["table"]), _floats(decoders))
+
+    def get_optimizer(self) -> dict[str, np.ndarray]:
+        """Moments of table and decoders, lines of the table that ever had a gradient, and iterations so far."""
+        *moments, iteration = self._engine.get_optimizer()
+        return {**dict(zip(_MOMENTS, moments, strict=True)), "iteration": np.array(iteration)}
+
+    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_optimizer` gave; see the base class."""
+        check_state(state, {name: array.shape for name, array in self.get_optimizer().items()})
+        table_m, table_v, touched, decoders_m, decoders_v = (state[name] for name in _MOMENTS)
+        self._engine.set_optimizer(
+            _floats(table_m),
+            _floats(table_v),
+            np.ascontiguousarray(touched, np.uint8),
+            _floats(decoders_m),
+            _floats(decoders_v),
+            int(state["iteration"]),
+        )
 
     def _split(self, decoders: Float32[np.ndarray, " weights"]) -> dict[str, Float32[np.ndarray, "rows cols"]]:
         parts = split_flat(decoders, decoder_shapes(self.config.field))

@@ -101,6 +101,14 @@ class TorchBackend(HashGridBackend):
             self.field.decoders[name].copy_(torch.from_numpy(state[name]))
         self._optimizer = self._make_optimizer()
 
+    def get_optimizer(self) -> dict[str, np.ndarray]:
+        """Adam's moments and steps; see the base class."""
+        return self._optimizer.get_state()
+
+    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_optimizer` gave; see the base class."""
+        self._optimizer.set_state(state)
+
     def _encode(self, points: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n features"], Float[Tensor, "n blob"]]:
         return self.field.encode(points)
 

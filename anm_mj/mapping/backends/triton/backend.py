@@ -28,7 +28,7 @@ from anm_mj.mapping.backends.triton.pixels import DevicePixels
 from anm_mj.mapping.backends.triton.training_step import TrainingStep
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.encoding import one_blob
-from anm_mj.mapping.parameters import initial_parameters
+from anm_mj.mapping.parameters import check_state, initial_parameters
 from anm_mj.mapping.rays import RayBatch
 
 
@@ -115,6 +115,21 @@ class TritonBackend(HashGridBackend):
         """Take over parameters by name and start the optimiser afresh; see the base class."""
         self._field.set_state(state)
         self._num_steps = 0
+
+    def get_optimizer(self) -> dict[str, np.ndarray]:
+        """Adam's moments and steps; see the base class."""
+        moments = {"first": self._field.first, "second": self._field.second}
+        return {
+            **{f"moments.{name}": tensor.cpu().numpy().copy() for name, tensor in moments.items()},
+            "num_steps": np.array(self._num_steps),
+        }
+
+    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_optimizer` gave; see the base class."""
+        check_state(state, {name: array.shape for name, array in self.get_optimizer().items()})
+        self._field.first.copy_(torch.from_numpy(state["moments.first"]))
+        self._field.second.copy_(torch.from_numpy(state["moments.second"]))
+        self._num_steps = int(state["num_steps"])
 
     def _loaded(self, rays: RayBatch, seed: int, corner_m: Float[np.ndarray, "3"] | None) -> TrainingStep:
         """The training step with this batch in its buffers; other buffers if these are of another size."""

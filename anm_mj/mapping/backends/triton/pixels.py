@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float32, Int64, Shaped, UInt8
 from torch import Tensor
 
-from anm_mj.mapping.pixel_memory import DEPTH_UNIT_M, NO_DEPTH, PIXEL
+from anm_mj.mapping.pixel_memory import DEPTH_UNIT_M, NO_DEPTH, PIXEL, require_room
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
 
 NUM_ROWS = 10
@@ -58,6 +58,17 @@ class DevicePixels:
         packed = pixels.view(np.uint8).reshape(len(pixels), PIXEL.itemsize)
         self._pixels[start : start + len(pixels)].copy_(torch.from_numpy(packed))
         self._cameras = torch.cat((self._cameras, self._upload(camera[None])))
+
+    def first(self, count: int) -> tuple[Shaped[np.ndarray, " p"], Float32[np.ndarray, "k 17"]]:
+        """Copies of pixels and cameras; see the protocol."""
+        return self._pixels[:count].cpu().numpy().reshape(-1).view(PIXEL), self._cameras.cpu().numpy()
+
+    def replace(self, pixels: Shaped[np.ndarray, " p"], cameras: Float32[np.ndarray, "k 17"]) -> None:
+        """Take over pixels and cameras; see the protocol."""
+        require_room(pixels, cameras, len(self))
+        packed = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), PIXEL.itemsize)
+        self._pixels[: len(pixels)].copy_(torch.from_numpy(packed))
+        self._cameras = self._upload(cameras.astype(np.float32))
 
     def move(self, old: int, new: int, count: int) -> None:
         """Move pixels; see the protocol."""

@@ -61,6 +61,7 @@ class Upen(ScanPolicy):
     """Takes the path along which an ensemble of predictors disagrees most."""
 
     Config = UpenConfig
+    REBUILT = ("_ensemble",)
 
     def __init__(self, context: PolicyContext[UpenConfig]):
         """Load the networks and start with an empty grid.

@@ -1,0 +1,21 @@
+"""How often a run is stored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from anm_mj.errors import CheckpointError
+from anm_mj.utils.settings import check_settings, setting
+
+
+@dataclass(frozen=True)
+class CheckpointConfig:
+    """When checkpoints are written."""
+
+    every_steps: int = setting(100, at_least=0)
+    """Steps from one checkpoint to the next; 0 = none are written."""
+    loop_share: float = setting(0.02, at_most=1.0)
+    """The loop spends at most this share of its time on checkpoints; where one takes long, the next one waits."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "checkpoint", CheckpointError)

@@ -1,0 +1,207 @@
+"""The checkpoints of one run: the two newest, because a crash of the machine can damage the last one."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from anm_mj.checkpoint.classes import KnownClasses
+from anm_mj.checkpoint.config import CheckpointConfig
+from anm_mj.checkpoint.encode import Graph, encode
+from anm_mj.checkpoint.file import StoredState, read_checkpoint, write_checkpoint
+from anm_mj.errors import CheckpointError
+
+_logger = logging.getLogger(__name__)
+
+NUM_KEPT = 2
+"""Checkpoints of a run that are kept."""
+_PATTERN = "*.checkpoint"
+_REFUSED = "refused.txt"
+
+
+class CheckpointStore:
+    """The folder of a run's checkpoints."""
+
+    def __init__(self, folder: Path) -> None:
+        """Name the folder; it is made with the first checkpoint."""
+        self.folder = folder
+
+    def write(self, step: int, facts: dict[str, Any], graph: Graph) -> int:
+        """Write a checkpoint and remove all but the newest two; returns its size [bytes].
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self.folder.mkdir(exist_ok=True)
+        size = write_checkpoint(self.folder / f"{step:06d}.checkpoint", step, facts, graph)
+        for path in self._newest_first()[NUM_KEPT:]:
+            path.unlink(missing_ok=True)
+        return size
+
+    def newest(self, accept: Callable[[StoredState], None] = lambda state: None) -> StoredState:
+        """The newest checkpoint that is whole; it is logged where that is not the last one written.
+
+        Args:
+            accept: Raises CheckpointError where a whole checkpoint does not fit the rest of the run's folder.
+
+        Raises:
+            CheckpointError: There is none.
+        """
+        paths = self._newest_first()
+        for number, path in enumerate(paths):
+            try:
+                state = read_checkpoint(path)
+                accept(state)
+            except CheckpointError as err:
+                rest = "the one before is used" if number + 1 < len(paths) else "there is none before"
+                _logger.warning("Checkpoint %s is left out: %s Instead, %s.", path.name, err, rest)
+            else:
+                return state
+        refused = self.folder / _REFUSED
+        if refused.is_file():
+            raise CheckpointError(
+                f"The run in {self.folder.parent} cannot be resumed: {refused.read_text(encoding='utf-8')[:500]}"
+            )
+        raise CheckpointError(
+            f"{self.folder.parent} has no {'whole ' if paths else ''}checkpoint to resume from; start the run again."
+        )
+
+    def refuse(self, why: str) -> None:
+        """Note that the run has state that cannot be stored, so that who resumes it reads why."""
+        self.folder.mkdir(exist_ok=True)
+        (self.folder / _REFUSED).write_text(why, encoding="utf-8")
+
+    def remove(self) -> None:
+        """Remove all checkpoints of a finished run."""
+        for path in [*self.folder.glob(_PATTERN), *self.folder.glob(f".{_PATTERN}.*"), self.folder / _REFUSED]:
+            path.unlink(missing_ok=True)
+        try:
+            self.folder.rmdir()
+        except OSError:
+            _logger.debug("%s was kept", self.folder)
+
+    def _newest_first(self) -> list[Path]:
+        return sorted((path for path in self.folder.glob(_PATTERN) if path.is_file()), reverse=True)
+
+
+class Checkpointer:
+    """Takes checkpoints while a run goes on; the loop waits for the copy of the state, not for the disk.
+
+    The state is copied in memory; hashing and writing are done by another thread, one checkpoint at a time.
+    """
+
+    def __init__(
+        self,
+        store: CheckpointStore,
+        config: CheckpointConfig,
+        roots: Callable[[], dict[str, Any]],
+        facts: Callable[[], tuple[dict[str, Any], Iterable[Path]]],
+        known: KnownClasses,
+        *,
+        resumed_at: int | None = None,
+    ) -> None:
+        """Start before the first checkpoint.
+
+        Args:
+            store: Where they go.
+            config: How often.
+            roots: The objects to store.
+            facts: What else to store, and the files that must be on the disk before the checkpoint counts.
+            known: Which classes may take part.
+            resumed_at: Step of the checkpoint that the run resumed from.
+        """
+        self._store, self._config, self._roots, self._facts, self._known = store, config, roots, facts, known
+        self.last_step = resumed_at
+        """Step of the last checkpoint; None before the first."""
+        self._enabled = config.every_steps > 0
+        self._thread: threading.Thread | None = None
+        self._spent_before_s = 0.0
+        self.spent_s = 0.0
+        """Time spent so far, also that of the writing thread's processor [s]."""
+        self.num_bytes = 0
+        """Size of the last checkpoint [bytes]."""
+
+    def after_step(self, step: int, loop_s: float) -> None:
+        """Take a checkpoint where one is due.
+
+        Args:
+            step: Number of actions so far.
+            loop_s: Time spent in the loop so far [s].
+        """
+        if not self._enabled or step == self.last_step:
+            return
+        since = math.inf if self.last_step is None else step - self.last_step
+        if since >= self._config.every_steps and not self._is_writing and self._is_affordable(loop_s):
+            self._take(step)
+
+    def finish(self, step: int, *, resumable: bool) -> None:
+        """End: with a last checkpoint where the run may be resumed, else with all of them removed."""
+        self._wait()
+        if resumable:
+            if self._enabled and step != self.last_step:
+                self._take(step)
+                self._wait()
+        else:
+            self._store.remove()
+
+    def _is_affordable(self, loop_s: float) -> bool:
+        """Whether one more, at the price of the last, stays within the share of the loop's time."""
+        last_s = self.spent_s - self._spent_before_s
+        return self.last_step is None or self.spent_s + last_s <= self._config.loop_share * loop_s
+
+    @property
+    def _is_writing(self) -> bool:
+        return self._thread is not None and self._thread.is_alive()
+
+    def _wait(self) -> None:
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def _take(self, step: int) -> None:
+        begin, self._spent_before_s = time.perf_counter(), self.spent_s
+        try:
+            graph = encode(self._roots(), self._known)
+        except CheckpointError as err:
+            self._enabled = False
+            _logger.warning("This run cannot be resumed once it has ended: %s", err)
+            self._store.refuse(str(err))
+            return
+        graph.detach()
+        facts, files = self._facts()
+        self.last_step = step
+        self._wait()
+        self._thread = threading.Thread(
+            target=self._write, args=(step, facts, graph, list(files)), name="checkpoint", daemon=True
+        )
+        self._thread.start()
+        self.spent_s += time.perf_counter() - begin
+
+    def _write(self, step: int, facts: dict[str, Any], graph: Graph, files: list[Path]) -> None:
+        begin = time.thread_time()
+        try:
+            for path in files:
+                _force_to_disk(path)
+            self.num_bytes = self._store.write(step, facts, graph)
+        except OSError as err:
+            _logger.warning(
+                "No checkpoint was written at step %d (%s); free some space below %s.",
+                step,
+                err.strerror or err,
+                self._store.folder.parent,
+            )
+        self.spent_s += time.thread_time() - begin
+
+
+def _force_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,162 @@
+"""Goes on with a run that was killed or interrupted, from its newest whole checkpoint.
+
+The run is put together anew from the configuration in its folder, the stored state is laid over it, the logs are cut
+to the length that they had then, and the loop goes on. On a CPU the files at the end are those of an undisturbed run,
+but for times. Files of a run folder are data: nothing in them is executed.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from anm_mj.checkpoint.decode import restore
+from anm_mj.checkpoint.file import StoredState
+from anm_mj.checkpoint.store import CheckpointStore
+from anm_mj.config import RunConfig, read_config
+from anm_mj.errors import CheckpointError
+from anm_mj.evaluation.metrics import Metrics
+from anm_mj.explore import LoopState, Outcome, StepReport
+from anm_mj.io.jsonl import LineWriter, read_jsonl
+from anm_mj.io.read_run import read_json
+from anm_mj.io.recorder import RunRecorder
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.planning.policies.registry import POLICIES
+from anm_mj.protocols import Viewer
+from anm_mj.run import Parts, Watched, checkpoint_roots, make_parts, run_loop, true_view
+from anm_mj.types import StopReason
+from anm_mj.viz.viewer import NullViewer
+
+_logger = logging.getLogger(__name__)
+
+
+def resume(
+    path: Path,
+    *,
+    policy: str | None = None,
+    device: str | None = None,
+    viewer: Viewer | None = None,
+    stop_requested: Callable[[], bool] = lambda: False,
+    on_step: Callable[[StepReport, RunRecorder, int], None] = lambda report, recorder, num_steps: None,
+    on_survey: Callable[[int, int], None] = lambda done, total: None,
+    on_end: Callable[[Outcome], None] = lambda outcome: None,
+) -> tuple[RunFolder, Metrics]:
+    """Go on with a run.
+
+    Args:
+        path: its folder.
+        policy: ``module:Class`` of the run, which says that this code may run; None = only policies of this package.
+        device: where the map trains; None = as before.
+        viewer: as of :func:`anm_mj.run.run`, like the next four.
+        stop_requested: see there.
+        on_step: see there.
+        on_survey: see there.
+        on_end: see there.
+
+    Raises:
+        CheckpointError: the run has ended, has no whole checkpoint, or is one of another scene, robot or version.
+        AnmError: see :func:`anm_mj.run.run`.
+    """
+    begin = time.perf_counter()
+    folder = RunFolder.open(path)
+    _refuse_links(folder)
+    _require_unfinished(folder)
+    config = _config(folder, policy)
+    if device is not None:
+        config = replace(config, device=device)
+    store = CheckpointStore(folder.checkpoints)
+    stored = store.newest(lambda state: _require_logs(folder, state))
+    with make_parts(config, on_survey) as parts:
+        _require_same_world(folder, parts)
+        if stored.facts.get("engine") != parts.mapper.engine_name:
+            _logger.warning(
+                "The map was trained by %s and now is by %s: the run goes on, but not byte for byte.",
+                stored.facts.get("engine"),
+                parts.mapper.engine_name,
+            )
+        surface = parts.truth().surface
+        lost = _num_lines(folder.steps) - stored.step
+        state = LoopState()
+        # Only here is anything in the folder changed.
+        before = (stored.facts["files"], stored.step)
+        with RunRecorder(folder, surface, true_view(parts), config.record, before) as recorder:
+            _restore(stored, checkpoint_roots(parts, recorder, state), parts)
+            folder.metrics.unlink(missing_ok=True)
+            size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
+            with LineWriter(folder.resumed, size) as log:
+                log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.engine_name})
+            _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
+            watched = Watched(viewer or NullViewer(), stop_requested, on_step, on_end)
+            begin -= float(stored.facts.get("wall_s", 0.0))
+            return folder, run_loop(parts, folder, recorder, state, watched, begin)
+
+
+def _restore(stored: StoredState, roots: dict[str, Any], parts: Parts) -> None:
+    try:
+        restore(stored.nodes, stored.arrays, roots, parts.known)
+    except CheckpointError as err:
+        raise CheckpointError(f"The checkpoint at step {stored.step} does not fit this run: {err}") from err
+
+
+def _config(folder: RunFolder, policy: str | None) -> RunConfig:
+    """The run's configuration.
+
+    Raises:
+        CheckpointError: its policy is code that nobody has vouched for.
+    """
+    values = read_json(folder.config)
+    named = values.get("policy")
+    if policy is not None and policy != named:
+        raise CheckpointError(f"--policy is '{policy}', but the run's policy is '{named}'; leave --policy out.")
+    if named not in POLICIES and policy is None:
+        raise CheckpointError(
+            f"The run's policy '{named}' is code outside of this program, and a run folder may come from anybody; if "
+            f"you trust it, add --policy {named}."
+        )
+    return read_config(values)
+
+
+def _refuse_links(folder: RunFolder) -> None:
+    """Raises CheckpointError where a file of the run leads somewhere else: writing would overwrite what is there."""
+    places = [folder.path / "depth", folder.checkpoints, *folder.path.iterdir()]
+    for place in places:
+        if place.is_symlink():
+            raise CheckpointError(f"{place} is a link, and a resumed run writes no links; copy the run again.")
+
+
+def _require_unfinished(folder: RunFolder) -> None:
+    if not folder.metrics.is_file() or folder.checkpoints.is_dir():
+        return
+    reason = read_json(folder.metrics).get("stop_reason")
+    if reason is not None and reason != StopReason.INTERRUPTED:
+        raise CheckpointError(f"The run in {folder.path} has ended ({reason}); there is nothing to resume.")
+
+
+def _require_logs(folder: RunFolder, state: StoredState) -> None:
+    """Whether the logs reach as far as the checkpoint."""
+    for name, size in state.facts["files"].items():
+        path = folder.path / Path(name).name
+        if not path.is_file() or path.stat().st_size < size:
+            raise CheckpointError(f"{path.name} is shorter than it was at step {state.step}.")
+    missing = [step for step in range(state.step + 1) if not folder.depth(step).is_file()]
+    if missing:
+        raise CheckpointError(f"{folder.depth(missing[0]).name} is missing.")
+
+
+def _require_same_world(folder: RunFolder, parts: Parts) -> None:
+    known = read_json(folder.manifest) if folder.manifest.is_file() else {}
+    for name, now in (("scene", parts.facts.scene_hash), ("robot", parts.facts.robot_hash)):
+        before = known.get(f"{name}_hash")
+        if before != now:
+            raise CheckpointError(
+                f"The {name} '{known.get(name)}' has changed since the run began (hash {str(before)[:12]}, now "
+                f"{now[:12]}); put the former one back, or start a new run."
+            )
+
+
+def _num_lines(path: Path) -> int:
+    return len(read_jsonl(path))

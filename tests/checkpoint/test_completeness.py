@@ -1,0 +1,129 @@
+"""A run that goes on from a stored state is the undisturbed one, for every policy, drive and sensor.
+
+Whatever state anybody adds to a policy, a sensor, a robot or the map, it is in here: the run that goes on must do the
+same steps, and must end in a state that is the same in every attribute.
+"""
+
+import time
+from dataclasses import replace
+
+import pytest
+
+from anm_mj.checkpoint.decode import restore
+from anm_mj.checkpoint.encode import encode
+from anm_mj.config import make_config
+from anm_mj.explore import LoopState, explore
+from anm_mj.planning.policies.registry import POLICIES
+from anm_mj.run import make_parts
+from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.viz.viewer import NullViewer
+from tests.fake_robot import ListRecorder
+from tests.scene.small import make_small_scene
+
+SLOW = ("anm", "oracle", "frontier-full", "upen", "random", "azure-kinect")
+"""They take seconds, or share their code with another one."""
+STOP, END = 11, 20
+TINY = (
+    "image_px=48",
+    "mapping.schedule.first_iterations=4",
+    "mapping.schedule.iterations=1",
+    "mapping.schedule.num_rays=64",
+    "mapping.schedule.replay_bytes=1000000",
+    "checkpoint.every_steps=0",
+)
+
+
+def slow_ones(names):
+    return [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in names]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scenes") / "small"
+    make_small_scene(folder)
+    return str(folder)
+
+
+@pytest.fixture(autouse=True)
+def no_time_passes(monkeypatch):
+    """Times are the one thing that may differ."""
+    monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
+
+
+def configuration(scene, policy="gvg", settings=(), **options):
+    mapping = POLICIES[policy].mapping_preset
+    config = make_config(
+        mapping or "quick", [*TINY, *settings], scene=scene, policy=policy, seed=5, device="cpu", **options
+    )
+    # A short rotation at the start, so that a few steps reach what policies remember.
+    if hasattr(config.policy_settings, "bootstrap_turns"):
+        config = replace(config, policy_settings=replace(config.policy_settings, bootstrap_turns=4))
+    return config
+
+
+def go_on(parts, recorder, state, num_steps):
+    followed = {"num_steps": num_steps, "recorder": recorder, "viewer": NullViewer()}
+    return explore(parts.robot, parts.mapper, parts.policy, **followed, state=state)
+
+
+def roots(parts, state):
+    return {"loop": state, "robot": parts.robot, "mapper": parts.mapper, "policy": parts.policy}
+
+
+def ends(config):
+    """Steps and final state of an undisturbed run, and of one that goes on in newly made parts."""
+    found = []
+    with make_parts(config, lambda done, total: None) as parts:
+        recorder, state = ListRecorder(), LoopState()
+        go_on(parts, recorder, state, STOP)
+        stored = encode(roots(parts, state), parts.known)
+        stored.detach()
+        before = len(recorder.steps)
+        go_on(parts, recorder, state, END)
+        found.append((recorder.steps[before:], encode(roots(parts, state), parts.known)))
+        found[0][1].detach()
+    with make_parts(config, lambda done, total: None) as parts:
+        recorder, state = ListRecorder(), LoopState()
+        # As a run does before it goes on: the observable surface is looked for from the start.
+        parts.robot.observe()
+        restore(stored.nodes, stored.arrays, roots(parts, state), parts.known)
+        go_on(parts, recorder, state, END)
+        found.append((recorder.steps, encode(roots(parts, state), parts.known)))
+        found[1][1].detach()
+    return found
+
+
+def assert_same(found):
+    (steps, whole), (steps_again, again) = found
+    assert len(steps) > 0
+    assert steps_again == steps
+    assert again.nodes == whole.nodes
+    assert [array.tobytes() for array in again.arrays] == [array.tobytes() for array in whole.arrays]
+
+
+@pytest.mark.parametrize("policy", slow_ones(POLICIES))
+def test_every_policy_goes_on(scene, policy):
+    settings = ("policy.rounds=200",) if POLICIES[policy].needs_truth else ()
+    assert_same(ends(configuration(scene, policy, settings)))
+
+
+@pytest.mark.parametrize("sensor", slow_ones(name for name in SENSORS if name != "exact"))
+def test_every_sensor_goes_on_with_odometry_and_physics(scene, sensor):
+    config = configuration(
+        scene, "random", ("model.wheel_noise=0.01",), sensor=sensor, drive="physics", pose="odometry"
+    )
+    assert_same(ends(config))
+
+
+@pytest.mark.parametrize("engine", ["torch"])
+def test_every_engine_goes_on(scene, engine):
+    assert_same(ends(configuration(scene, "random", (f"mapping.engine={engine}",))))
+
+
+def test_the_comparison_would_find_a_forgotten_attribute(scene, monkeypatch):
+    """A policy whose count is left out does not come back with it."""
+    from anm_mj.planning.policies.random_walk.policy import RandomWalk
+
+    monkeypatch.setattr(RandomWalk, "REBUILT", ("_rng",), raising=False)
+    (steps, _), (steps_again, _) = ends(configuration(scene, "random"))
+    assert steps != steps_again

@@ -1,0 +1,178 @@
+"""Real runs are killed at random moments and resumed: in the end their folders are those of undisturbed runs."""
+
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import anm_mj.run
+from anm_mj.config import make_config
+from anm_mj.resume import resume
+from tests.scene.small import make_small_scene
+
+DEV_SCENE = Path("/work/shared/scenes/dev") / "aws_small_house"
+TINY = ("image_px=64", "mapping.schedule.first_iterations=5", "mapping.schedule.replay_bytes=2000000")
+OFTEN = ("checkpoint.every_steps=10", "checkpoint.loop_share=1")
+TIMES = ("wall_s", "hz", "evaluation_s", "peak_rss_mib", "stage_hz")
+
+
+def started(*words, cwd=None):
+    command = [sys.executable, "-m", "anm_mj.cli", "explore", *map(str, words)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=cwd)
+
+
+def finished(*words, cwd=None):
+    process = started(*words, cwd=cwd)
+    said, _ = process.communicate(timeout=1200)
+    assert process.returncode == 0, said
+    return said
+
+
+def words(scene, *, steps, settings=(), **options):
+    named = [word for name, value in options.items() for word in (f"--{name}", value)]
+    changed = [word for setting in (*settings, *OFTEN) for word in ("--set", setting)]
+    return [scene, "--preset", "quick", "--steps", steps, "--seed", 3, "--device", "cpu", *named, *changed]
+
+
+def content(path):
+    """A file without times, and without what follows from times alone."""
+    if path.suffix == ".jsonl":
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        return [{key: value for key, value in line.items() if key != "ms"} for line in lines]
+    if path.name == "metrics.json":
+        return {key: value for key, value in json.loads(path.read_text()).items() if key not in TIMES}
+    if path.name == "manifest.json":
+        return {key: value for key, value in json.loads(path.read_text()).items() if key != "command"}
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def contents(folder):
+    # Pictures carry the name of their folder as a title.
+    left_out = ("resumed.jsonl", "topdown.png", "curve.png")
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name not in left_out]
+    return {str(path.relative_to(folder)): content(path) for path in files}
+
+
+def assert_same(folder, undisturbed):
+    found, wanted = contents(folder), contents(undisturbed)
+    assert set(found) == set(wanted)
+    assert [name for name in wanted if found[name] != wanted[name]] == []
+
+
+def num_steps(folder):
+    path = folder / "steps.jsonl"
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def kill_at(process, folder, moment):
+    """Kill the run when ``moment`` says so; False if it ended before."""
+    until = time.monotonic() + 600
+    while not moment(folder):
+        if process.poll() is not None:
+            return False
+        assert time.monotonic() < until
+        time.sleep(0.002)
+    process.kill()
+    process.communicate()
+    return True
+
+
+def after(steps, seconds):
+    """A moment so many seconds after a step."""
+    reached = []
+
+    def moment(folder):
+        if not reached and num_steps(folder) >= steps and any(folder.glob("checkpoint/*.checkpoint")):
+            reached.append(time.monotonic())
+        return bool(reached) and time.monotonic() - reached[0] >= seconds
+
+    return moment
+
+
+def while_writing(steps):
+    """A moment while a checkpoint is being written, from a step on."""
+
+    def moment(folder):
+        return num_steps(folder) >= steps and any(folder.glob("checkpoint/.*"))
+
+    return moment
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scenes") / "small"
+    make_small_scene(folder)
+    return folder
+
+
+def test_a_killed_run_ends_as_an_undisturbed_one(small, tmp_path):
+    run = words(small, steps=40, settings=TINY)
+    process = started(*run, "--out", tmp_path / "killed")
+    assert kill_at(process, tmp_path / "killed", while_writing(25))
+    options = {"steps": 40, "seed": 3, "device": "cpu"}
+    anm_mj.run.run(make_config("quick", [*TINY, *OFTEN], scene=str(small), **options), out=tmp_path / "whole")
+    resume(tmp_path / "killed")
+    assert_same(tmp_path / "killed", tmp_path / "whole")
+    line = json.loads((tmp_path / "killed" / "resumed.jsonl").read_text())
+    assert 10 <= line["step"] <= 40
+    assert not (tmp_path / "killed" / "checkpoint").exists()
+
+
+CASES = [
+    ("home", "gvg", "kinematic"),
+    ("home", "anm-s", "physics"),
+    (DEV_SCENE, "gvg", "physics"),
+    (DEV_SCENE, "anm-s", "kinematic"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scene", "policy", "drive"), CASES, ids=lambda value: Path(str(value)).name)
+def test_twenty_kills(scene, policy, drive, tmp_path):
+    """Five for each case: four at random moments, one of them twice in a row, and one while a checkpoint is written."""
+    if scene == DEV_SCENE and not (DEV_SCENE / "scene.toml").is_file():
+        imported = Path(os.environ.get("ANM_DEV_SCENES", "/tmp/scenes")) / DEV_SCENE.name
+        if not imported.is_dir():
+            pytest.skip(f"{imported} is not there")
+        scene = imported
+    run = words(scene, steps=100, policy=policy, drive=drive)
+    finished(*run, "--out", tmp_path / "whole")
+    draw = random.Random(f"{scene}{policy}{drive}")
+    for kill in range(5):
+        folder = tmp_path / f"killed{kill}"
+        step = draw.randrange(1, 95)
+        moment = while_writing(step) if kill == 0 else after(step, draw.random())
+        if not kill_at(started(*run, "--out", folder), folder, moment):
+            assert_same(folder, tmp_path / "whole")
+            continue
+        if kill == 1:
+            kill_at(started("--resume", folder), folder, after(num_steps(folder) + 3, 0.3))
+        if (folder / "metrics.json").exists():
+            continue
+        print(kill, step, finished("--resume", folder).splitlines()[0])
+        assert_same(folder, tmp_path / "whole")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
+def test_a_signal_ends_a_run_well_and_it_can_be_resumed(small, tmp_path, number):
+    process = started(*words(small, steps=300, settings=TINY), "--out", tmp_path / "run")
+    until = time.monotonic() + 120
+    while num_steps(tmp_path / "run") < 5:
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    process.send_signal(number)
+    said, _ = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert metrics["stop_reason"] == "INTERRUPTED"
+    for name in ("map.pt", "mesh.ply", "topdown.png", "curve.csv"):
+        assert (tmp_path / "run" / name).stat().st_size > 0
+    assert [path.stem for path in (tmp_path / "run" / "checkpoint").glob("*")][-1:] != []
