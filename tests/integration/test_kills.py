@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 import anm_mj.run
 from anm_mj.config import make_config
+from anm_mj.errors import CheckpointError
 from anm_mj.resume import resume
 from tests.scene.small import make_small_scene
 
@@ -112,17 +114,48 @@ def small(tmp_path_factory):
     return folder
 
 
-def test_a_killed_run_ends_as_an_undisturbed_one(small, tmp_path):
-    run = words(small, steps=40, settings=TINY)
-    process = started(*run, "--out", tmp_path / "killed")
-    assert kill_at(process, tmp_path / "killed", while_writing(25))
-    options = {"steps": 40, "seed": 3, "device": "cpu"}
-    anm_mj.run.run(make_config("quick", [*TINY, *OFTEN], scene=str(small), **options), out=tmp_path / "whole")
-    resume(tmp_path / "killed")
-    assert_same(tmp_path / "killed", tmp_path / "whole")
-    line = json.loads((tmp_path / "killed" / "resumed.jsonl").read_text())
-    assert 10 <= line["step"] <= 40
-    assert not (tmp_path / "killed" / "checkpoint").exists()
+def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
+    """What is in the folder at a moment is what a kill at that moment leaves; the last checkpoint is being written."""
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+
+    def copy(report, recorder, num_steps):
+        if report.step < 21 or killed.exists():
+            return
+        try:
+            shutil.copytree(whole, killed, ignore=shutil.ignore_patterns(".*"))
+        except shutil.Error:  # The other thread removed the oldest checkpoint meanwhile.
+            shutil.rmtree(killed)
+
+    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=32, seed=3, device="cpu")
+    anm_mj.run.run(config, out=whole, on_step=copy)
+    with (killed / "steps.jsonl").open("a") as file:
+        file.write('{"step": 99, "act')
+    newest = max(killed.glob("checkpoint/*"))
+    newest.write_bytes(newest.read_bytes()[:-1000])
+    resume(killed)
+    assert_same(killed, whole)
+    assert json.loads((killed / "resumed.jsonl").read_text())["step"] in (0, 10, 20)
+    assert not (killed / "checkpoint").exists()
+    with pytest.raises(CheckpointError, match="has ended"):
+        resume(killed)
+
+
+def test_code_that_a_folder_names_is_not_run(small, tmp_path):
+    folder = tmp_path / "run"
+    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=2, seed=3, device="cpu")
+    anm_mj.run.run(config, out=folder, stop_requested=lambda: True)
+    said = json.loads((folder / "config.json").read_text())
+    (folder / "config.json").write_text(json.dumps(said | {"policy": "antigravity:Policy"}))
+    with pytest.raises(CheckpointError, match="add --policy antigravity:Policy"):
+        resume(folder)
+    assert "antigravity" not in sys.modules
+    (folder / "config.json").write_text(json.dumps(said))
+    (tmp_path / "elsewhere").write_text("kept")
+    (folder / "curve.png").unlink()
+    (folder / "curve.png").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(CheckpointError, match=r"curve\.png is a link"):
+        resume(folder)
+    assert (tmp_path / "elsewhere").read_text() == "kept"
 
 
 CASES = [
@@ -160,7 +193,8 @@ def test_twenty_kills(scene, policy, drive, tmp_path):
         assert_same(folder, tmp_path / "whole")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_run_well_and_it_can_be_resumed(small, tmp_path, number):
     process = started(*words(small, steps=300, settings=TINY), "--out", tmp_path / "run")
     until = time.monotonic() + 120

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32
 
-from anm_mj.errors import MapError
+from anm_mj.errors import CheckpointError, MapError
 from anm_mj.mapping.backends import _native
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.config import MappingConfig
@@ -140,6 +140,8 @@ class NativeBackend(MapperBackend):
 
     def get_optimizer(self) -> dict[str, np.ndarray]:
         """Moments of table and decoders, lines of the table that ever had a gradient, and iterations so far."""
+        if not hasattr(self._engine, "get_optimizer"):
+            raise CheckpointError("The native engine was built by an older version; run make setup.")
         *moments, iteration = self._engine.get_optimizer()
         return {**dict(zip(_MOMENTS, moments, strict=True)), "iteration": np.array(iteration)}
 
