@@ -48,7 +48,9 @@ def main() -> None:
 def page() -> str:
     """The whole page."""
     config = make_config("default", [], scene="home")
-    groups = [name for name in ("planning", "mapping", "model", "sensor") if is_dataclass(getattr(config, name))]
+    groups = [
+        name for name in ("planning", "mapping", "model", "sensor", "checkpoint") if is_dataclass(getattr(config, name))
+    ]
     parts = [HEAD, "## Settings\n\nGiven with `--set NAME=VALUE`; `config.json` of a run holds all of them.\n"]
     parts.append(_section("Run", "Fields of a run that have options of their own.", _rows(config, "", nested=False)))
     parts += [_section(f"`{group}.*`", "", _rows(getattr(config, group), f"{group}.")) for group in groups]

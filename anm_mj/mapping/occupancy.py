@@ -29,7 +29,7 @@ taken from frame to frame."""
 class OccupancyGrid:
     """Voxels ``[layer, row, col]`` = ``[z, y, x]`` with 8-bit log-odds; grows by blocks and keeps what it holds."""
 
-    REBUILT = ("_fusion",)
+    REBUILT = ("_fusion", "_rays")
 
     def __init__(self, config: OccupancyConfig, fusion: NumpyFusion | NativeFusion | None = None) -> None:
         """An empty grid.
