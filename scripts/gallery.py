@@ -20,10 +20,10 @@ def main(
     scene: str = "home",
     steps: int = 500,
     seed: int = 0,
-    every: int = 10,
+    every: int = 14,
     existing: Path | None = None,
 ) -> None:
-    """Explore, then write film.gif and curve.png.
+    """Explore, then write film.gif, curve.png and topdown.png.
 
     Args:
         out: folder of the pictures.
@@ -37,10 +37,11 @@ def main(
     if folder is None:
         folder = run(make_config("default", [], scene=scene, steps=steps, seed=seed))[0].path
     out.mkdir(parents=True, exist_ok=True)
-    write_film(read_timeline(folder), out / "film.gif", fps=10.0, every=every)
-    shutil.copyfile(folder / "curve.png", out / "curve.png")
-    size = sum((out / name).stat().st_size for name in ("film.gif", "curve.png"))
-    print(f"Wrote {out / 'film.gif'} and {out / 'curve.png'} from {folder} ({size / 1e6:.1f} MB).")
+    write_film(read_timeline(folder), out / "film.gif", fps=6.0, every=every)
+    for name in ("curve.png", "topdown.png"):
+        shutil.copyfile(folder / name, out / name)
+    size = sum((out / name).stat().st_size for name in ("film.gif", "curve.png", "topdown.png"))
+    print(f"Wrote film.gif, curve.png and topdown.png to {out} from {folder} ({size / 1e6:.1f} MB).")
 
 
 if __name__ == "__main__":

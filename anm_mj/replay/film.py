@@ -205,7 +205,7 @@ def _coding(suffix: str, fps: float) -> dict[str, Any]:
         return {"codec": "libx264", "quality": None, "macro_block_size": 2, "output_params": options}
     chain = (
         f"fps={min(fps, GIF_FPS):g},scale={GIF_WIDTH_PX}:-1:flags=lanczos,split[a][b]",
-        "[a]palettegen=max_colors=96:stats_mode=diff[p]",
+        "[a]palettegen=max_colors=256:stats_mode=full[p]",
         "[b][p]paletteuse=dither=none:diff_mode=rectangle",
     )
     options = ["-vf", ";".join(chain)]
