@@ -82,6 +82,7 @@ def test_without_a_compiler(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_with_the_native_engine(tmp_path):
     wheel = build(tmp_path / "wheel")
     assert wheel.name.endswith("_x86_64.whl")
