@@ -143,6 +143,9 @@ class PhysicsDrive(WheelDrive):
         self._motors = np.array([element_id(model, actuator, prefix + name) for name in description.motors])
         self._is_shell = np.zeros(model.ngeom, dtype=bool)
         self._is_shell[[element_id(model, geom, prefix + name) for name in description.shell]] = True
+        root = model.body_rootid[model.geom_bodyid]
+        moves = model.body_weldid[model.geom_bodyid] != 0
+        self._is_movable = moves & ~np.isin(root, root[self._is_shell])
         self._substeps = round(self._period_s / self._config.substep_s)
         self._reference = self._base.pose
         self._twist = _STANDING
@@ -340,13 +343,16 @@ class PhysicsDrive(WheelDrive):
         return dx * c + dy * s, dy * c - dx * s
 
     def _contact_ahead(self) -> bool:
-        """Whether the robot's shell touches something ahead of it."""
+        """Whether the robot's shell touches something ahead of it that cannot be pushed."""
         touching = self._is_shell[self._data.contact.geom]
         if not touching.any():
             return False
         yaw = self._base.pose.yaw_rad
         for contact, (first_is_robot, second_is_robot) in zip(self._data.contact, touching, strict=True):
             if first_is_robot == second_is_robot or contact.dist > 0.0:
+                continue
+            # What gives way is pushed; what is too heavy stops the base, which then lags its reference.
+            if self._is_movable[contact.geom[1 if first_is_robot else 0]]:
                 continue
             # The contact's normal points from its first geom to its second.
             outwards = contact.frame[:2] if first_is_robot else -contact.frame[:2]
