@@ -125,6 +125,7 @@ def _explore(parsed: argparse.Namespace) -> int:
     from anm_mj.config import ConfigError, make_config
     from anm_mj.run import run
     from anm_mj.scene.importing.on_the_fly import folder_of
+    from anm_mj.sim.gl import select_backend
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
     sys.path.insert(0, os.getcwd())
@@ -136,6 +137,9 @@ def _explore(parsed: argparse.Namespace) -> int:
         return _show(parsed, lambda **watched: resume(parsed.resume, policy=policy, **watched))
     if parsed.scene is None:
         raise ConfigError("No scene is named; give one of anm-mj scene list, a scene folder, or --resume RUN.")
+    # A MuJoCo world is compiled before the run begins, and the back-end must be chosen before that.
+    if not os.path.isdir(parsed.scene):
+        select_backend()
     config = make_config(
         parsed.preset,
         parsed.settings,

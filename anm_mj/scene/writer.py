@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
@@ -135,12 +136,14 @@ def write_scene(
     if fixed:
         own_vertices, own_faces = _single(fixed)
         boxes = collision_boxes(own_vertices[own_faces])
-    arrays = {} if solid is None else {"obstacle_vertices": solid[0], "obstacle_faces": solid[1]}
+    arrays: dict[str, Any] = {"vertices": vertices, "faces": faces}
+    if solid is not None:
+        arrays |= {"obstacle_vertices": solid[0], "obstacle_faces": solid[1]}
     with replaced_folder(out) as folder:
         drawn = _write_assets(proper, folder / ASSETS)
         mjcf = scene_mjcf(info.name, drawn, boxes, bounds, movables)
         (folder / XML).write_text(mjcf, encoding="utf-8")
-        np.savez_compressed(folder / GEOMETRY, vertices=vertices, faces=faces, **arrays)
+        np.savez_compressed(folder / GEOMETRY, **arrays)
         (folder / TOML).write_text(_toml(entries), encoding="utf-8")
     return read_scene_folder(out)
 

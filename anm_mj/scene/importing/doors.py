@@ -84,14 +84,14 @@ def _may_be_leaf(part: str, joint: Joint | None) -> bool:
 
 def _is_door_sized(points_m: Float[np.ndarray, "n 3"]) -> bool:
     """Whether the box about points is that of a leaf."""
-    from shapely import MultiPoint
+    from shapely import MultiPoint, Polygon
 
     height_m = float(np.ptp(points_m[:, 2]))
     if not _HEIGHT_M[0] <= height_m <= _HEIGHT_M[1] or float(np.ptp(points_m[:, :2], axis=0).max()) > 2 * _WIDTH_M[1]:
         return False
     around = np.asarray(MultiPoint(points_m[:, :2]).minimum_rotated_rectangle.envelope.bounds)
     outline = MultiPoint(points_m[:, :2]).minimum_rotated_rectangle
-    if outline.geom_type != "Polygon":
+    if not isinstance(outline, Polygon):
         return bool(_WIDTH_M[0] <= math.hypot(*(around[2:] - around[:2])) <= _WIDTH_M[1])
     corners = np.asarray(outline.exterior.coords)
     sides = sorted(float(length) for length in np.linalg.norm(np.diff(corners[:3], axis=0), axis=1))

@@ -70,9 +70,9 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
         SceneError: if the source holds no triangles, is too large, or does not hold what is wanted.
     """
     parsed = chosen(parsed, choice.only, choice.leave_out)
-    vertices, faces = merge_geometry(parsed.submeshes) if parsed.submeshes else (np.zeros((0, 3)), np.zeros((0, 3)))
-    if not len(faces):
+    if not any(len(submesh.faces) for submesh in parsed.submeshes):
         raise SceneError(f"{src} holds no triangles: give a file with a surface.")
+    vertices, faces = merge_geometry(parsed.submeshes)
     scale_how, up_how = ("given" if scale is not None else "found"), ("given" if up != "auto" else "found")
     if scale is None and parsed.scale is not None:
         scale, scale_how = parsed.scale, "known"
