@@ -203,7 +203,7 @@ def test_a_signal_ends_a_run_well_and_it_can_be_resumed(small, tmp_path, number)
         assert time.monotonic() < until
         time.sleep(0.05)
     process.send_signal(number)
-    said, _ = process.communicate(timeout=60)
+    said, _ = process.communicate(timeout=300)
     assert process.returncode == 0, said
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["stop_reason"] == "INTERRUPTED"
