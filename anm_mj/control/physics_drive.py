@@ -24,6 +24,12 @@ from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _STANDING = Twist(0.0, 0.0)
+_UNSTABLE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+"""What MuJoCo warns of when it resets a simulation."""
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
 
@@ -193,7 +199,7 @@ class PhysicsDrive(WheelDrive):
 
     def _fault(self, *, failed: bool) -> StopReason | None:
         """Why the robot can drive no more after an action; None while it can."""
-        if self._data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or not np.isfinite(self._data.qpos).all():
+        if self._diverged:
             return StopReason.DIVERGED
         if self._base.tilt_rad > self._config.toppled_rad:
             return StopReason.TOPPLED
@@ -278,7 +284,7 @@ class PhysicsDrive(WheelDrive):
                 return False
 
     def _servo_period(self, reference: Pose2, forward: bool) -> bool:
-        """Command the wheels for one period; True as soon as a contact blocks a forward motion."""
+        """Command the wheels for one period; True once a contact blocks a forward motion, or it diverges."""
         if isinstance(self._servo, PlanarServo):
             self._data.ctrl[self._motors] = self._servo.joint_speeds(self._base.pose, reference)
         else:
@@ -291,7 +297,13 @@ class PhysicsDrive(WheelDrive):
             if forward and self._contact_ahead():
                 return True
         self._odometer.update(self._base.wheel_angles_rad)
-        return False
+        # MuJoCo has reset the simulation and its clock, so that no motion would ever end.
+        return self._diverged
+
+    @property
+    def _diverged(self) -> bool:
+        """Whether the simulation has become unstable."""
+        return any(self._data.warning[kind].number for kind in _UNSTABLE) or not np.isfinite(self._data.qpos).all()
 
     def _halt(self) -> None:
         """Brake to rest and make the reached pose the reference."""

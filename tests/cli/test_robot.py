@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from anm_mj.cli.main import main
@@ -39,6 +40,7 @@ def test_wrong_robots_write_nothing(tmp_path, capsys):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_robot_that_tips_over(tmp_path, capsys):
     text = (ROOT / "tests" / "rover.xml").read_text()
     before = '<geom name="caster"'

@@ -152,14 +152,27 @@ def test_a_mounted_camera():
     assert robot.fovy_deg == 75.0
 
 
-def test_a_robot_that_topples_and_one_without_traction(tmp_path):
-    without_caster = edited(tmp_path, "rover", ('<geom name="caster"', '<geom name="lid" contype="0" conaffinity="0"'))
-    robot = describe_robot(without_caster)
+def test_a_robot_that_lies_on_its_side():
+    robot = describe_robot(ROVER_XML)
     model, data = on_a_floor(robot)
     drive = PhysicsDrive(model, data, robot, prefix="r/")
     drive.place(START)
-    model.opt.gravity[0] = 9.0  # As on a slope: the body tips over its axle.
-    assert [drive.act(Action.TURN_LEFT).fault for _ in range(3)][-1] in (StopReason.TOPPLED, None)
+    assert drive.act(Action.TURN_LEFT).fault is None
+    model.opt.gravity[:] = 0.0, 9.0, -3.0  # As on a steep slope: it falls over one wheel.
+    faults = [drive.act(Action.TURN_LEFT).fault for _ in range(3)]
+    assert faults[-1] is StopReason.TOPPLED
+
+
+def test_a_simulation_that_becomes_unstable():
+    robot = describe_robot(ROVER_XML)
+    model, data = on_a_floor(robot)
+    drive = PhysicsDrive(model, data, robot, prefix="r/")
+    drive.place(START)
+    data.qvel[0] = 1e11
+    assert drive.act(Action.MOVE_FORWARD).fault is StopReason.DIVERGED
+
+
+def test_a_robot_without_traction(tmp_path):
     slippery = edited(tmp_path, "rover", ('size="0.04 0.012"', 'size="0.04 0.012" friction="0.0001 0 0" priority="2"'))
     robot = describe_robot(slippery)
     model, data = on_a_floor(robot)
