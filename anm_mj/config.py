@@ -22,6 +22,7 @@ from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
+from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.presets import preset_config
 from anm_mj.sim.sensors.config import SensorConfig
@@ -76,6 +77,8 @@ class RunConfig:
     """Width and height of the camera image [px]."""
     model: RobotConfig = field(default_factory=RobotConfig)
     """How to read the robot's file, and the noise of its encoders; a named robot has settings of its own."""
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    """Optics and mount of the camera where they differ from the robot's file."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
     """Errors of camera and odometry."""
     mapping: MappingConfig = field(default_factory=MappingConfig)

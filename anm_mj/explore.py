@@ -105,10 +105,11 @@ def explore(
     """
     state = state or LoopState()
     if state.observation is None:
-        observation, _ = _perceive(robot, mapper, policy, state.total)
-        state.observation = observation
-        recorder.observation(observation)
-        state.monitor.add(observation, moved=False)
+        with state.total.stage("observe"):
+            first = state.monitor.check(robot.observe())
+        _learn(first, mapper, policy, state.total)
+        state.observation = first
+        recorder.observation(first)
     observation, plan = state.observation, state.plan
 
     def outcome(reason: StopReason) -> Outcome:
@@ -144,7 +145,15 @@ def explore(
             state.collisions += not plan.actions
         elif action is Action.MOVE_FORWARD:
             state.collisions = 0
-        observation, update = _perceive(robot, mapper, policy, watch)
+        with watch.stage("observe"):
+            seen = _observe(robot)
+        if seen is None:
+            state.total.add(watch)
+            state.step = step
+            return outcome(StopReason.SENSOR_FAULT)
+        with watch.stage("observe"):
+            observation = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
+        update = _learn(observation, mapper, policy, watch)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)
         state.total.add(watch)
@@ -152,7 +161,6 @@ def explore(
         recorder.observation(observation)
         recorder.step(step, result, observation.pose, update, watch.ms)
         on_step(StepReport(step, observation, plan, update, state.loop_s))
-        state.monitor.add(observation, moved=not result.collided)
         if state.monitor.fault is not None:
             _logger.error("%s; the run ends at step %d.", state.monitor.fault, step)
             return outcome(StopReason.SENSOR_FAULT)
@@ -165,14 +173,22 @@ def explore(
     return outcome(StopReason.BUDGET)
 
 
-def _perceive(robot: Robot, mapper: Mapper, policy: Policy, watch: Stopwatch) -> tuple[Observation, MapUpdate]:
-    with watch.stage("observe"):
-        observation = robot.observe()
+def _observe(robot: Robot) -> Observation | None:
+    """The next frame; None where the camera fails, whatever its driver raises then."""
+    try:
+        return robot.observe()
+    except Exception as err:
+        _logger.error("The camera failed (%s: %s); the run ends.", type(err).__name__, err)
+        return None
+
+
+def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate:
+    """Take a frame into the map, and tell the policy."""
     with watch.stage("map"):
         update = mapper.integrate(observation)
     with watch.stage("plan"):
         policy.observe(observation)
-    return observation, update
+    return update
 
 
 def _is_blocked(

@@ -206,7 +206,8 @@ def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> d
 def true_view(parts: Parts) -> Callable[[], TrueView] | None:
     """A function that gives true poses and depth; None where observations hold them."""
     config = parts.config
-    return None if config.pose == "true" and not config.sensor.misses else parts.robot.true_view
+    exact = config.pose == "true" and not config.sensor.misses and config.sensor.fault == "none"
+    return None if exact else parts.robot.true_view
 
 
 # The next two functions import torch and mujoco: a mistyped option should not cost the seconds that this takes, and
@@ -241,6 +242,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
         pose=config.pose,
         seed=config.seed,
         sensor=config.sensor,
+        camera=config.camera,
     )
 
 
@@ -254,7 +256,7 @@ def _start_pose(config: RunConfig) -> Pose2 | None:
 def _true_scene(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], None]) -> SceneTruth:
     """The true surface with its observable part; the search for that part takes minutes at the first run in a scene."""
     first = robot.observe()
-    camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
+    camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose, first.range_m)
     surface = cached_ground_truth(scene, robot.footprint, camera, first.pose, on_survey)
     return SceneTruth(surface, reachable_area(scene, robot.footprint, first.pose), camera)
 

@@ -140,6 +140,8 @@ class Observation:
     T_world_camera: Float[np.ndarray, "4 4"]
     """Camera to world; camera axes x right, y down, z forward."""
     pose: Pose2
+    range_m: float = math.inf
+    """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from anm_mj.control.motion import action_motion
-from anm_mj.frames import move_pose, pose_matrix
+from anm_mj.frames import move_pose
 from anm_mj.types import (
     Action,
     ActionResult,
@@ -17,6 +17,7 @@ from anm_mj.types import (
     Twist,
     WheelSpeeds,
 )
+from tests.box_room import camera_pose
 
 
 class FakeRobot:
@@ -30,8 +31,7 @@ class FakeRobot:
         self.steps = 0
 
     def observe(self) -> Observation:
-        T_world_camera = pose_matrix(self.pose)
-        T_world_camera[2, 3] = 1.25
+        T_world_camera = camera_pose(self.pose)
         return Observation(
             self.steps,
             0.1 * self.steps,

@@ -103,7 +103,7 @@ def test_gvg_is_complete_in_a_room_that_is_known():
     outcome, recorder = run(make("gvg"), seen_room(), Pose2(1.0, 1.5, 0.0))
     assert outcome.stop_reason is StopReason.COMPLETE
     # The look around at the start, and nothing after it.
-    assert outcome.num_steps == default_settings("gvg").bootstrap_turns
+    assert outcome.num_steps == 27
     assert "best expected gain" in recorder.plans[-1][1].reason
 
 

@@ -55,7 +55,9 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "export": _BASE | {"io", "viz", "replay", "mapping"},
     # The same for a recorded sequence, without simulator and evaluation of its own.
     "map_sequence": _BASE | {"config", "io", "io.run_log", "mapping", "planning", "viz"},
-    "sensor_monitor": _BASE,
+    "depth_outliers": _BASE,
+    "pose_check": _BASE | {"control"},
+    "sensor_monitor": _BASE | {"depth_outliers", "pose_check"},
     # Sees map, recorder, viewer and evaluation only through the protocols.
     "explore": _BASE | _STAGES | {"sensor_monitor"},
     # Puts everything together for one run.

@@ -118,6 +118,8 @@ def observable_surface(scene: Scene, footprint: Footprint, view: Observation, st
         SceneError: the scene has no surface, or too little floor.
     """
     fov_y_rad = 2.0 * math.atan(view.intrinsics.height / 2.0 / view.intrinsics.fy)
-    camera = CameraExtrinsics.of_view(Intrinsics.from_fov(_RUN_PX, _RUN_PX, fov_y_rad), view.T_world_camera, view.pose)
+    width = round(_RUN_PX * view.intrinsics.width / view.intrinsics.height)
+    intrinsics = Intrinsics.from_fov(width, _RUN_PX, fov_y_rad)
+    camera = CameraExtrinsics.of_view(intrinsics, view.T_world_camera, view.pose, view.range_m)
     truth = cached_ground_truth(scene, footprint, camera, start)
     return SampleGrid(truth.samples if truth.observable is None else truth.samples[truth.observable])

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from anm_mj.evaluation import observable
+from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth
 from anm_mj.evaluation.observable import ReachableArea, observable_samples
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
@@ -94,6 +95,8 @@ def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: ReachableArea,
     digest.update(np.packbits(area.reachable).tobytes())
     # The same camera read off two poses differs in the last digits.
     digest.update((np.round(camera.T_base_camera, 6) + 0.0).tobytes())
+    if camera.range_m < MAX_DEPTH_M:
+        digest.update(f"{camera.range_m}".encode())
     return digest.hexdigest()[:32]
 
 

@@ -112,7 +112,7 @@ def _observed_views(
     tried = (pose for pose in candidate_poses(places, seed) if (pose.x_m, pose.y_m) in novel)
     clear = (pose for pose in islice(tried, MAX_TRIED) if is_clear(world, pose, FOOTPRINT))
     poses, to_render = tee(clear)
-    for seen, pose in zip(observe_at(world, to_render, record.intrinsics.width), poses, strict=True):
+    for seen, pose in zip(observe_at(world, to_render, record.intrinsics.width, record), poses, strict=True):
         observed = _observed_percent(grid, seen)
         if observed >= MIN_OBSERVED_PERCENT:
             yield pose, seen, observed

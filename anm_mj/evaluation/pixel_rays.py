@@ -23,21 +23,30 @@ class CameraExtrinsics:
     """Of the original, unreduced image."""
     T_base_camera: Float[np.ndarray, "4 4"]
     """Camera to base; camera axes x right, y down, z forward."""
+    range_m: float = MAX_DEPTH_M
+    """Depth beyond this does not count [m]: that of the protocol, or the sensor's range where it is shorter."""
 
     @classmethod
-    def of_view(cls, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"], pose: Pose2) -> CameraExtrinsics:
+    def of_view(
+        cls,
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        pose: Pose2,
+        range_m: float = MAX_DEPTH_M,
+    ) -> CameraExtrinsics:
         """Extrinsics from one observation.
 
         Args:
             intrinsics: Of the original, unreduced image.
             T_world_camera: Camera to world, CV axes.
             pose: Of the base.
+            range_m: Largest depth that the sensor measures [m].
         """
-        return cls(intrinsics, np.linalg.inv(pose_matrix(pose)) @ T_world_camera)
+        return cls(intrinsics, np.linalg.inv(pose_matrix(pose)) @ T_world_camera, min(range_m, MAX_DEPTH_M))
 
 
 class PixelRays:
-    """Casts rays of pixels as the protocol evaluates them: 128 x 128, up to 10 m, whole millimetres.
+    """Casts rays of pixels as the protocol evaluates them: 128 x 128, whole millimetres, within the camera's range.
 
     Args:
         caster: The surface.
@@ -48,6 +57,7 @@ class PixelRays:
     def __init__(self, caster: RayCaster, camera: CameraExtrinsics, yaw_rad: float = 0.0) -> None:
         self._caster = caster
         self._camera = camera.intrinsics
+        self._range_m = camera.range_m
         self._rows, self._cols = kept_pixels(camera.intrinsics.height), kept_pixels(camera.intrinsics.width)
         at_origin = [
             pose_matrix(Pose2(0.0, 0.0, yaw_rad + k * TURN_STEP_RAD)) @ camera.T_base_camera
@@ -118,7 +128,7 @@ class PixelRays:
         depth_m = np.rint(depth_m * 1000.0) / 1000.0
         points = np.full((len(targets_m), 3), np.inf, np.float32)
         points[ahead] = np.where(
-            (depth_m <= MAX_DEPTH_M)[:, None], origin[ahead] + depth_m[:, None] * direction, np.inf
+            (depth_m <= self._range_m)[:, None], origin[ahead] + depth_m[:, None] * direction, np.inf
         )
         return points
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import Run
+from anm_mj.robot.camera_config import CameraConfig
+from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Observation, Pose2
+
+T = TypeVar("T", CameraConfig, RobotConfig)
 
 ROBOT_PREFIX = "robot/"
 """Prefix of the robot's joint names in a scene."""
@@ -36,18 +41,26 @@ def explored_scene(record: Run, scene: str | None = None) -> Scene:
     return world
 
 
-def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int) -> Iterator[Observation]:
+def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run | None = None) -> Iterator[Observation]:
     """The simulated robot's view at each pose, obstacles or not; the observation's step is the pose's index.
 
     Args:
         world: The scene.
         poses: Where the robot stands; read one at a time.
-        image_px: Width and height of the images [px].
+        image_px: Width and height of the images, where the run does not say [px].
+        record: The run whose robot and camera are used; None for the builtin ones.
 
     Raises:
         RenderError: No GL back-end works.
+        RobotError: The robot's file has gone.
     """
-    with make_robot(world, image_px=image_px) as robot:
+    config: Mapping[str, Any] = {} if record is None else record.config
+    camera = _of_config(CameraConfig, config.get("camera", {}))
+    if record is not None:
+        camera = replace(camera, width_px=record.intrinsics.width, height_px=record.intrinsics.height)
+    model = _of_config(RobotConfig, config["model"]) if "model" in config else None
+    name = config.get("robot", DEFAULT_ROBOT)
+    with make_robot(world, image_px=image_px, robot=name, config=model, camera=camera) as robot:
         # Imports mujoco, and make_robot chooses the GL back-end before that.
         from anm_mj.control.simulated_base import SimulatedBase
 
@@ -57,10 +70,16 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int) -> Iterator[
             yield replace(robot.observe(), step=step)
 
 
+def _of_config(kind: type[T], values: Mapping[str, Any]) -> T:
+    """A group of settings of a run's configuration; what this version does not know is left out."""
+    known = {entry.name for entry in fields(kind)}
+    return kind(**{name: value for name, value in values.items() if name in known})
+
+
 def observations_of(record: Run, world: Scene) -> Iterator[Observation]:
     """All observations of a run, in order: the same images as in a run with an exact drive, true poses and no sensor.
 
     Raises:
         RenderError: No GL back-end works.
     """
-    return observe_at(world, [frame.pose for frame in record.frames], record.intrinsics.width)
+    return observe_at(world, [frame.pose for frame in record.frames], record.intrinsics.width, record)

@@ -25,8 +25,8 @@ class PlanningConfig:
     free_share: float = setting(0.5, at_most=1.0)
     """Share of a column's voxels that must have been seen free for the column to be free."""
     start_radius_m: float = setting(0.75, at_least=0.0)
-    """The camera cannot see the floor around the start; up to this distance it counts as free unless seen otherwise
-    [m]."""
+    """The camera cannot see the floor around the start; up to this distance it counts as free unless seen otherwise,
+    and farther where the camera's height, tilt and field of view show too little of the body's heights [m]."""
     hole_area_m2: float = 0.15
     """Unknown patches that known space encloses count as free below this area [m2]."""
     update_reach_m: float = 5.2
@@ -59,7 +59,7 @@ class PlanningConfig:
     region_min_members: int = 12
     """Smaller clusters are noise [surface points]."""
     anchor_range_m: float = 3.5
-    """A region is anchored to a vertex that sees it from within this range [m]."""
+    """A region is anchored to a vertex that sees it from within this range, and three quarters of the camera's [m]."""
     anchor_max_incidence_deg: float = 75.0
     """Largest angle between the view and the region's normal [deg]."""
 

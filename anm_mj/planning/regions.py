@@ -12,7 +12,7 @@ the robot has turned to it at its anchor. So all regions vanish in the end.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -26,6 +26,8 @@ IN_FRONT_M = 0.25
 """Points are clustered this far in front of their surface [m]: more than half of any wall's thickness."""
 PATCH_M = 0.25
 """Side of the cubes; the points of a cube are anchored and suppressed together [m]."""
+RANGE_SHARE = 0.75
+"""Surface that was seen only from farther away than this share of the camera's range may form regions."""
 MAX_ANCHORS = 12
 """Nearest vertices tested as the anchor of a patch."""
 
@@ -75,6 +77,12 @@ class RegionFinder:
         if error_m is not None:
             before = np.zeros(0, np.float32) if self._error_m is None else self._error_m[far]
             self._error_m = np.concatenate([before, error_m[low]])
+
+    def limit_range(self, range_m: float) -> None:
+        """Anchor regions no farther away than the camera measures well [m]."""
+        near_m = min(self.config.anchor_range_m, RANGE_SHARE * range_m)
+        if near_m < self.config.anchor_range_m:
+            self.config = replace(self.config, anchor_range_m=near_m)
 
     def mark_observed(self, region: Region) -> None:
         """Suppress a region from now on: the robot has turned to it at its anchor, and no view is better."""

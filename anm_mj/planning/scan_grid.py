@@ -23,6 +23,8 @@ GROWTH_CELLS = 128
 """The grid grows in blocks of this many cells."""
 HIT, PASS = 0.85, -0.4
 """Log-odds that one scan adds to a cell that a beam ends in, and to one that a beam passes through."""
+LEVEL_SINE = 0.01
+"""A camera counts as level when the elevation of its axis has a smaller sine."""
 JOINED_M = 0.25
 """Ends of neighbouring beams that are nearer to each other than this lie on one surface [m]."""
 MOST, LEAST = 3.5, -2.0
@@ -51,8 +53,9 @@ class ScanGrid:
         camera_xy_m = observation.T_world_camera[:2, 3]
         self._grow(np.stack([camera_xy_m - self.range_m, camera_xy_m + self.range_m]))
         end_m, hit = self._beams(observation)
-        # Image columns are planes of constant azimuth, because the camera is level.
-        columns = pixel_directions(_middle_row(observation.intrinsics))[0] @ observation.T_world_camera[:3, :3].T
+        # Beams are planes of constant azimuth, as image columns are where the camera is level.
+        level = _level(observation.T_world_camera[:3, :3])
+        columns = pixel_directions(_middle_row(observation.intrinsics))[0] @ level.T
         directions = columns[:, :2] / np.linalg.norm(columns[:, :2], axis=1, keepdims=True)
         ends_xy_m = camera_xy_m + directions * end_m[:, None]
         struck = self._mask(_between_hits(ends_xy_m, hit))
@@ -75,15 +78,26 @@ class ScanGrid:
         return TopDownMap((clear * RESOLUTION_M).astype(np.float32), state, RESOLUTION_M, self.origin_xy_m.copy())
 
     def _beams(self, observation: Observation) -> tuple[Float[np.ndarray, " w"], Bool[np.ndarray, " w"]]:
-        """Where each column's beam ends [m], and whether it hits a surface there."""
+        """Where the beam of each column ends [m], and whether it hits a surface there.
+
+        The columns are those of a level camera: a tilted one's pixels are sorted by their azimuths.
+        """
         depth_m = np.where(np.isfinite(observation.depth_m), observation.depth_m, np.float32(np.nan))
         rays = pixel_directions(observation.intrinsics)
         height_m = observation.T_world_camera[2, 3] + depth_m * (rays @ observation.T_world_camera[2, :3])
-        distance_m = depth_m * np.hypot(rays[..., 0], 1.0)
+        rotation = observation.T_world_camera[:3, :3]
+        level = _level(rotation)
+        is_level = bool(abs(rotation[2, 2]) < LEVEL_SINE)
+        ahead = rays if is_level else rays @ (level.T @ rotation).T
+        distance_m = depth_m * np.hypot(ahead[..., 0], 1.0 if is_level else ahead[..., 2])
         # Comparisons with NaN are false: a pixel without depth neither ends a beam nor lengthens it.
         obstacle = (height_m > self.footprint.z_min_m) & (height_m < self.footprint.z_max_m)
-        nearest_m = np.where(obstacle, distance_m, np.inf).min(axis=0)
-        seen_m = np.where(height_m < self.footprint.z_max_m, distance_m, 0.0).max(axis=0)
+        nearest_m = np.where(obstacle, distance_m, np.inf)
+        seen_m = np.where(height_m < self.footprint.z_max_m, distance_m, 0.0)
+        if is_level:
+            nearest_m, seen_m = nearest_m.min(axis=0), seen_m.max(axis=0)
+        else:
+            nearest_m, seen_m = _by_column(nearest_m, seen_m, ahead, observation.intrinsics)
         end_m = np.minimum(np.minimum(nearest_m, seen_m), self.range_m)
         return end_m, nearest_m <= end_m
 
@@ -129,6 +143,40 @@ def _between_hits(ends_xy_m: Float[np.ndarray, "w 2"], hit: Bool[np.ndarray, " w
     shares = np.arange(0.0, 1.0, RESOLUTION_M / JOINED_M / 2)
     between = ends_xy_m[:-1][joined, None] + step[joined, None] * shares[:, None]
     return np.concatenate([ends_xy_m[hit], between.reshape(-1, 2)])
+
+
+def _level(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """The rotation of a camera with the same heading that looks along the horizon."""
+    if abs(rotation[2, 2]) < LEVEL_SINE:
+        return rotation
+    forward = np.array([rotation[0, 2], rotation[1, 2], 0.0])
+    forward /= np.linalg.norm(forward)
+    down = np.array([0.0, 0.0, -1.0])
+    return np.stack([np.cross(down, forward), down, forward], axis=1)
+
+
+def _by_column(
+    nearest_m: Float[np.ndarray, "h w"],
+    seen_m: Float[np.ndarray, "h w"],
+    ahead: Float[np.ndarray, "h w 3"],
+    intrinsics: Intrinsics,
+) -> tuple[Float[np.ndarray, " w"], Float[np.ndarray, " w"]]:
+    """Least and largest values of the pixels that a level camera would have in each of its columns.
+
+    Args:
+        nearest_m: of which the least counts; +inf for none.
+        seen_m: of which the largest counts; 0 for none.
+        ahead: the rays of the pixels in the axes of the level camera.
+        intrinsics: of both cameras.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = ahead[..., 0] / ahead[..., 2] * intrinsics.fx + intrinsics.cx
+    inside = (ahead[..., 2] > 0.0) & (u >= 0.0) & (u < intrinsics.width)
+    column = u[inside].astype(np.int64)
+    nearest, seen = np.full(intrinsics.width, np.inf), np.zeros(intrinsics.width)
+    np.minimum.at(nearest, column, nearest_m[inside])
+    np.maximum.at(seen, column, np.nan_to_num(seen_m[inside]))
+    return nearest, seen
 
 
 def _middle_row(intrinsics: Intrinsics) -> Intrinsics:

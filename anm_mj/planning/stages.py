@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune_spurs, traversable_frontier
 from anm_mj.planning.paths import ShortestPathTree, shortest_paths
 from anm_mj.planning.regions import RegionFinder
@@ -81,7 +82,9 @@ class Stages:
     def update_map(self, mapper: Mapper, observation: Observation, watch: Stopwatch) -> TopDownMap:
         """The first stage alone: the top-down map as of now."""
         with watch.stage("topdown"):
-            return self.topdown.update(mapper.occupancy, mapper.sdf, observation.pose)
+            camera = FieldOfView.of(observation)
+            self.region_finder.limit_range(camera.range_m)
+            return self.topdown.update(mapper.occupancy, mapper.sdf, observation.pose, camera)
 
     def update_graph(
         self,

@@ -12,6 +12,7 @@ one, so its cost does not grow with the scene.
 
 from __future__ import annotations
 
+import logging
 import math
 
 import numpy as np
@@ -22,9 +23,12 @@ from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance import capped_distance_cells
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
 from anm_mj.utils.arrays import dilate_mask, embed
+
+_logger = logging.getLogger(__name__)
 
 TRUNCATION_M = 0.1
 """Beyond this distance the SDF says no more than 'far' [m]."""
@@ -39,6 +43,9 @@ LOW_SEEN_M = 3.0
 farther, a camera that nods takes the floor for one."""
 NO_FLOOR_M = 0.1
 """A column that is seen free from z = 0 down to this depth has no floor [m]."""
+BLIND_SLACK_M = 0.15
+"""What a camera at the start cannot see counts as free this much farther than by its geometry [m]: carving is
+cautious."""
 SAME_PLACE_M = 0.01
 """A robot that moved less than this only turned: it adds nothing to the trajectory [m]."""
 _HOLE_WIDTH_CELLS = 20
@@ -69,6 +76,7 @@ class TopDownMapper:
         self._origin_xy_m = np.zeros(2)
         self._layers = _Layers()
         self._borders = BorderPoints()
+        self._start_radius_m = config.start_radius_m
 
     def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Remember a place where the robot met something the map does not show [m]."""
@@ -81,17 +89,21 @@ class TopDownMapper:
         self.trajectory_xy_m.append(xy_m)
         self._new_trajectory_xy_m.append(xy_m)
 
-    def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> TopDownMap:
+    def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2, camera: FieldOfView | None = None) -> TopDownMap:
         """The map as known now.
 
         Args:
             grid: the occupancy; always the same one, as it grows.
             sdf: metric SDF of world points (N, 3), truncated at ``TRUNCATION_M``.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
+            camera: what the robot sees with; its first one tells how much of the floor at the start it cannot see. None
+                for one whose views are no wider than deep.
         """
+        if camera is not None and not self._layers.state.size:
+            self._start_radius_m = self._unseen_radius_m(camera)
         self.visit(pose.xy_m)
         self._follow_growth(grid)
-        self.read_window = self._changed_window(grid, pose)
+        self.read_window = self._changed_window(grid, pose, camera)
         changed = self._stamp(grid) + self._read_columns(grid, self.read_window) + self._ask_sdf(grid, sdf, pose)
         if changed:
             self._decide(grid, union(changed))
@@ -101,13 +113,31 @@ class TopDownMapper:
         )
         return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
 
-    def _changed_window(self, grid: VoxelGrid, pose: Pose2) -> Window | None:
+    def _changed_window(self, grid: VoxelGrid, pose: Pose2, camera: FieldOfView | None) -> Window | None:
         """What changed within reach of where the robot has been since the last update; at first in the whole grid."""
         if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m):
             return self._changes.take(grid)
         places = np.array([*self._new_trajectory_xy_m, pose.xy_m])
-        reach_m = math.sqrt(2.0) * self.config.update_reach_m  # To the corners of views of 90 degrees.
+        # To the edges of the views.
+        reach_m = self.config.update_reach_m * (1.0 if camera is None else camera.corner_ratio)
         return self._changes.take(grid, np.stack([places.min(axis=0) - reach_m, places.max(axis=0) + reach_m]))
+
+    def _unseen_radius_m(self, camera: FieldOfView) -> float:
+        """Up to where the camera cannot see enough of the columns about the start to tell that they are free [m]."""
+        config = self.config
+        blind_m = camera.blind_radius_m(self.footprint, config.free_share)
+        if math.isinf(blind_m):
+            _logger.warning(
+                "The camera, %.2f m high and tilted by %.0f degrees, never shows %.0f %% of the heights of the robot's "
+                "body (%.2f m to %.2f m): it sees no place as free. Tilt it down, or lower planning.free_share.",
+                camera.height_m,
+                math.degrees(camera.pitch_rad),
+                100.0 * config.free_share,
+                self.footprint.z_min_m,
+                self.footprint.z_max_m,
+            )
+            return config.start_radius_m
+        return max(config.start_radius_m, blind_m + BLIND_SLACK_M)
 
     def _decide(self, grid: VoxelGrid, changed: Window) -> None:
         """Derive state, field, clearance and borders again around a window in which what they derive from changed."""
@@ -181,14 +211,14 @@ class TopDownMapper:
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
         for xy in self._new_trajectory_xy_m:
             first = xy is self.trajectory_xy_m[0]
-            _stamp_disc(layers.near_trajectory, grid, xy, max(body, self.config.start_radius_m) if first else body)
+            _stamp_disc(layers.near_trajectory, grid, xy, max(body, self._start_radius_m) if first else body)
             _stamp_disc(layers.under_robot, grid, xy, body - cell)
         for xy in self._new_blocked_xy_m:
             _stamp_disc(layers.blocked, grid, xy, BLOCKED_CELLS * cell)
         stamped = np.array([*self._new_trajectory_xy_m, *self._new_blocked_xy_m])
         if not len(stamped):
             return []
-        start = self.config.start_radius_m if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m) else 0.0
+        start = self._start_radius_m if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m) else 0.0
         around = max(body, BLOCKED_CELLS * cell, start) + cell
         low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]

@@ -19,6 +19,8 @@ from anm_mj.errors import RobotError
 from anm_mj.frames import rigid_transform
 from anm_mj.robot.base_search import HOLONOMIC, MovingParts, find_moving_parts
 from anm_mj.robot.body_tree import name_all, solid_geoms, unused_name
+from anm_mj.robot.camera_config import CameraConfig
+from anm_mj.robot.camera_mount import remount_camera
 from anm_mj.robot.camera_search import (
     T_world_camera,
     camera_heading,
@@ -41,6 +43,8 @@ from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import base_frame, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
 
+Mount = tuple[CameraConfig, int]
+"""What differs from the robot's camera, and the image size where that does not say [px]."""
 WHEELS = ("wheel_left", "wheel_right")
 """Names of the wheels in a reduced model."""
 _BODY_M = 0.15
@@ -103,17 +107,21 @@ class RobotDescription:
     """What else was changed, one sentence each."""
 
 
-def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescription:
+def describe_robot(
+    path: Path, config: RobotConfig | None = None, camera: CameraConfig | None = None, image_px: int = 256
+) -> RobotDescription:
     """Read a robot.
 
     Args:
         path: an MJCF file.
         config: how to read it where the file leaves that open.
+        camera: what differs from its camera.
+        image_px: width and height of its image where ``camera`` does not say [px].
 
     Raises:
         RobotError: if the file cannot be read, lacks a part, or does not move over a floor.
     """
-    config = config or RobotConfig()
+    config, mount = config or RobotConfig(), (camera or CameraConfig(), image_px)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, OSError) as err:
@@ -137,12 +145,18 @@ def describe_robot(path: Path, config: RobotConfig | None = None) -> RobotDescri
     T_world_root = rigid_transform(data.xmat[model.body(parts.root).id], data.xpos[model.body(parts.root).id])
     isolate_robot(spec, parts.root)
     if T_world_base is None:
-        return _wheeled(spec, parts, config, path, key_frame, locked)
-    return _holonomic(spec, parts, config, path, key_frame, locked, np.linalg.inv(T_world_root) @ T_world_base)
+        return _wheeled(spec, parts, config, path, mount, key_frame, locked)
+    return _holonomic(spec, parts, config, path, mount, key_frame, locked, np.linalg.inv(T_world_root) @ T_world_base)
 
 
 def _wheeled(
-    spec: mujoco.MjSpec, parts: MovingParts, config: RobotConfig, path: Path, key_frame: str, locked: list[str]
+    spec: mujoco.MjSpec,
+    parts: MovingParts,
+    config: RobotConfig,
+    path: Path,
+    mount: Mount,
+    key_frame: str,
+    locked: list[str],
 ) -> RobotDescription:
     base_joint = give_free_joint(spec, parts.root, unused_name("base", spec.joint))
     model, data = _at_rest(spec, path)
@@ -152,7 +166,7 @@ def _wheeled(
     radius, wheels = lefts[0].radius_m, [*lefts, *rights]
     T_root_base = np.linalg.inv(_body_pose(data, root)) @ T_world_base
     rolls = f"the wheels {', '.join(parts.left)} (left) and {', '.join(parts.right)} (right) roll"
-    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, rolls, path)
+    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, rolls, path, mount)
 
     on_wheels = {wheel.body for wheel in wheels}
     shell, casters = _shell_and_casters(model, data, on_wheels, float(T_world_base[2, 3]))
@@ -209,6 +223,7 @@ def _holonomic(
     parts: MovingParts,
     config: RobotConfig,
     path: Path,
+    mount: Mount,
     key_frame: str,
     locked: list[str],
     T_root_base: Float[np.ndarray, "4 4"],
@@ -270,6 +285,7 @@ def _camera(
     T_world_base: Float[np.ndarray, "4 4"],
     rolls: str,
     path: Path,
+    mount: Mount,
 ) -> tuple[str, Float[np.ndarray, "4 4"], float]:
     """Find or mount the camera: its name, its pose in the base and its vertical field of view [deg]."""
     if config.mounted_camera is not None:
@@ -280,6 +296,8 @@ def _camera(
         if hangs_on_joint(model, int(model.camera(camera).bodyid[0]), {*parts.left, *parts.right}):
             raise RobotError(f"The camera {camera} of {path} turns with a wheel; mount it on the base rigidly.")
         use_field_of_view(spec, model, camera)
+    model, data = _at_rest(spec, path)
+    remount_camera(spec, model, data, camera, T_world_base, *mount)
     model, data = _at_rest(spec, path)
     T_base_camera = np.linalg.inv(T_world_base) @ T_world_camera(model, data, camera)
     require_view_ahead(T_base_camera, camera, rolls, path)

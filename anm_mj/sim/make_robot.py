@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from anm_mj.config import DRIVES, POSES
 from anm_mj.errors import RobotError, SceneError
+from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.presets import preset_config, robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
@@ -38,6 +39,7 @@ def make_robot(
     pose: str = "true",
     seed: int = 0,
     sensor: SensorConfig | None = None,
+    camera: CameraConfig | None = None,
 ) -> SimRobot:
     """A simulated robot in a scene, at its start pose.
 
@@ -51,6 +53,7 @@ def make_robot(
         pose: one of ``POSES``: source of the poses in observations.
         seed: of all noise.
         sensor: errors of camera and odometry; None = none.
+        camera: optics and mount of the camera where they differ from the robot's file; None = nowhere.
 
     Returns:
         The robot; close it when done.
@@ -67,7 +70,7 @@ def make_robot(
         raise RobotError(f'There is no pose source "{pose}"; choose one of {", ".join(POSES)}.')
     if image_px < 1:
         raise RobotError(f"A camera of {image_px} x {image_px} px sees nothing; image_px must be positive, e.g. 256.")
-    path, config = robot_path(str(robot)), config or preset_config(str(robot))
+    path, config, mount = robot_path(str(robot)), config or preset_config(str(robot)), camera or CameraConfig()
     backend = select_backend()
     import mujoco
 
@@ -80,7 +83,7 @@ def make_robot(
     from anm_mj.sim.camera_factory import make_camera
     from anm_mj.sim.robot import SimRobot
 
-    description = describe_robot(path, config)
+    description = describe_robot(path, config, mount, image_px)
     start = _start_pose(scene, start, description.footprint)
     model = build_model(
         scene, description.spec, robot_name=description.name, robot_hash=description.hash, prefix=_PREFIX
@@ -95,12 +98,13 @@ def make_robot(
         wheels = PhysicsDrive(model, data, description, odometer=odometer, prefix=_PREFIX)
     wheels.place(start)
     camera_name = _PREFIX + description.camera
-    camera = make_camera(model, camera_name, image_px, image_px, cull_face=scene.cull_face, backend=backend)
+    width, height = mount.image_size(image_px)
+    imager = make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend)
     T_base_camera = description.T_base_camera if pose == "odometry" else None
     return SimRobot(
         model,
         data,
-        camera,
+        imager,
         wheels,
         description.footprint,
         T_base_camera,

@@ -11,6 +11,7 @@ from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.faults import SensorFaults
 from anm_mj.sim.sensors.odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor import Sensor
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
@@ -62,6 +63,7 @@ class SimRobot:
         self._sensor_config = sensor or SensorConfig()
         self._sensor = Sensor(self._sensor_config, seed)
         self._odometry = NoisyOdometry(self._sensor_config, seed)
+        self._faults = SensorFaults(sensor or SensorConfig(), seed)
         self._true_depth_m: Float32[np.ndarray, "h w"] | None = None
         self._step = 0
 
@@ -125,12 +127,11 @@ class SimRobot:
         rgb, exact_m = self._camera.render(self._data)
         # Frames are told apart by their time: velocities do not count as steps.
         rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
-        self._true_depth_m = np.where(np.isfinite(depth_m), exact_m, np.float32(np.nan))
         pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
         if self._T_base_camera is not None:
             pose = self.odometry
             T_world_camera = pose_matrix(pose) @ self._T_base_camera
-        return Observation(
+        seen = Observation(
             step=self._step,
             time_s=float(self._data.time),
             rgb=rgb,
@@ -138,7 +139,13 @@ class SimRobot:
             intrinsics=self._camera.intrinsics,
             T_world_camera=T_world_camera,
             pose=pose,
+            range_m=self._sensor.range_m,
         )
+        given = self._faults.put_on(seen)
+        same = given.depth_m.shape == exact_m.shape and not self._faults.is_stale(seen)
+        valued = np.isfinite(given.depth_m) & (given.depth_m > 0.0) if same else np.zeros(exact_m.shape, bool)
+        self._true_depth_m = np.where(valued, exact_m, np.float32(np.nan))
+        return given
 
     def _update_poses(self) -> None:
         """After any joint motion the poses of bodies and cameras are outdated."""
@@ -162,6 +169,7 @@ class SimRobot:
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)
+            self._faults = SensorFaults(self._sensor_config, seed)
         mujoco.mj_resetData(self._model, self._data)
         self.place(pose)
         self._step = 0

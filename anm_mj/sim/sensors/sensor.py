@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float32, UInt8
 
@@ -28,6 +30,11 @@ class Sensor:
         self._seed = seed
         drawn = np.random.default_rng([seed, 7, _CAMERA]).standard_normal()
         self._scale_error = self._config.tof_scale_error * float(drawn)
+
+    @property
+    def range_m(self) -> float:
+        """Largest depth that is measured [m]; +inf where the sensor sets no limit."""
+        return self._config.max_range_m or math.inf
 
     def measure(
         self,

@@ -44,7 +44,8 @@ class AnmSConfig(PolicyConfig):
     same_target_m: float = 1.0
     """The graph changes; the vertex nearest to the target within this distance takes its place [m]."""
     well_in_view_deg: float = setting(30.0, below=180.0)
-    """A region less than this off the camera's axis is well inside a view of 90 degrees [deg]."""
+    """A region less than this off the camera's axis is well in view [deg]; in views narrower than 90 degrees less in
+    proportion."""
 
     FORMER_NAMES: ClassVar[dict[str, str]] = {"planning.gain_range_m": "seen_well_m"} | moved_from(
         "planning", "target", "visibility_guidance", "bootstrap_turns", "visited_by", "visited_radius_m"

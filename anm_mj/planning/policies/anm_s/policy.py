@@ -33,6 +33,7 @@ import math
 import numpy as np
 
 from anm_mj.planning.contracted_edges import components
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.policies.anm_s.candidates import CandidateFinder, Candidates
 from anm_mj.planning.policies.anm_s.config import AnmSConfig
@@ -57,8 +58,12 @@ from anm_mj.types import (
     StopReason,
 )
 
-FULL_ROTATION = 36
+FULL_ROTATION = round(math.tau / TURN_STEP_RAD)
 """Turns of a full rotation."""
+
+
+USUAL_VIEW_RAD = math.pi / 2.0
+"""Field of view that ``well_in_view_deg`` is meant for; in narrower views it is less in proportion [rad]."""
 
 
 class AnmS:
@@ -83,6 +88,8 @@ class AnmS:
         """Take note of what lies ahead, and of which regions come into view at the target."""
         self.stages.observe(observation)
         pose = observation.pose
+        narrower = min(FieldOfView.of(observation).width_rad / USUAL_VIEW_RAD, 1.0)
+        self._well_in_view_rad = narrower * math.radians(self.config.well_in_view_deg)
         self._finder.observe(observation)
         if self.targets.is_near(pose):
             # There is no better place to see them from, so that is all there is to see of them.

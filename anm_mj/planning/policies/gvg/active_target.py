@@ -11,7 +11,7 @@ from jaxtyping import Float
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.paths import remaining_path
 from anm_mj.planning.policies.gvg.config import GvgConfig
-from anm_mj.planning.policies.gvg.views import VIEW_SIDE, Viewpoint, signed_turns
+from anm_mj.planning.policies.gvg.views import Viewpoint, signed_turns
 from anm_mj.types import ARRIVED_M, NEAR_TARGET_M, TURN_STEP_RAD, Plan, Pose2, TopDownMap
 
 
@@ -22,7 +22,9 @@ class ActiveTarget:
     from the viewpoint that it was chosen for than candidates lie apart.
     """
 
-    def __init__(self, viewpoint: Viewpoint, *, expected_gain_m2: float, seen_m2: float, config: GvgConfig) -> None:
+    def __init__(
+        self, viewpoint: Viewpoint, *, expected_gain_m2: float, seen_m2: float, config: GvgConfig, view_side: int
+    ) -> None:
         """Choose a target.
 
         Args:
@@ -30,7 +32,9 @@ class ActiveTarget:
             expected_gain_m2: new surface that the view there, and the turns to it, are expected to show [m2].
             seen_m2: surface seen so far [m2].
             config: when a plan may be reused.
+            view_side: sectors on either side of the middle one that a view covers.
         """
+        self._view_side = view_side
         self._config = config
         self._chosen = viewpoint
         self.viewpoint = viewpoint
@@ -63,7 +67,7 @@ class ActiveTarget:
     def is_same(self, viewpoint: Viewpoint) -> bool:
         """Whether a viewpoint stands for this target: near it and its first place, with a view that overlaps most."""
         near = self.is_near(viewpoint.xy_m) and self._within_spacing(viewpoint.xy_m, self._chosen.xy_m)
-        return near and abs(signed_turns(viewpoint.heading, self._chosen.heading)) <= VIEW_SIDE
+        return near and abs(signed_turns(viewpoint.heading, self._chosen.heading)) <= self._view_side
 
     def is_reached(self, pose: Pose2) -> bool:
         """Whether the robot stands at the target and looks along its heading."""

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from anm_mj.planning.policies.gvg.config import GvgConfig
-from anm_mj.planning.policies.gvg.information_gain import InformationGain, view_gains
+from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.stages import PlanningState
 from anm_mj.types import FORWARD_STEP_M
 
@@ -86,9 +86,9 @@ def candidate_places(state: PlanningState, gain: InformationGain, config: GvgCon
     away = np.linalg.norm(state.graph.vertex_xy_m - state.pose.xy_m, axis=1) > config.same_place_m
     vertices = _thinned(state, reachable & away, config.candidate_spacing_m)
     xy_m = np.concatenate([state.pose.xy_m[None], state.graph.vertex_xy_m[vertices]])
-    gain_m2 = view_gains(gain.sector_gains(xy_m)).max(axis=1)
+    gain_m2 = gain.best_view_gains(xy_m)
     if gain_m2.max() < config.min_gain_m2:
-        gain_m2 = view_gains(gain.sector_gains(xy_m, fresh=True)).max(axis=1)
+        gain_m2 = gain.best_view_gains(xy_m, fresh=True)
     steps = np.concatenate([[0.0], state.paths.distance_m[vertices] / FORWARD_STEP_M])
     num_unreachable = int((~reachable).sum())
     return CandidatePlaces(np.concatenate([[HERE], vertices]), xy_m, gain_m2, steps, num_unreachable, config)

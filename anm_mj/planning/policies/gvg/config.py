@@ -8,13 +8,17 @@ from typing import ClassVar
 from anm_mj.planning.policies.context import PolicyConfig
 from anm_mj.utils.settings import moved_from, setting
 
+AS_MANY_AS_NEEDED = -1
+"""Turns of the first rotation: the camera's field of view decides."""
+
 
 @dataclass(frozen=True)
 class GvgConfig(PolicyConfig):
     """What the policy expects of views, how it searches for tours, and when it keeps or ends them."""
 
-    bootstrap_turns: int = setting(27, at_least=0)
-    """Turns of the first rotation, of 10 degrees each: three quarters of a turn show all to a view of 90 degrees."""
+    bootstrap_turns: int = setting(AS_MANY_AS_NEEDED, at_least=AS_MANY_AS_NEEDED)
+    """Turns of the first rotation, of 10 degrees each; -1 = as many as show all around to the robot's camera, 27 for a
+    view of 90 degrees."""
     gain_range_m: float = setting(4.5, at_least=0.5)
     """A view is expected to show surface up to this distance [m]."""
     num_elevations: int = 12

@@ -22,17 +22,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
 from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
-from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, VIEW_SECTORS, Viewpoint
+from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
 from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, SurfaceErrors, VoxelGrid
 
-FOV_RAD = math.pi / 2
-"""Horizontal field of view of the camera [rad]."""
 TRIAL_STEP = 0.9
 """A view suppresses a cell again only from nearer than this share of the nearest distance so far."""
 PATCH_CELLS = 3
@@ -59,19 +58,25 @@ class ExpectedView:
 class InformationGain:
     """Computes expected gains of places, and keeps those that no change of the map has made stale."""
 
-    def __init__(self, config: GvgConfig, camera_height_m: float) -> None:
+    def __init__(self, config: GvgConfig, camera: FieldOfView) -> None:
         """Start with an empty map.
 
         Args:
             config: range, elevations and limits of the gain.
-            camera_height_m: height of the camera at every place [m].
+            camera: the robot's, the same at every place.
         """
         self._config = config
-        self.occupancy = PooledOccupancy(config.gain_range_m + RIM_M)
+        self.camera = camera
+        self.view_side = camera.side_sectors
+        """A view covers its middle sector and this many on either side."""
+        self._width_rad = camera.width_rad
+        self.range_m = min(config.gain_range_m, camera.range_m)
+        """A view is expected to show surface up to this distance [m]."""
+        self.occupancy = PooledOccupancy(self.range_m + RIM_M)
         self._rays = RayCache(
             self.occupancy,
-            camera_height_m=camera_height_m,
-            range_m=config.gain_range_m,
+            camera=camera,
+            range_m=self.range_m,
             num_elevations=config.num_elevations,
         )
         self._cache = GainCache(config.candidate_spacing_m)
@@ -113,7 +118,7 @@ class InformationGain:
         rays = self._rays.cast(pose.xy_m[None])
         azimuth = np.arange(NUM_AZIMUTHS) * math.tau / NUM_AZIMUTHS
         off_axis = np.abs(np.mod(azimuth - pose.yaw_rad + math.pi, math.tau) - math.pi)
-        in_view = np.repeat(off_axis < FOV_RAD / 2, self._config.num_elevations)
+        in_view = np.repeat(off_axis < self._width_rad / 2, self._config.num_elevations)
         self.suppress(rays.hit[0, in_view], self._rays.distance_m[rays.sample[0, in_view]])
 
     def suppress(self, cells: Int[np.ndarray, " n"], distance_m: Float[np.ndarray, " n"]) -> None:
@@ -152,6 +157,15 @@ class InformationGain:
         self._cache.store(places_xy_m[stale], gain_m2[stale])
         return gain_m2
 
+    def best_view_gains(self, places_xy_m: Float[np.ndarray, "n 2"], *, fresh: bool = False) -> Float[np.ndarray, " n"]:
+        """Gain of the best view at each place [m2].
+
+        Args:
+            places_xy_m: the places [m].
+            fresh: whether to compute all gains anew.
+        """
+        return view_gains(self.sector_gains(places_xy_m, fresh=fresh), 2 * self.view_side + 1).max(axis=1)
+
     def ray_gains(
         self, places_xy_m: Float[np.ndarray, "n 2"]
     ) -> tuple[Int[np.ndarray, "n rays"], Float32[np.ndarray, "n rays"]]:
@@ -165,7 +179,7 @@ class InformationGain:
     def expected_view(self, viewpoint: Viewpoint) -> ExpectedView:
         """What the view from a viewpoint is expected to show."""
         rays = self._rays.cast(viewpoint.xy_m[None])
-        sectors = (viewpoint.heading + VIEW_SECTORS) % NUM_AZIMUTHS
+        sectors = (viewpoint.heading + view_sectors(self.view_side)) % NUM_AZIMUTHS
         hit, gain_m2, sample = (
             a.reshape(NUM_AZIMUTHS, -1)[sectors] for a in (rays.hit, self._ray_gains(rays), rays.sample)
         )
@@ -181,7 +195,7 @@ class InformationGain:
         occupancy, config = self.occupancy, self._config
         # The surface may lie anywhere in the unknown behind the hit.
         behind_m = np.minimum(rays.depth[at] * np.float32(occupancy.cell_m), np.float32(config.max_unknown_depth_m))
-        squared = np.minimum(distance_m + behind_m, np.float32(config.gain_range_m)) ** 2
+        squared = np.minimum(distance_m + behind_m, np.float32(self.range_m)) ** 2
         _, rows, cols = occupancy.state.shape
         squared *= occupancy.layer_share[hit // (rows * cols)]
         squared[distance_m >= config.suppressed_share * occupancy.tried_from_m.ravel()[hit]] = 0.0
@@ -210,9 +224,13 @@ class InformationGain:
         self._changed = low_xy_m, high_xy_m
 
 
-def view_gains(sector_gain_m2: Float[np.ndarray, "n azimuths"]) -> Float[np.ndarray, "n azimuths"]:
-    """Gain of the view that begins at each azimuth sector and covers the next ones in its field of view [m2]."""
-    width = len(VIEW_SECTORS)
+def view_gains(sector_gain_m2: Float[np.ndarray, "n azimuths"], width: int) -> Float[np.ndarray, "n azimuths"]:
+    """Gain of the view that begins at each azimuth sector and covers the next ones in its field of view [m2].
+
+    Args:
+        sector_gain_m2: gain of each sector [m2].
+        width: sectors that a view covers.
+    """
     start = np.zeros((len(sector_gain_m2), 1))
     total = np.cumsum(np.concatenate([start, sector_gain_m2, sector_gain_m2[:, : width - 1]], axis=1), axis=1)
     return np.maximum(total[:, width:] - total[:, :-width], 0.0)

@@ -21,11 +21,12 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
 from anm_mj.planning.policies.gvg.candidates import CandidatePlaces, candidate_places
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.config import AS_MANY_AS_NEEDED, GvgConfig
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
@@ -71,7 +72,10 @@ class Gvg:
             self._improving = True
         if not self._bootstrapped and self.config.bootstrap_turns:
             self._bootstrapped = True
-            turns = (Action.TURN_LEFT,) * self.config.bootstrap_turns
+            num_turns = self.config.bootstrap_turns
+            if num_turns == AS_MANY_AS_NEEDED:
+                num_turns = FieldOfView.of(observation).turns_for_panorama
+            turns = (Action.TURN_LEFT,) * num_turns
             return Plan("bootstrap: a rotation before the first decision", np.zeros((0, 2)), actions=turns)
         watch = Stopwatch()
         topdown = self._stages.update_map(mapper, observation, watch)
@@ -102,7 +106,7 @@ class Gvg:
     def _update_gain(self, mapper: Mapper, observation: Observation) -> InformationGain:
         """Bring the expected gains up to date with the map and with what this view left unknown."""
         if self._gain is None:
-            self._gain = InformationGain(self.config, float(observation.T_world_camera[2, 3]))
+            self._gain = InformationGain(self.config, FieldOfView.of(observation))
         self._gain.update(mapper.occupancy, self._stages.topdown.read_window)
         self._gain.suppress_view(observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
@@ -196,7 +200,9 @@ class Gvg:
         xy_m = candidates.xy_m[short]
         places = Places(xy_m, candidates.vertex[short], *gain.ray_gains(xy_m))
         preference = np.array([self._preference(xy) for xy in xy_m])
-        search = TourSearch(TransitionTable(places, costs), discount_steps=discount_steps, preference=preference)
+        search = TourSearch(
+            TransitionTable(places, costs, gain.view_side), discount_steps=discount_steps, preference=preference
+        )
         depth, width = self.config.tour_depth, self.config.tour_width
         return places, search.best(sector_of(state.pose.yaw_rad), depth=depth, width=width)
 
@@ -225,7 +231,13 @@ class Gvg:
             self._close_target(gain, pose)
         target = self._target if kept else None
         if target is None:
-            target = ActiveTarget(viewpoint, expected_gain_m2=first.gain_m2, seen_m2=gain.seen_m2, config=self.config)
+            target = ActiveTarget(
+                viewpoint,
+                expected_gain_m2=first.gain_m2,
+                seen_m2=gain.seen_m2,
+                config=self.config,
+                view_side=gain.view_side,
+            )
         # A heading that the robot can have: the sector's own may lie half a turn step beside it.
         yaw = wrap_angle(pose.yaw_rad + (first.heading - sector_of(pose.yaw_rad)) * TURN_STEP_RAD)
         purpose = " to improve the map" if self._improving else ""
@@ -277,8 +289,8 @@ class Gvg:
             state.topdown,
             state.pose,
             safe_m=state.paths.safe_m,
-            range_m=config.gain_range_m,
-            camera_height_m=state.camera_height_m,
+            range_m=gain.range_m,
+            camera=gain.camera,
         )
         return Plan(
             reason,

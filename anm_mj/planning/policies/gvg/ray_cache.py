@@ -1,7 +1,7 @@
 """Rays through the pooled occupancy from places in the plane; a ray is cast again only when the cell it hit changed.
 
-From each place rays in 36 azimuths and a few elevations run to the first cell that is not free. Rows of the cache hold
-the rays of one place each; a place stands for the cell that contains it.
+From each place rays in all azimuth sectors and a few elevations run to the first cell that is not free. Rows of the
+cache hold the rays of one place each; a place stands for the cell that contains it.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
 
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
 from anm_mj.types import FREE, UNKNOWN
 
-MAX_SLOPE = 0.95
-"""Rise per metre of the steepest rays: just inside a vertical field of view of 90 degrees."""
+INSIDE = 0.95
+"""The outermost rays lie this share of the way from the middle of the image to its edge."""
 NEAREST_M = 0.25
 """Rays begin at this distance from the camera's axis [m]: the robot's own body is free."""
 RAYS_PER_BATCH = 16_384
@@ -47,21 +48,19 @@ class Rays:
 class RayCache:
     """Casts rays and remembers them as long as the cells they hit keep their state."""
 
-    def __init__(
-        self, occupancy: PooledOccupancy, *, camera_height_m: float, range_m: float, num_elevations: int
-    ) -> None:
+    def __init__(self, occupancy: PooledOccupancy, *, camera: FieldOfView, range_m: float, num_elevations: int) -> None:
         """Start empty.
 
         Args:
             occupancy: the grid that rays run through; it may change and grow.
-            camera_height_m: height that rays start from [m].
+            camera: the height that rays start from, and their elevations.
             range_m: length of the rays [m].
             num_elevations: elevations within the camera's vertical field of view.
         """
         self._occupancy = occupancy
-        self._camera_height_m = camera_height_m
+        self._camera_height_m = camera.height_m
         self._range_m = range_m
-        edges = np.linspace(-MAX_SLOPE, MAX_SLOPE, num_elevations + 1)
+        edges = np.linspace(*camera.slopes(INSIDE), num_elevations + 1)
         self._slope = (edges[:-1] + edges[1:]) / 2
         self.solid_angle = (math.tau / NUM_AZIMUTHS) * float(edges[1] - edges[0])
         """Area that each ray stands for at a distance of 1 m: the product of its steps in azimuth and slope."""

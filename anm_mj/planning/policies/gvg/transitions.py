@@ -13,13 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
-from anm_mj.planning.policies.gvg.views import HALF_TURN, NUM_AZIMUTHS, VIEW_SIDE, signed_turns
+from anm_mj.planning.policies.gvg.views import HALF_TURN, NUM_AZIMUTHS, signed_turns
 
 TURNS = np.concatenate([np.arange(HALF_TURN + 1), -np.arange(HALF_TURN, 0, -1)])
 """Turns after arrival, to the left from 0 up, then to the right: indices ``t`` and ``-t`` hold the turns ``t`` and
 ``-t``."""
-_SWEPT = np.arange(-HALF_TURN - VIEW_SIDE, HALF_TURN + VIEW_SIDE + 1)
-"""Azimuth sectors that turns can sweep over, relative to the first heading."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +46,17 @@ class Transitions:
 class TransitionTable:
     """Steps, headings and gains of the transitions between some places."""
 
-    def __init__(self, places: Places, costs: TravelCosts) -> None:
+    def __init__(self, places: Places, costs: TravelCosts, view_side: int) -> None:
         """Compute the costs of all pairs of places.
 
         Args:
             places: where to look from.
             costs: steps and headings of the paths between them.
+            view_side: sectors on either side of the middle one that a view covers.
         """
+        self._view_side = view_side
+        self._swept = np.arange(-HALF_TURN - view_side, HALF_TURN + view_side + 1)
+        """Azimuth sectors that turns can sweep over, relative to the first heading."""
         counts = places.gain_m2 > 0.0
         names, number = np.unique(places.patch[counts], return_inverse=True)
         self.num_places = len(places.xy_m)
@@ -81,11 +83,11 @@ class TransitionTable:
         turn_away = signed_turns(self._leave[place], heading[:, None])
         # A robot that stays only turns; its sweep is counted as that after arrival.
         turn_away[each, place] = 0
-        sweep_here = _sweep_gains(sector_gain[each, place], heading)
+        sweep_here = self._sweep_gains(sector_gain[each, place], heading)
         leaving = sweep_here[each[:, None], turn_away] - sweep_here[:, :1]
         arrival = self._arrive[place]
         arrival[each, place] = heading
-        sweep_there = _sweep_gains(sector_gain, arrival)
+        sweep_there = self._sweep_gains(sector_gain, arrival)
         steps = self._steps[place][:, :, None] + np.abs(turn_away)[:, :, None] + np.abs(TURNS)
         gain = leaving[:, :, None] + sweep_there
         gain[each, place] -= sweep_there[each, place, :1]
@@ -119,17 +121,18 @@ class TransitionTable:
     ) -> None:
         """Mark what the camera sweeps over while it turns at places from one heading to another."""
         turn = signed_turns(end, start)[:, None]
-        swept = (np.minimum(turn, 0) - VIEW_SIDE <= _SWEPT) & (np.maximum(turn, 0) + VIEW_SIDE >= _SWEPT)
+        side = self._view_side
+        swept = (np.minimum(turn, 0) - side <= self._swept) & (np.maximum(turn, 0) + side >= self._swept)
         row, column = np.nonzero(swept)
-        covered[row[:, None], self._patch[place[row], (start[row] + _SWEPT[column]) % NUM_AZIMUTHS]] = True
+        covered[row[:, None], self._patch[place[row], (start[row] + self._swept[column]) % NUM_AZIMUTHS]] = True
 
-
-def _sweep_gains(
-    sector_gain: Float[np.ndarray, "*n azimuths"], start: Int[np.ndarray, "*n"]
-) -> Float[np.ndarray, "*n turns"]:
-    """Gain of all that a camera shows that looks along ``start`` and then turns, for each of ``TURNS`` [m2]."""
-    rolled = np.take_along_axis(sector_gain, (start[..., None] + _SWEPT) % NUM_AZIMUTHS, axis=-1).astype(float)
-    middle = rolled[..., HALF_TURN : HALF_TURN + 2 * VIEW_SIDE + 1].sum(axis=-1, keepdims=True)
-    to_left = middle + np.cumsum(rolled[..., HALF_TURN + 2 * VIEW_SIDE + 1 :], axis=-1)
-    to_right = middle + np.cumsum(rolled[..., HALF_TURN - 1 :: -1], axis=-1)
-    return np.concatenate([middle, to_left, to_right[..., ::-1]], axis=-1)
+    def _sweep_gains(
+        self, sector_gain: Float[np.ndarray, "*n azimuths"], start: Int[np.ndarray, "*n"]
+    ) -> Float[np.ndarray, "*n turns"]:
+        """Gain of all that a camera shows that looks along ``start`` and then turns, for each of ``TURNS`` [m2]."""
+        rolled = np.take_along_axis(sector_gain, (start[..., None] + self._swept) % NUM_AZIMUTHS, axis=-1).astype(float)
+        width = 2 * self._view_side + 1
+        middle = rolled[..., HALF_TURN : HALF_TURN + width].sum(axis=-1, keepdims=True)
+        to_left = np.cumsum(rolled[..., HALF_TURN + width :], axis=-1)
+        to_right = np.cumsum(rolled[..., HALF_TURN - 1 :: -1], axis=-1)
+        return np.concatenate([middle, middle + to_left, (middle + to_right)[..., ::-1]], axis=-1)

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.planning.policies.gvg.ray_cache import MAX_SLOPE
+from anm_mj.planning.policies.gvg.ray_cache import INSIDE
 from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, UnexploredPatch
 from anm_mj.utils.arrays import dilate_mask
 
@@ -26,7 +27,7 @@ def unexplored_patches(
     *,
     safe_m: float,
     range_m: float,
-    camera_height_m: float,
+    camera: FieldOfView,
 ) -> tuple[UnexploredPatch, ...]:
     """The largest patches of unknown cells next to known free ones, largest first.
 
@@ -36,8 +37,9 @@ def unexplored_patches(
         pose: where the robot stands.
         safe_m: least clearance of its paths [m].
         range_m: views show surface up to this distance [m].
-        camera_height_m: height of its camera [m].
+        camera: what it sees with.
     """
+    _, steepest = camera.slopes(INSIDE)
     edge = (occupancy.state == UNKNOWN) & dilate_mask(occupancy.state == FREE)
     edge[occupancy.layer_share < MIN_SURFACE_LIKELIHOOD] = False
     label = np.empty(edge.shape, np.int32)
@@ -61,7 +63,7 @@ def unexplored_patches(
         distance = float(to_drivable[row, col])
         if distance > range_m:
             why = "too narrow a way" if to_free[row, col] <= range_m else "unreachable"
-        elif centre[k, 2] - camera_height_m > MAX_SLOPE * max(distance, topdown.resolution_m):
+        elif centre[k, 2] - camera.height_m > steepest * max(distance, topdown.resolution_m):
             why = "too high"
         else:
             why = "hidden"

@@ -1,4 +1,4 @@
-"""Views, and the azimuth sectors that they cover: 36 directions of 10 degrees each, as wide as one turn."""
+"""Views, and the azimuth sectors that they cover: as many as a full rotation has turns, each as wide as one turn."""
 
 from __future__ import annotations
 
@@ -11,12 +11,8 @@ from jaxtyping import Float, Int
 
 from anm_mj.types import TURN_STEP_RAD
 
-NUM_AZIMUTHS = 36
+NUM_AZIMUTHS = round(math.tau / TURN_STEP_RAD)
 HALF_TURN = NUM_AZIMUTHS // 2
-VIEW_SIDE = 4
-"""A view of 90 degrees covers its middle sector and this many on either side."""
-VIEW_SECTORS = np.arange(-VIEW_SIDE, VIEW_SIDE + 1)
-"""Sectors that a view covers, relative to its heading."""
 
 SectorT = TypeVar("SectorT", int, Int[np.ndarray, "..."])
 
@@ -27,6 +23,11 @@ class Viewpoint:
 
     xy_m: Float[np.ndarray, "2"]
     heading: int
+
+
+def view_sectors(side: int) -> Int[np.ndarray, " sectors"]:
+    """Sectors that a view covers, relative to its heading: the middle one and ``side`` on either side."""
+    return np.arange(-side, side + 1)
 
 
 def sector_of(yaw_rad: float) -> int:

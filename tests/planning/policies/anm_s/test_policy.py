@@ -15,6 +15,7 @@ from anm_mj.types import (
     StopReason,
     SurfacePoints,
 )
+from tests.box_room import camera_pose
 from tests.planning.worlds import room
 
 BODY = Footprint(0.18, 0.05, 1.35)
@@ -23,8 +24,7 @@ TABLE = (2.2, 1.2, 2.9, 2.1)
 
 
 def observation(x, y):
-    camera = np.eye(4)
-    camera[:3, 3] = x, y, 1.25
+    camera = camera_pose(Pose2(x, y, 0.0))
     return Observation(
         0, 0.0, np.zeros((2, 2, 3), np.uint8), np.ones((2, 2), np.float32), Intrinsics.from_fov(2, 2, 1.57), camera,
         Pose2(x, y, 0.0),

@@ -18,7 +18,7 @@ def viewpoint(x, y, heading=0):
 
 def decided(path=PATH, yaw=0.0, view_gain_m2=8.0):
     """A target at (1, 2) that looks along x, with a plan; 100 m2 were seen by then."""
-    target = ActiveTarget(viewpoint(1.0, 2.0), expected_gain_m2=8.0, seen_m2=100.0, config=CONFIG)
+    target = ActiveTarget(viewpoint(1.0, 2.0), expected_gain_m2=8.0, seen_m2=100.0, config=CONFIG, view_side=4)
     target.decide(target.viewpoint, Plan("", path, (yaw,)), view_gain_m2=view_gain_m2, seen_m2=100.0)
     return target
 

@@ -13,7 +13,7 @@ THERE, ELSEWHERE = Pose2(1.0, 2.0, 0.0), Pose2(5.0, 2.0, 0.0)
 
 def close(tracker, *, expected_m2, brought_m2, expected_now_m2, pose):
     viewpoint = Viewpoint(np.array([1.0, 2.0]), 0)
-    target = ActiveTarget(viewpoint, expected_gain_m2=expected_m2, seen_m2=100.0, config=CONFIG)
+    target = ActiveTarget(viewpoint, expected_gain_m2=expected_m2, seen_m2=100.0, config=CONFIG, view_side=4)
     return tracker.close(target, seen_m2=100.0 + brought_m2, expected_now_m2=expected_now_m2, pose=pose)
 
 

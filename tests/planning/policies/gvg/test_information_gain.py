@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg import ray_cache
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain, view_gains
@@ -15,7 +16,7 @@ def everywhere(grid):
 
 
 def gain_in(grid):
-    gain = InformationGain(GvgConfig(), 1.25)
+    gain = InformationGain(GvgConfig(), FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25))
     gain.update(grid, everywhere(grid))
     return gain
 
@@ -30,7 +31,7 @@ def with_lid(world):
 
 def best_view(sector_gain):
     """Gain of the best view of 90 degrees, and the yaw of its middle [rad]."""
-    sums = view_gains(sector_gain[None])[0]
+    sums = view_gains(sector_gain[None], 9)[0]
     start = int(np.argmax(sums))
     return sums[start], (start + 4) * math.tau / 36
 

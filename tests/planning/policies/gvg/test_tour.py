@@ -41,7 +41,7 @@ def search(paths, targets, patches=None, preference=None, discount=100.0):
                 patch[i, azimuth] = patches[i - 1]
     places = Places(np.array(xy), np.array(vertex), patch, gain_m2)
     factor = np.ones(len(xy)) if preference is None else np.array(preference)
-    return TourSearch(TransitionTable(places, TravelCosts(paths)), discount_steps=discount, preference=factor)
+    return TourSearch(TransitionTable(places, TravelCosts(paths), 4), discount_steps=discount, preference=factor)
 
 
 def test_gain_ahead_comes_before_gain_behind(paths):

@@ -1,9 +1,12 @@
 from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.types import OCCUPIED, UNKNOWN, Footprint, Pose2
 from tests.planning.worlds import room
+
+CAMERA = FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25)
 
 
 def left_in(world):
@@ -16,7 +19,7 @@ def left_in(world):
     topdown = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)).update(grid, world.sdf, pose)
     occupancy = PooledOccupancy(5.5)
     occupancy.update(grid, (slice(0, grid.state.shape[1]), slice(0, grid.state.shape[2])))
-    return unexplored_patches(occupancy, topdown, pose, safe_m=0.22, range_m=4.5, camera_height_m=1.25)
+    return unexplored_patches(occupancy, topdown, pose, safe_m=0.22, range_m=4.5, camera=CAMERA)
 
 
 def test_room_seen_whole_leaves_nothing():

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
@@ -21,7 +22,7 @@ def view(pose, missing):
 
 
 def gain_in(world):
-    gain = InformationGain(GvgConfig(), 1.25)
+    gain = InformationGain(GvgConfig(), FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25))
     grid = world.occupancy
     gain.update(grid, (slice(0, grid.state.shape[1]), slice(0, grid.state.shape[2])))
     return gain
