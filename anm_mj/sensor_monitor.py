@@ -9,13 +9,13 @@ out, and a jump of the pose is undone where the map says that the robot did not 
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 
 from anm_mj.depth_outliers import MANY_OUTLIERS, outliers
 from anm_mj.pose_check import PoseCheck
-from anm_mj.types import Action, Observation, SdfQuery
+from anm_mj.types import Action, Intrinsics, Observation, SdfQuery
 
 _logger = logging.getLogger(__name__)
 
@@ -55,7 +55,8 @@ class SensorMonitor:
         self._num_faulty = dict.fromkeys(_FIRST, 0)
         self._has_measured = False
         self._has_colour = False
-        self._first: Observation | None = None
+        self._camera: tuple[int | float, ...] = ()
+        """The intrinsics of the first frame, as numbers; empty before it."""
         self._last: Observation | None = None
         self._pose = PoseCheck()
 
@@ -92,13 +93,12 @@ class SensorMonitor:
         Returns:
             The frame as far as it can be believed: with a pose, without outliers, without any depth where it is faulty.
         """
-        if self._first is None:
-            self._first = observation
+        self._camera = self._camera or astuple(observation.intrinsics)
         raw, faulty = observation, False
         if not self._count(POSE, _has_pose(observation), observation):
             observation, faulty = self._pose.without_pose(observation, action if moved else None), True
-        if not self._count(SHAPE, _has_shape_of(observation, self._first), observation):
-            observation, faulty = _blank(observation, self._first), True
+        if not self._count(SHAPE, _has_shape_of(observation, self._camera), observation):
+            observation, faulty = _blank(observation, self._camera), True
         measured = np.isfinite(observation.depth_m) & (observation.depth_m > 0.0)
         has_depth = bool(measured.any())
         self._has_measured |= has_depth and not faulty
@@ -151,20 +151,20 @@ def _has_pose(observation: Observation) -> bool:
     return bool(np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all() and np.isfinite(observation.T_world_camera).all())
 
 
-def _has_shape_of(observation: Observation, first: Observation) -> bool:
-    shape = first.intrinsics.height, first.intrinsics.width
-    return (
-        observation.intrinsics == first.intrinsics
-        and observation.depth_m.shape == shape
-        and observation.rgb.shape == (*shape, 3)
-    )
+def _has_shape_of(observation: Observation, camera: tuple[int | float, ...]) -> bool:
+    intrinsics = observation.intrinsics
+    shape = intrinsics.height, intrinsics.width
+    return astuple(intrinsics) == camera and observation.depth_m.shape == shape and observation.rgb.shape == (*shape, 3)
 
 
-def _blank(observation: Observation, first: Observation) -> Observation:
+def _blank(observation: Observation, camera: tuple[int | float, ...]) -> Observation:
     """The frame without an image, in the shape of the first one."""
+    width, height, *optics = camera
+    intrinsics = Intrinsics(int(width), int(height), *optics)
+    shape = intrinsics.height, intrinsics.width
     return replace(
         observation,
-        rgb=np.zeros_like(first.rgb),
-        depth_m=np.full_like(first.depth_m, np.nan),
-        intrinsics=first.intrinsics,
+        rgb=np.zeros((*shape, 3), np.uint8),
+        depth_m=np.full(shape, np.nan, np.float32),
+        intrinsics=intrinsics,
     )
