@@ -132,4 +132,5 @@ def _facts(config: RunConfig, neural_map: NeuralMap, policy: str) -> RunFacts:
         gl_renderer=RECORDED,
         camera=RECORDED,
         sensor=RECORDED,
+        goal=config.goal,
     )

@@ -199,7 +199,7 @@ class _Decoder:
                 raise CheckpointError(f"It lacks {path}.{min(missing)}: another version wrote it.")
             self._in_place[id(fresh)] = index
             return fresh
-        cls = self._known.find_class(name)
+        cls: Any = self._known.find_class(name)
         if rebuilt_names(cls) or hasattr(cls, "restore_state"):
             raise CheckpointError(f"It holds a {name} at {path} that a new run does not have.")
         return cls.__new__(cls)

@@ -11,7 +11,7 @@ import base64
 import types
 from collections import Counter, OrderedDict, defaultdict, deque
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class _Encoder:
         if kind is deque:
             return ["deque", [self._value(item, inside) for item in thing], thing.maxlen]
         if kind is defaultdict and (thing.default_factory in _FACTORY_KINDS or thing.default_factory is None):
-            return ["defaultdict", *self._items(thing, where), _FACTORY_KINDS.get(thing.default_factory)]
+            return ["defaultdict", *self._items(thing, where), _FACTORY_KINDS.get(cast(type, thing.default_factory))]
         if kind is np.ndarray:
             self._arrays.append((index, thing))
             return None

@@ -9,7 +9,7 @@ two.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int64, UInt16
+from jaxtyping import Bool, Float, Float32, Int, Int8, Int64, UInt16
 
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.config import OccupancyConfig

@@ -232,7 +232,7 @@ def _holonomic(
     root = model.body(parts.root).id
     T_world_base = _body_pose(data, root) @ T_root_base
     along = f"the base slides along {parts.planar[0]}"
-    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, along, path)
+    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, along, path, mount)
     shell, casters = _shell_and_casters(model, data, set(), float(T_world_base[2, 3]))
     if not shell and not casters:
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
