@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 from anm_mj.export.formats import FORMATS
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def add_export(commands: Any) -> None:
@@ -34,6 +35,8 @@ def add_export(commands: Any) -> None:
 
 
 def _export(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
     from anm_mj.cli.bar import progress_bar
     from anm_mj.config import ConfigError
 

@@ -8,8 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
 PLAIN_EVERY = 50
@@ -72,6 +70,8 @@ def _map(parsed: argparse.Namespace) -> int:
     sys.path.insert(0, os.getcwd())
     if not 0.0 < parsed.radius < parsed.height:
         raise ConfigError(f"A robot of radius {parsed.radius:g} m and height {parsed.height:g} m makes no sense here.")
+    from rich.console import Console
+
     console = Console()
     options = SequenceOptions(
         parsed.layout, _camera(parsed.camera), parsed.depth_unit, parsed.up, parsed.floor, parsed.every

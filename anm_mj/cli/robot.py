@@ -7,8 +7,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 if TYPE_CHECKING:
     from anm_mj.control.drive_test import DriveTest
     from anm_mj.robot.description import RobotDescription
@@ -53,6 +51,8 @@ def _check(parsed: argparse.Namespace) -> int:
     robot = describe_robot(path, config)
     test = drive_over_a_floor(robot)
     plain = plain_fault(path, robot.root)
+    from rich.console import Console
+
     console = Console()
     for line in describe(robot, test):
         console.print(line, highlight=False, soft_wrap=True, markup=False)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def add_view(commands: Any) -> None:
@@ -29,6 +30,8 @@ def add_view(commands: Any) -> None:
 
 
 def _view(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
     from anm_mj.cli.bar import progress_bar
     from anm_mj.io.write import writing
     from anm_mj.replay.page import replay_page

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import RunFolderError
-from anm_mj.io.read_run import read_run
-from anm_mj.io.write import writing
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,10 @@ def export_run(
         MapError: The run's map cannot be read.
     """
     chosen = list(dict.fromkeys(each for name in names for each in _expanded(name)))
+    # Here, not above: the command line asks for the names of the formats alone.
+    from anm_mj.io.read_run import read_run
+    from anm_mj.io.write import writing
+
     record = read_run(run)
     if not record.frames:
         raise RunFolderError(f"{run} holds no frame yet; wait for the run's first step.")

@@ -84,8 +84,11 @@ def textured_room() -> trimesh.Trimesh:
     return mesh
 
 
-def write_sources(folder: Path, robot: Path) -> dict[str, Path]:
-    """One good input of each kind; the file that is damaged, by kind. Companions lie beside it."""
+def write_sources(folder: Path, robot: Path, with_run: bool = True) -> dict[str, Path]:
+    """One good input of each kind; the file that is damaged, by kind. Companions lie beside it.
+
+    Without a run there is no run folder, and the scene takes a second instead of ten.
+    """
     paths = {}
     for suffix in ("obj", "glb", "gltf", "ply", "stl", "dae"):
         below = folder / suffix
@@ -107,9 +110,11 @@ def write_sources(folder: Path, robot: Path) -> dict[str, Path]:
         paths[name] = _written(folder / name / "plan.json", json.dumps(plan))
     paths["robot"] = _written(folder / "robot" / "rover.xml", robot.read_text())
     paths["bench"] = _written(folder / "bench" / "bench.toml", BENCH)
-    paths["scene"], paths["run"] = folder / "scene" / "room", folder / "run" / "run"
+    paths["scene"] = folder / "scene" / "room"
     _anm_mj("scene", "import", paths["obj"], paths["scene"], "--up", "z")
-    _anm_mj("explore", paths["scene"], "--steps", "6", "--out", paths["run"])
+    if with_run:
+        paths["run"] = folder / "run" / "run"
+        _anm_mj("explore", paths["scene"], "--steps", "6", "--out", paths["run"])
     return paths
 
 

@@ -87,7 +87,7 @@ def test_command(command, place, monkeypatch, capsys):
     elif words[0] == "make":
         subprocess.run([*words, "--dry-run"], cwd=ROOT, check=True, capture_output=True)
     elif words[0] == "pytest":
-        assert (ROOT / words[1]).is_file()
+        assert (ROOT / words[1]).exists()
     elif words == ["pip", "install", "."]:
         pass  # tests/install/test_wheel.py installs it.
     elif words[:2] == ["pip", "install"]:
@@ -407,6 +407,7 @@ def script_parses(script, words, monkeypatch):
     if "tyro" not in script.read_text():
         monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_args)
     monkeypatch.setattr(sys, "argv", [str(script), *(words or ["--help"])])
+    monkeypatch.syspath_prepend(str(script.parent))  # As when Python is given a script.
     status = None
     try:
         runpy.run_path(str(script), run_name="__main__")

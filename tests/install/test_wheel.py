@@ -66,6 +66,7 @@ def call(python, place, *words):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_without_a_compiler(tmp_path):
     wheel = build(tmp_path / "wheel", CXX=str(tmp_path / "no-compiler"))
     assert wheel.name.endswith("-py3-none-any.whl")

@@ -113,7 +113,7 @@ def test_every_policy_and_drive_completes_a_run(scene, tmp_path, finished, optio
 
 
 def started(scene, out):
-    words = ["explore", scene, "--preset", "quick", "--steps", "500", "--out", out]
+    words = ["explore", scene, "--preset", "quick", "--steps", "5000", "--out", out]
     process = subprocess.Popen(
         [sys.executable, "-m", "anm_mj.cli", *map(str, words)], stdout=subprocess.PIPE, text=True
     )
@@ -179,6 +179,7 @@ def test_last_layer_variance_predicts_the_error_best(finished, tmp_path):
         assert areas[points, "last_layer_variance"] < areas[points, "closed form"]
 
 
+@pytest.mark.slow
 def test_presets_are_compared_on_the_pictures_of_a_run(finished, tmp_path):
     folder, _ = finished
     options = ("--presets", "quick", "--seeds", "1", "--json-file", str(tmp_path / "quality.json"))

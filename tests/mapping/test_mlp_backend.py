@@ -23,6 +23,7 @@ def rays(room: Room) -> RayBatch:
     return sample_frame(room.observe(1.5, 1.5, 0.4), 64, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_one_turn_in_a_room_teaches_its_distances(config, room):
     learnt = NeuralMap(config, seed=0, device="cpu")
     for observation in room.turn(1.5, 1.5, 10):

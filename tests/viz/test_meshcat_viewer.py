@@ -34,7 +34,7 @@ class CountingMap(FakeMap):
     def integrate(self, observation):
         raise AssertionError("the viewer asks for the mesh only")
 
-    sdf = uncertainty = surface = integrate
+    sdf = uncertainty = surface = occupancy_about = integrate
     occupancy = None
 
 

@@ -34,6 +34,9 @@ class NoMap:
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
+    def occupancy_about(self, centre_xy_m, radius_m):
+        return self.occupancy
+
     def surface(self, centre_xy_m, radius_m):
         nothing = np.zeros((0, 3), np.float32)
         return SurfacePoints(nothing, nothing, np.zeros(0, np.float32))
