@@ -207,6 +207,6 @@ def test_a_signal_ends_a_run_well_and_it_can_be_resumed(small, tmp_path, number)
     assert process.returncode == 0, said
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics["stop_reason"] == "INTERRUPTED"
-    for name in ("map.pt", "mesh.ply", "topdown.png", "curve.csv"):
+    for name in ("map.safetensors", "mesh.ply", "topdown.png", "curve.csv"):
         assert (tmp_path / "run" / name).stat().st_size > 0
     assert [path.stem for path in (tmp_path / "run" / "checkpoint").glob("*")][-1:] != []
