@@ -9,7 +9,7 @@ from scipy import ndimage
 from anm_mj.geometry import room_merging
 from anm_mj.geometry.room_merging import merge_into_rooms
 from anm_mj.planning.rooms import NARROWING, find_rooms
-from anm_mj.types import OCCUPIED, VoxelGrid
+from anm_mj.types import OCCUPIED, VoronoiGraph, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room, see
 
 DOOR = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
@@ -186,3 +186,9 @@ def test_merging_at_once_equals_merging_one_by_one(seed, least_m2):
             if a != b and (no_room(edge, a) or no_room(edge, b)):
                 expected[expected == b] = a
     assert (np.equal.outer(part, part) == np.equal.outer(expected, expected)).all()
+
+
+def test_a_graph_without_vertices_has_no_rooms():
+    nothing = VoronoiGraph(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2), np.int64), np.zeros(0))
+    found = find_rooms(nothing, see(room(1, 1), 0.7, 0.7)[1], np.zeros(2))
+    assert len(found.room) == len(found.floor_m2) == len(found.door_xy_m) == 0
