@@ -61,9 +61,7 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
     may_be_door = places.clearance_m <= DOOR_HALF_WIDTH_M
     may_be_door[may_be_door] = _between_walls(places.border_xy_m[may_be_door], topdown)
     # Without an edge NumPy counts in integers.
-    floor_of_vertex_m2 = (
-        np.bincount(graph.edges[:, 0], places.floor_m2, len(graph.vertex_xy_m)).astype(float).astype(float)
-    )
+    floor_of_vertex_m2 = np.bincount(graph.edges[:, 0], places.floor_m2, len(graph.vertex_xy_m)).astype(float)
     part = merge_into_rooms(
         graph.edges,
         places.clearance_m,
@@ -74,7 +72,7 @@ def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.nd
         MIN_ROOM_M2,
     )
     num = int(part.max(initial=-1)) + 1
-    floor_m2 = np.bincount(part, floor_of_vertex_m2, num).astype(float).astype(float)
+    floor_m2 = np.bincount(part, floor_of_vertex_m2, num).astype(float)
     by_distance = np.argsort(np.linalg.norm(graph.vertex_xy_m - start_xy_m, axis=1), kind="stable")
     _, first = np.unique(part[by_distance], return_index=True)
     order = np.argsort(first)
