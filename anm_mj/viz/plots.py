@@ -16,6 +16,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, Region, TopDownMap, VoronoiGraph
+from anm_mj.utils.files import atomic_write
 from anm_mj.viz import palette
 
 DOTS_PER_INCH = 150
@@ -199,6 +200,6 @@ def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None
 def _save(figure: Figure, path: Path) -> None:
     """Write a PNG and, beside it, a PDF; without a date, so that the same figure has the same bytes."""
     canvas = FigureCanvasAgg(figure)
-    canvas.print_figure(path, format="png", bbox_inches="tight", pad_inches=0.1)
-    dateless = {"CreationDate": None}
-    canvas.print_figure(path.with_suffix(".pdf"), format="pdf", bbox_inches="tight", pad_inches=0.1, metadata=dateless)
+    for kind, metadata in (("png", None), ("pdf", {"CreationDate": None})):
+        with atomic_write(path.with_suffix(f".{kind}")) as partial:
+            canvas.print_figure(partial, format=kind, bbox_inches="tight", pad_inches=0.1, metadata=metadata)

@@ -21,6 +21,8 @@ from anm_mj.scene.writer import SceneInfo, check_destination
 
 _logger = logging.getLogger(__name__)
 
+_FARTHEST_M = 1000.0
+"""Farther from the origin, a plan is in the coordinates of a survey [m]."""
 _FORMATS = (
     ("plan-1", is_plan1, read_plan1),
     ("ProcTHOR", is_procthor, read_procthor),
@@ -87,6 +89,12 @@ def import_floorplan(
     """
     check_destination(out)
     form, building, plan = read_floorplan(src)
+    farthest_m = max(abs(bound) for room in building.rooms for bound in room.floor.bounds)
+    if farthest_m > _FARTHEST_M:
+        raise SceneError(
+            f"{src} lies {farthest_m:.4g} m from its origin, where single precision is too coarse; floor plans end at "
+            f"{_FARTHEST_M:g} m: subtract a corner of the building from its coordinates."
+        )
     told = plan.get("source")
     told = told if isinstance(told, dict) else {}
     repo = f", {told['repo']}" if "repo" in told else ""
