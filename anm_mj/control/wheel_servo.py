@@ -30,6 +30,14 @@ _TASK_COST = 30.0
 the wheel speeds by a quarter of a percent; at this weight the loss vanishes."""
 
 
+def _reduced_model(description: RobotDescription, obstacles: list[Obstacle] | None) -> mujoco.MjModel:
+    """The robot's reduced model among obstacles."""
+    spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
+    if obstacles:
+        add_obstacles(spec, description, obstacles)
+    return spec.compile()
+
+
 class NoSlip(mink.Task):
     """Rolling without slip: the wheels' Jacobian moves the base forward and in yaw, and nothing else moves it.
 
@@ -78,10 +86,7 @@ class WheelServo:
         Raises:
             RobotError: if mink drops an obstacle.
         """
-        spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
-        if obstacles:
-            add_obstacles(spec, description, obstacles)
-        model = spec.compile()
+        model = _reduced_model(description, obstacles)
         self._period_s = period_s
         self._configuration = mink.Configuration(model)
         self._base = SimulatedBase(model, self._configuration.data)
@@ -155,10 +160,7 @@ class PlanarServo:
         Raises:
             RobotError: if mink drops an obstacle.
         """
-        spec = mujoco.MjSpec.from_string(description.reduced_mjcf)
-        if obstacles:
-            add_obstacles(spec, description, obstacles)
-        model = spec.compile()
+        model = _reduced_model(description, obstacles)
         self._period_s = period_s
         self._configuration = mink.Configuration(model)
         self._base = PlanarBase(model, self._configuration.data, "", PLANAR_JOINTS)

@@ -29,19 +29,6 @@ MAX_IMAGES = 600
 """Longer runs show every second, third ... image."""
 IMAGE_PX = 160
 IMAGE_QUALITY = 75
-LEGEND = (
-    ("surface", "surface of the map", "#a8b3bd"),
-    ("robot", "robot", palette.ROBOT),
-    ("camera", "camera", palette.CAMERA),
-    ("trajectory", "trajectory", palette.TRAJECTORY),
-    ("graph", "Voronoi graph", palette.GRAPH),
-    ("regions", "regions of interest", palette.REGION),
-    ("path", "planned path", palette.PATH),
-    ("target", "target", palette.TARGET),
-)
-"""Name of the object in the page, words, colour."""
-
-
 COVERAGE_OF = {"observable": "the observable surface", "completion": "the surface"}
 
 
@@ -106,8 +93,8 @@ def _data(timeline: Timeline, mesh: GrowingMesh | None) -> dict[str, Any]:
             "trajectory": shapes.TRAJECTORY_HEIGHT_M,
             "path": shapes.PATH_HEIGHT_M,
         },
-        "colours": {key: palette.number(colour) for key, _, colour in LEGEND},
-        "legend": LEGEND,
+        "colours": {key: palette.number(colour) for key, _, colour in palette.LEGEND},
+        "legend": palette.LEGEND,
         "centre": ((low + high) / 2.0).tolist(),
         "size": float(max(high - low)),
     }

@@ -129,6 +129,7 @@ def read_npz(path: Path, max_mib: float = MAX_ARRAY_MIB) -> dict[str, np.ndarray
                     array: Any = np.lib.format.read_array(member, allow_pickle=False)
                 arrays[info.filename.removesuffix(".npy")] = array
             return arrays
+    # zipfile raises NotImplementedError for an unknown compression, and RuntimeError for an encrypted archive.
     except (EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error) as err:
         raise ValueError(str(err) or type(err).__name__) from err
 

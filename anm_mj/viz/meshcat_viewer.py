@@ -33,17 +33,8 @@ MESH_EVERY_STEPS = 20
 MESH_RESOLUTION_M = 0.1
 TRAJECTORY_SEGMENT_STEPS = 50
 """Steps per segment of the trajectory; the cost of a step stays constant, because only the last segment changes."""
-LEGEND = (
-    ("mesh", "surface of the map", "#a8b3bd"),
-    ("robot", "robot", palette.ROBOT),
-    ("camera", "camera", palette.CAMERA),
-    ("trajectory", "trajectory", palette.TRAJECTORY),
-    ("graph", "Voronoi graph", palette.GRAPH),
-    ("regions", "regions of interest", palette.REGION),
-    ("path", "planned path", palette.PATH),
-    ("target", "target", palette.TARGET),
-)
-"""Name of the object in the page, words, colour."""
+LEGEND = (("mesh", *palette.LEGEND[0][1:]), *palette.LEGEND[1:])
+"""Here the surface is an object of meshcat named mesh."""
 BODY, FRUSTUM, _, GRAPH, REGIONS, PATH, TARGET = (palette.number(colour) for _, _, colour in LEGEND[1:])
 TRAJECTORY = palette.number(palette.TRAJECTORY)
 PICTURE_PX, PICTURE_QUALITY = 160, 75

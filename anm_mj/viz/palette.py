@@ -10,6 +10,18 @@ PATH, TRAJECTORY = "#c8323c", "#7a3fa0"
 ROBOT, CAMERA = "#4a5568", "#2b6ca3"
 START, END = "#1f1f1f", "#2b6ca3"
 RATIO, DISTANCE = "#2b6ca3", "#c8641e"
+SURFACE = "#a8b3bd"
+LEGEND = (
+    ("surface", "surface of the map", SURFACE),
+    ("robot", "robot", ROBOT),
+    ("camera", "camera", CAMERA),
+    ("trajectory", "trajectory", TRAJECTORY),
+    ("graph", "Voronoi graph", GRAPH),
+    ("regions", "regions of interest", REGION),
+    ("path", "planned path", PATH),
+    ("target", "target", TARGET),
+)
+"""Legend of the pages: name of the object, words, colour."""
 
 
 def number(colour: str) -> int:
