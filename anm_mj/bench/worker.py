@@ -45,12 +45,11 @@ def explore(job: Job, folder: Path) -> None:
     from anm_mj.evaluation.evaluate import add_views
     from anm_mj.evaluation.fixed_views import evaluate_fixed_views
     from anm_mj.evaluation.novel_views import evaluate_novel_views
-    from anm_mj.io.record_config import RecordConfig
     from anm_mj.run import run
 
     config = job.config()
     # What is for replay and exports would be deleted below.
-    config = replace(config, record=RecordConfig(images="none", plans=False))
+    config = replace(config, record=replace(config.record, images="none", plans=False))
     made, _ = run(config, out=folder)
     if config.mapping.engine != WITHOUT_PICTURES:
         add_views(made.path, evaluate_novel_views(made.path), evaluate_fixed_views(made.path))
