@@ -7,9 +7,9 @@ hit, and every observed voxel beside one, is read from the field.
 A hit is dismissed only where the field says that the surface passes the voxel by *and* the sensor's noise explains
 how the hit came there. The noise is learnt from the images (:mod:`anm_mj.mapping.depth_noise`), and the smallest depth
 at which the voxel was hit says how far it reaches. So with exact depth every hit stands, also where the field has not
-learnt a chair's leg or the top of a bed yet, and with a noisy sensor the field decides. A voxel beside a hit is
-occupied where its centre lies in the solid. What no depth ever hit stays free or unknown, because a field extrapolates
-any sign it likes there.
+learnt a chair's leg or the top of a bed yet, and with a noisy sensor the field decides. Likewise a free voxel beside a
+hit is occupied where its centre lies in the solid and the noise explains how a ray came to pass it. What no depth ever
+hit stays free or unknown, because a field extrapolates any sign it likes there.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8, Int32, Int64, Shaped
 
 from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_fusion import BLOCK, HALF_DIAGONAL
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SdfQuery, VoxelGrid
 from anm_mj.utils.arrays import dilate_mask, embed
 
@@ -34,7 +34,8 @@ near a surface, the farthest is what an obstacle is made of."""
 _NOISE_CHANGE = 1.1
 """All blocks are read again when the noise turns out larger or smaller by this factor."""
 _EXACT_PER_M = 1e-5
-"""Less noise than this is none: it is a tenth of a millimetre at 3 m, and rounding makes some [1/m]."""
+"""Less noise than this is none: it is a tenth of a millimetre at 3 m, and rounding makes some [1/m]. What exact depth
+says stands, and the field is not asked."""
 
 
 class FieldGeometry:
@@ -84,6 +85,23 @@ class FieldGeometry:
             return
         self._read_frame[blocks] = raw.version
         state = _in_blocks(raw.state)[blocks]
+        if self._noise_per_m:
+            self._ask_field(state, blocks, raw, sdf_m)
+        view = _in_blocks(self._state)
+        moved = (view[blocks] != state).any(axis=(1, 2, 3))
+        view[blocks] = state
+        self._column_version[changed.any(axis=0)] = raw.version
+        rows_cols = np.argwhere(blocks)[moved][:, 1:]
+        self._column_version[rows_cols[:, 0], rows_cols[:, 1]] = raw.version
+
+    def _ask_field(
+        self,
+        state: Int8[np.ndarray, "n b b b"],
+        blocks: Bool[np.ndarray, "block_layers block_rows block_cols"],
+        raw: VoxelGrid,
+        sdf_m: SdfQuery,
+    ) -> None:
+        """Decide the hits in ``state``, those of ``blocks``, and what was observed beside them, by the field."""
         beside = dilate_mask(state == OCCUPIED, first_axis=1) & (state != UNKNOWN)
         block, layer, row, col = np.nonzero(beside)
         corner = np.argwhere(blocks)[block] * BLOCK + np.stack([layer, row, col], axis=1)
@@ -92,12 +110,6 @@ class FieldGeometry:
         hit = state[block, layer, row, col] == OCCUPIED
         solid = self._is_solid(sdf_m(points_m.astype(float)), hit, seen_m, raw.resolution_m)
         state[block, layer, row, col] = np.where(solid, np.int8(OCCUPIED), np.int8(FREE))
-        view = _in_blocks(self._state)
-        moved = (view[blocks] != state).any(axis=(1, 2, 3))
-        view[blocks] = state
-        self._column_version[changed.any(axis=0)] = raw.version
-        rows_cols = np.argwhere(blocks)[moved][:, 1:]
-        self._column_version[rows_cols[:, 0], rows_cols[:, 1]] = raw.version
 
     def _is_solid(
         self,
@@ -108,9 +120,14 @@ class FieldGeometry:
     ) -> Bool[np.ndarray, " n"]:
         """Whether voxels are occupied, from the signed distance at their centres."""
         off_m = sdf_m - np.float32(0.5 * resolution_m)
-        # Only a hit has been seen from somewhere.
-        reach_m = np.float32(NOISE_REACH * self._noise_per_m) * np.where(hit, seen_m, np.float32(1.0)) ** 2
-        return np.where(hit, (sdf_m <= HIT_SHARE * resolution_m) | (off_m > reach_m), sdf_m <= 0.0)
+        per_m = np.float32(NOISE_REACH * self._noise_per_m)
+        # Only a hit has been seen from somewhere; a ray may have passed a voxel from as far away as it carves.
+        hit_reach_m = per_m * np.where(hit, seen_m, np.float32(1.0)) ** 2
+        ray_reach_m = per_m * np.float32(self._occupancy.config.carve_range_m) ** 2
+        # A ray frees voxels that lie wholly in front of what it measured.
+        behind_m = np.float32(HALF_DIAGONAL * resolution_m) - sdf_m
+        passed = (sdf_m <= 0.0) & (behind_m <= ray_reach_m)
+        return np.where(hit, (sdf_m <= HIT_SHARE * resolution_m) | (off_m > hit_reach_m), passed)
 
     def _follow_noise(self) -> None:
         """Start over where the sensor turns out to be another one than what was read says."""

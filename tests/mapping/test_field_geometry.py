@@ -12,6 +12,7 @@ from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
+from anm_mj.utils.arrays import dilate_mask
 from tests.mapping.ray_room import Room
 
 VOXEL_M = 0.05
@@ -66,6 +67,19 @@ def nothing_there(points):
 def test_every_hit_of_exact_depth_stands(exact):
     grid = FieldGeometry(exact).grid(nothing_there)
     assert np.array_equal(grid.state, exact.grid.state)
+
+
+def test_what_rays_of_exact_depth_passed_stays_free(exact):
+    grid = FieldGeometry(exact).grid(lambda points: np.full(len(points), -0.02, np.float32))
+    assert np.array_equal(grid.state, exact.grid.state)
+
+
+def test_what_noise_let_rays_pass_is_occupied(occupancy):
+    state = FieldGeometry(occupancy).grid(lambda points: np.full(len(points), -0.02, np.float32)).state
+    raw = occupancy.grid.state
+    beside = dilate_mask(raw == OCCUPIED) & (raw == FREE)
+    assert (state[beside] == OCCUPIED).any()
+    assert (state[raw == OCCUPIED] == OCCUPIED).all()
 
 
 def test_hits_that_noise_explains_do_not(occupancy):
