@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
@@ -127,3 +127,11 @@ class Stages:
             ahead = np.array([np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)])
             reach_m = self.safe_m - self.config.margin_m + FORWARD_STEP_M
             self.topdown.add_blocked(pose.xy_m + reach_m * ahead)
+
+    def is_cut_off(self, reached: Bool[np.ndarray, " n"]) -> bool:
+        """Whether refused steps keep the robot from most of the graph.
+
+        Args:
+            reached: whether a path leads to each vertex of the graph.
+        """
+        return self.topdown.any_blocked and int(np.count_nonzero(reached)) < 0.5 * len(reached)

@@ -82,6 +82,11 @@ class TopDownMapper:
         """Remember a place where the robot met something the map does not show [m]."""
         self._new_blocked_xy_m.append(xy_m)
 
+    @property
+    def any_blocked(self) -> bool:
+        """Whether any step was refused so far."""
+        return bool(self._new_blocked_xy_m) or bool(self._layers.blocked.any())
+
     def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Add a place to the robot's trajectory: the floor there is free [m]."""
         if self.trajectory_xy_m and math.dist(xy_m, self.trajectory_xy_m[-1]) < SAME_PLACE_M:

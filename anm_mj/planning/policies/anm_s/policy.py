@@ -207,10 +207,11 @@ class AnmS:
             self._rotated = True
             return _rotation(f"{what}: another full rotation", FULL_ROTATION)
         num_parts = len(np.unique(components(now.graph)[~reached]))
+        complete = reachable and not self.stages.is_cut_off(reached)
         return Plan(
             f"{what}, even after a full rotation; parts of the graph out of reach: {num_parts}",
             np.zeros((0, 2)),
-            stop=StopReason.COMPLETE if reachable else StopReason.NO_REACHABLE_TARGET,
+            stop=StopReason.COMPLETE if complete else StopReason.NO_REACHABLE_TARGET,
             topdown=now.topdown,
             graph=now.graph,
             regions=now.regions,

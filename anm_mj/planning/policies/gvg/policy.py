@@ -277,6 +277,9 @@ class Gvg:
         elif num_places == 1 and candidates.num_unreachable:
             stop = StopReason.NO_REACHABLE_TARGET
             reason = f"no path leads to any of {candidates.num_unreachable} vertices"
+        elif self._stages.is_cut_off(np.isfinite(state.paths.distance_m)):
+            stop = StopReason.NO_REACHABLE_TARGET
+            reason = f"no path leads to {candidates.num_unreachable} vertices since a step was refused"
         elif stagnating:
             reason = (
                 f"stagnation: next to no new surface in the last {config.stagnation_share:.0%} of the steps, and the "

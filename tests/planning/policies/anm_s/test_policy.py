@@ -124,6 +124,19 @@ def test_a_place_without_any_way_out_ends_the_run():
     assert end.reason.endswith("parts of the graph out of reach: 1")
 
 
+def test_a_robot_that_refused_steps_keep_from_most_of_the_graph_is_not_done():
+    world = two_rooms()
+    world.occupancy.seen_range_m[:] = 2.0
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0)))
+    for x in np.arange(0.6, 8.0, 0.5):
+        for y in np.arange(0.6, 3.0, 0.5):
+            policy.stages.topdown.visit(np.array([x, y]))
+    for yaw in np.arange(0.0, 2.0 * math.pi, 0.3):
+        policy.on_collision(Pose2(1.0, 1.7, yaw), Action.MOVE_FORWARD)
+    assert len(policy.plan(world, observation(1.0, 1.7)).actions) == 36
+    assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.NO_REACHABLE_TARGET
+
+
 def test_where_there_is_no_room_for_any_graph_the_run_ends_too():
     policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0)))
     cell = room(0.3, 0.3)
