@@ -125,7 +125,7 @@ def measure(scene: str, sensor: str, noise: float, seen: list[Observation], body
             _ = mapper.occupancy
         else:
             mapper.occupancy_about(exact.pose.xy_m, lookahead_radius_m(body))
-    raw = mapper._occupancy
+    raw = mapper.observed
     return [
         Row(scene, sensor, noise, name, *compare(truth.grid, grid, raw.grid, body), raw.depth_noise_per_m)
         for name, grid in (("occupancy", raw.grid), ("field", mapper.occupancy))

@@ -156,7 +156,7 @@ def floors(mapper: Any, iterations: float, stage_ms: dict[str, float]) -> dict[s
     sampling, schedule = config.sampling, config.schedule
     samples = sampling.samples_per_ray * (schedule.num_rays + schedule.min_current_rays)
     byte_ms = 1e3 / (rates["stream_gb_per_s"] * 1e9)
-    grid = mapper._occupancy.grid
+    grid = mapper.observed.grid
     # Of the box of everything seen, a view of 90 degrees and the carving range hold at most this.
     seen = min(grid.state.size, int((4.0 / 3.0) * (config.occupancy.carve_range_m / grid.resolution_m) ** 3))
     return {

@@ -85,7 +85,7 @@ def measure(name: str, neural_map: NeuralMap, truth: GroundTruth) -> list[Row]:
 
 def methods(neural_map: NeuralMap) -> dict[str, Callable[[Float[np.ndarray, "n 3"]], np.ndarray]]:
     """What is compared: the three methods that can be configured, more passes, and the two factors of the first."""
-    backend, occupancy, config = neural_map.backend, neural_map._occupancy, neural_map.config.uncertainty
+    backend, occupancy, config = neural_map.backend, neural_map.observed, neural_map.config.uncertainty
     many, density_exponent = replace(config, num_passes=400), neural_map.config.schedule.density_exponent
     return {
         "perturbation, 20 passes": lambda p: perturbed_variance(backend, p, replace(config, num_passes=20), 0),

@@ -64,7 +64,7 @@ def cached_ground_truth(
         )
         return truth
     area = reachable_area(scene, footprint, start)
-    path = cache_folder("observable") / f"{_key(scene, truth.samples, area, camera)}.npy"
+    path = cache_folder("observable") / f"{cache_key(scene, truth.samples, area, camera)}.npy"
     kept = _load(path, len(truth.samples))
     if kept is None:
         kept = observable_samples(truth.samples, RayCaster(*scene.triangles()), area, camera, on_progress)
@@ -88,7 +88,7 @@ def reachable_area(scene: Scene, footprint: Footprint, start: Pose2) -> Reachabl
     return ReachableArea(reachable, area.grid.origin_xy_m, area.grid.resolution_m)
 
 
-def _key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: ReachableArea, camera: CameraExtrinsics) -> str:
+def cache_key(scene: Scene, samples: Float32[np.ndarray, "n 3"], area: ReachableArea, camera: CameraExtrinsics) -> str:
     """A name made from everything that the observable part depends on."""
     digest = hashlib.sha256(f"{METHOD}\0{scene.hash}\0{observable.NUM_ROUNDS}\0{camera.intrinsics}\0".encode())
     digest.update(samples.tobytes())

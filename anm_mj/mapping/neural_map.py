@@ -186,6 +186,11 @@ class NeuralMap:
         return SurfaceErrors(points, reducible_error_m(variance), count, (1.0 - density_exponent) * EXPONENT)
 
     @property
+    def observed(self) -> OccupancyGrid:
+        """What depth alone says, and how often each place was observed; :attr:`occupancy` is read from it."""
+        return self._occupancy
+
+    @property
     def occupancy(self) -> VoxelGrid:
         """Free, occupied and unknown space as of now; views of the arrays within.
 

@@ -85,12 +85,13 @@ def test_camera_and_start_are_part_of_the_key(scene):
     samples = np.zeros((5, 3), np.float32)
     low = T_BASE_CAMERA.copy()
     low[2, 3] = 0.4
+    small = Intrinsics.from_fov(64, 64, math.pi / 2.0)
     other = reachable_area(scene, FOOTPRINT, Pose2(1.2, 0.0, 0.0))
     keys = {
-        module._key(scene, samples, area, CameraExtrinsics(CAMERA, T_BASE_CAMERA)),
-        module._key(scene, samples, area, CameraExtrinsics(CAMERA, low)),
-        module._key(scene, samples, area, CameraExtrinsics(Intrinsics.from_fov(64, 64, math.pi / 2.0), T_BASE_CAMERA)),
-        module._key(scene, samples, other, CameraExtrinsics(CAMERA, low)),
+        module.cache_key(scene, samples, area, CameraExtrinsics(CAMERA, T_BASE_CAMERA)),
+        module.cache_key(scene, samples, area, CameraExtrinsics(CAMERA, low)),
+        module.cache_key(scene, samples, area, CameraExtrinsics(small, T_BASE_CAMERA)),
+        module.cache_key(scene, samples, other, CameraExtrinsics(CAMERA, low)),
     }
 
     assert len(keys) == 4
@@ -103,7 +104,7 @@ def test_extrinsics_do_not_depend_on_the_pose(scene):
     cameras = [CameraExtrinsics.of_view(CAMERA, pose_matrix(pose) @ T_BASE_CAMERA, pose) for pose in poses]
 
     assert np.allclose(cameras[1].T_base_camera, T_BASE_CAMERA)
-    assert len({module._key(scene, samples, area, camera) for camera in cameras}) == 1
+    assert len({module.cache_key(scene, samples, area, camera) for camera in cameras}) == 1
 
 
 def test_without_embree_a_warning_is_logged(scene, monkeypatch, caplog):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation.completion import COVERED_M, Coverage
-from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.depth import back_project_reduced, reduce_depth
 from anm_mj.evaluation.ground_truth import sample_surface
 from anm_mj.evaluation.observable import ReachableArea, observable_samples
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics, PixelRays
@@ -145,9 +145,7 @@ def test_a_pixel_hits_what_a_frame_of_the_same_pose_shows(world):
     targets = rng.uniform((-2.0, -1.5, 0.0), (2.0, 1.5, 2.5), (40, 3)).astype(np.float32)
     place, k = np.array([-0.5, -0.25], np.float32), 7
     T_world_camera = pose_matrix(Pose2(-0.5, -0.25, math.radians(70.0))) @ T_BASE_CAMERA
-    frame = Coverage(targets)
-    frame.add(reduce_depth(slow_depth(vertices, faces, T_world_camera)), CAMERA, T_world_camera)
-    seen = np.concatenate(frame._pending)
+    seen = back_project_reduced(reduce_depth(slow_depth(vertices, faces, T_world_camera)), CAMERA, T_world_camera)
 
     hits = rays.hits(targets, np.tile(place, (40, 1)), np.full(40, k))
 

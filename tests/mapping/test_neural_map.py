@@ -88,7 +88,7 @@ def test_sky_makes_no_surface(tiny_config, field_is_geometry):
     assert neural_map.surface(np.array([1.5, 1.5]), 10.0).xyz_m[:, 2].max() < 2.5
     rng = np.random.default_rng(0)
     above = rng.uniform([2.8, 1.0, 2.6], [3.2, 2.0, 2.8], (3000, 3))
-    state = neural_map._occupancy.state_at(above)
+    state = neural_map.observed.state_at(above)
     assert (state == FREE).any()
     assert (neural_map.sdf(above[state == FREE]) > 0.0).mean() > 0.95
 
@@ -168,7 +168,7 @@ def test_the_table_grows_with_the_scene_and_every_place_keeps_what_was_learnt(ti
     assert (sizes[0], sizes[-1]) == (11, 12)
     assert sizes == sorted(sizes)
     assert max(moved) == 0.0
-    volume = neural_map._occupancy.surface_volume_m3
+    volume = neural_map.observed.surface_volume_m3
     assert 1 << 11 < 90.0 * volume <= 1 << 12
     near = _near_surface(room, rng, 500)
     assert np.abs(neural_map.sdf(near) - room.sdf(near)).mean() < 0.03

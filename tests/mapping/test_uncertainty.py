@@ -19,7 +19,7 @@ def test_the_same_seed_gives_the_same_variance(trained_map, method):
     points = np.random.default_rng(0).uniform(0.0, 2.0, (50, 3))
     config = replace(trained_map.config.uncertainty, method=method)
     first, second = (
-        uncertainty_at(trained_map.backend, trained_map._occupancy, points, config, seed=0, density_exponent=0.5)
+        uncertainty_at(trained_map.backend, trained_map.observed, points, config, seed=0, density_exponent=0.5)
         for _ in range(2)
     )
     np.testing.assert_array_equal(first, second)

@@ -10,6 +10,7 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.policies.gvg.policy import Gvg
 from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.scan_grid import ScanGrid
@@ -104,10 +105,8 @@ def test_the_start_is_free_as_far_as_the_camera_is_blind(caplog):
 
 
 def test_gain_and_regions_reach_no_farther_than_the_camera():
-    policy = Gvg(PolicyContext(BODY, GvgConfig(bootstrap_turns=0)))
-    policy.plan(room(4, 3), view(range_m=2.0, pose=Pose2(1.5, 1.5, 0.0)))
-    assert policy._gain is not None
-    assert policy._gain.range_m == 2.0
+    gain = InformationGain(GvgConfig(), FieldOfView.of(view(range_m=2.0, pose=Pose2(1.5, 1.5, 0.0))))
+    assert gain.range_m == 2.0
     finder = RegionFinder(PlanningConfig())
     finder.limit_range(6.0)
     assert finder.config.anchor_range_m == 3.5
