@@ -41,6 +41,8 @@ class Job:
     pose: str = "true"
     goal: str = DEFAULT_GOAL
     """What the run is for: coverage, reconstruction, or both in this order."""
+    views: bool = True
+    """Whether the finished map is judged by held-out and by fixed views."""
 
     @property
     def name(self) -> str:

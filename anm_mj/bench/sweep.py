@@ -75,6 +75,8 @@ class Sweep:
     """``true``, ``odometry``, or a list of both."""
     goal: tuple[str, ...] = (DEFAULT_GOAL,)
     """What the runs are for: ``coverage``, ``reconstruction``, ``both`` in this order, or a list of these."""
+    views: bool = True
+    """Whether finished maps are judged by held-out and by 200 fixed views: as long as a short run takes."""
     settings: tuple[str, ...] = ()
     """Settings as for ``anm-mj explore --set``, for all runs."""
 
@@ -93,6 +95,7 @@ FIELDS: dict[str, type | tuple[type, ...]] = {
     "drive": _TEXTS,
     "pose": _TEXTS,
     "goal": _TEXTS,
+    "views": bool,
     "settings": list,
 }
 """Keys of a sweep and their types."""
@@ -208,6 +211,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             drive=drive,
             pose=source,
             goal=goal,
+            views=sweep.views,
             settings=sweep.settings,
         )
         for start, pose in enumerate(scene.starts[: sweep.starts])

@@ -51,7 +51,7 @@ def explore(job: Job, folder: Path) -> None:
     # What is for replay and exports would be deleted below.
     config = replace(config, record=replace(config.record, images="none", plans=False))
     made, _ = run(config, out=folder)
-    if config.mapping.engine != WITHOUT_PICTURES:
+    if job.views and config.mapping.engine != WITHOUT_PICTURES:
         add_views(made.path, evaluate_novel_views(made.path), evaluate_fixed_views(made.path))
     for path in sorted(made.path.rglob("*"), reverse=True):
         if path.is_dir():

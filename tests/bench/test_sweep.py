@@ -68,6 +68,15 @@ def test_names_are_unique_to_the_content(tmp_path):
     assert dataclasses.replace(job, scene="elsewhere/home").name == job.name
 
 
+def test_views_are_a_choice_and_those_of_before_keep_their_names(tmp_path):
+    text = 'scenes = ["home"]\npolicies = ["gvg"]\n'
+    (with_views,), (without,) = jobs_of(tmp_path, text), jobs_of(tmp_path, text + "views = false\n")
+    assert with_views.views
+    assert not without.views
+    assert with_views.name != without.name
+    assert with_views.name == dataclasses.replace(without, views=True).name
+
+
 def test_robot_drive_pose_and_sensor_vary(tmp_path):
     (tmp_path / "rover.xml").write_text((Path(__file__).parents[1] / "rover.xml").read_text())
     text = 'scenes = ["home"]\npolicies = ["gvg"]\ndrive = "physics"\npose = ["true", "odometry"]\n'
