@@ -27,6 +27,8 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "control": _BASE | {"robot"},
     "io": _BASE,
     "viz": _BASE | {"io"},
+    # What a checked scene looks like.
+    "viz.scene_sheet": _BASE | {"viz", "scene"},
     # Reads runs, and scenes for what of them can be seen.
     "evaluation": _BASE | {"scene", "io", "viz"},
     # A policy like those of planning, but one that knows the truth.
@@ -52,7 +54,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # A finished run, frame by frame: page and film. Asks the map how certain it is.
     "replay": _BASE | {"io", "viz", "evaluation", "evaluation.rerender", "mapping"},
     # A finished run in the formats of other tools; asks the map for its distances.
-    "export": _BASE | {"io", "viz", "replay", "mapping"},
+    "export": _BASE | {"io", "viz", "evaluation", "replay", "mapping"},
     # The same for a recorded sequence, without simulator and evaluation of its own.
     "map_sequence": _BASE | {"config", "io", "io.run_log", "mapping", "planning", "viz"},
     "depth_outliers": _BASE,
@@ -89,6 +91,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
         "cli.doctor",
         "io",
         "viz",
+        "viz.scene_sheet",
         "evaluation",
         "evaluation.novel_views",
         "evaluation.fixed_views",

@@ -12,12 +12,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from anm_mj.bench.curves import draw_curves
 from anm_mj.bench.engine import run_jobs
 from anm_mj.bench.job import Job
-from anm_mj.bench.report import draw_curves, markdown
+from anm_mj.bench.report import markdown
 from anm_mj.bench.results_table import finished, read_result, tidy_rows, write_csv
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.worker import EXPLORE
+from anm_mj.viz.figure_file import KINDS, PICTURE
 
 TABLES_EVERY_S = 60.0
 """Period of writing tables while runs are made [s]."""
@@ -50,8 +52,8 @@ def run_bench(
 ) -> Bench:
     """Make the missing runs, then write tables and pictures of all.
 
-    Writes ``results.csv`` (a row per run), ``table.md``, ``curves_<scene>.png`` and ``command.txt``; the runs lie in
-    ``runs/``. Tables are also written from time to time, to look at while the comparison runs.
+    Writes ``results.csv`` (a row per run), ``table.md``, ``curves_<scene>`` (PNG, PDF, SVG) and ``command.txt``; the
+    runs lie in ``runs/``. Tables are also written from time to time, to look at while the comparison runs.
 
     Args:
         file: The TOML file (see :mod:`anm_mj.bench.sweep`).
@@ -129,7 +131,7 @@ def _make_missing(
         if error is not None:
             failures.append(error)
         elif time.monotonic() - written_s > TABLES_EVERY_S:
-            write_tables(jobs, out, text)
+            write_tables(jobs, out, text, (PICTURE,))
             written_s = time.monotonic()
         on_run(done, len(jobs), error or job.name)
     write_tables(jobs, out, text)
@@ -141,8 +143,8 @@ def _without_folders(command: Sequence[str]) -> list[str]:
     return [Path(word).name if Path(word).is_absolute() else word for word in command]
 
 
-def write_tables(jobs: Sequence[Job], out: Path, command: str) -> None:
-    """Write the tables and pictures of the existing runs.
+def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[str] = KINDS) -> None:
+    """Write the tables and pictures of the existing runs; while the comparison goes on, no vector graphics.
 
     Raises:
         RunFolderError: A file of a run is damaged.
@@ -155,4 +157,4 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str) -> None:
     (out / "table.md").write_text(markdown(rows, command), encoding="utf-8")
     for scene in dict.fromkeys(result.job["scene_name"] for result in results):
         here = [result for result in results if result.job["scene_name"] == scene]
-        draw_curves(out / f"curves_{scene}.png", scene, here)
+        draw_curves(out / f"curves_{scene}.png", scene, here, kinds)

@@ -1,17 +1,14 @@
-"""The report of a comparison: Markdown tables of means and deviations, and completion curves per scene."""
+"""The report of a comparison: Markdown tables of means and deviations."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from anm_mj.bench.results_table import COMPLETION, OBSERVABLE, Result, variant
+from anm_mj.bench.results_table import variant
 from anm_mj.bench.statistics import PairedDifference, paired_difference
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
@@ -49,7 +46,6 @@ DIFFERENCES = (
     ("path_m", "path [m]", 1),
 )
 """Columns of the table of paired differences."""
-CURVE_POINTS = 201
 
 
 def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
@@ -113,28 +109,6 @@ def _difference(difference: PairedDifference | None, decimals: int) -> str:
         return text
     low, high = difference.interval
     return f"{text} [{low:+.{decimals}f}, {high:+.{decimals}f}]"
-
-
-def draw_curves(path: Path, scene: str, results: Sequence[Result]) -> None:
-    """Completion ratio against steps for every variant: the mean over its runs, with a band of one deviation."""
-    budget = max(result.job["steps"] for result in results)
-    steps = np.linspace(0.0, budget, CURVE_POINTS)
-    known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
-    column, label = (OBSERVABLE, "completion ratio, observable [%]") if known else (COMPLETION, "completion ratio [%]")
-    figure = Figure(figsize=(9.5, 4.5), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for name in dict.fromkeys(result.variant for result in results):
-        runs = [result.curve for result in results if result.variant == name]
-        values = np.stack([np.interp(steps, curve[:, 0], curve[:, column]) for curve in runs])
-        mean, deviation = values.mean(axis=0), values.std(axis=0)
-        (line,) = axes.plot(steps, mean, label=name, linewidth=1.6)
-        axes.fill_between(steps, mean - deviation, mean + deviation, color=line.get_color(), alpha=0.15, linewidth=0)
-    axes.set(xlabel="steps", ylabel=label, title=scene, xlim=(0.0, budget), ylim=(0.0, 100.0))
-    axes.grid(alpha=0.3)
-    # Beside the curves: ten names with settings would hide half of the picture.
-    figure.legend(loc="outside right upper", frameon=False)
-    figure.savefig(path)
 
 
 def _mean_row(rows: Sequence[dict[str, Any]], scene: str, name: str) -> dict[str, Any]:

@@ -23,7 +23,10 @@ def add_check(actions: Any) -> None:
     check = actions.add_parser("check", help="check whether the robot can use a scene, and draw a contact sheet")
     check.add_argument("scene", metavar="SCENE", help="name from the catalogue or a scene folder")
     check.add_argument(
-        "--out", type=Path, metavar="PNG", help="contact sheet (default: SCENE_check.png in the current folder)"
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="contact sheet: .png, .pdf or .svg (default: SCENE_check.png in the current folder)",
     )
     check.set_defaults(command=_scene_check)
 
@@ -32,7 +35,6 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     from rich.console import Console
 
     from anm_mj.scene.check import check_scene, disable_backface_culling
-    from anm_mj.scene.check_sheet import write_sheet
     from anm_mj.scene.folder import load_scene
     from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
     from anm_mj.sim.gl import select_backend
@@ -40,6 +42,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     scene = load_scene(parsed.scene)
     backend = select_backend()
     from anm_mj.sim.views import SceneViews
+    from anm_mj.viz.scene_sheet import VIEWS, write_sheet
 
     check = check_scene(scene, DEFAULT_FOOTPRINT)
     console = Console(markup=False)
@@ -65,7 +68,8 @@ def _scene_check(parsed: argparse.Namespace) -> int:
             soft_wrap=True,
         )
     out = parsed.out or Path(f"{scene.folder.resolve().name}_check.png")
-    write_sheet(check, views.top_view(), views.interior_views(poses[:6]), out)
+    shown = poses[:VIEWS]
+    write_sheet(check, views.top_view(), views.top_corners_m, views.interior_views(shown), shown, out)
     console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
     for problem in check.problems:
         Console(stderr=True, markup=False).print(

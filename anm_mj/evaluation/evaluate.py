@@ -33,7 +33,7 @@ from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.run_title import run_title
+from anm_mj.io.run_title import titled
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.scene.folder import load_scene
@@ -111,7 +111,7 @@ def write_results(
             # None becomes NaN.
             np.array([row.observable_ratio for row in curve.rows], dtype=np.float64),
             np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
-            title=run_title(folder),
+            title=titled(folder, vars(metrics)),
         )
     write_json(folder.metrics, metrics)
     return metrics

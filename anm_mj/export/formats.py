@@ -38,6 +38,7 @@ FORMATS = {
     "geojson": Format("floor_plan.export_geojson", "graph, regions and trajectory"),
     "sdf": Format("volume.export_sdf", "signed distances as a volume: sdf.npz", long=True),
     "esdf": Format("volume.export_esdf", "a slice of the Euclidean distance field: esdf.npz", long=True),
+    "figures": Format("figures.export_figures", "top-down map and curve as PNG, PDF and SVG"),
     "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, extra=True),
 }
 ALL = "all"

@@ -21,7 +21,7 @@ from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.record_config import RecordConfig
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_log import RunLog
-from anm_mj.io.run_title import run_title
+from anm_mj.io.run_title import titled
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import (
@@ -197,7 +197,7 @@ class RunRecorder:
                 survey.regions,
                 self.poses,
                 target_xy_m=self._log.last_target_xy_m,
-                title=_title(run_title(self._folder), metrics),
+                title=titled(self._folder, vars(metrics)),
             )
         return metrics
 
@@ -218,14 +218,3 @@ def peak_rss_mib() -> float:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Linux counts in KiB, macOS in bytes.
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
-
-
-def _title(name: str, metrics: Metrics) -> str:
-    """Name, headline metric and length of a run."""
-    if metrics.observable_ratio is not None:
-        covered = f"\n{metrics.observable_ratio:.1f} % of the observable surface"
-    elif metrics.completion_ratio is not None:
-        covered = f"\n{metrics.completion_ratio:.1f} % of the surface"
-    else:
-        covered = "\nnothing measured"
-    return f"{name}{covered}, {metrics.steps} steps, {metrics.path_m:.1f} m"

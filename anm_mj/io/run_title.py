@@ -1,7 +1,8 @@
-"""What a run is called in a figure."""
+"""What a run is called in a figure, and what it came to."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,3 +22,23 @@ def run_title(folder: RunFolder) -> str:
     policy = f", {facts['policy']}" if facts.get("policy") else ""
     seed = f", seed {facts['seed']}" if facts.get("seed") is not None else ""
     return f"{Path(facts['scene']).name}{policy}{seed}"
+
+
+def titled(folder: RunFolder, metrics: Mapping[str, Any]) -> str:
+    """Two lines: what the run is, and its headline metric and length; what is missing or None is left out.
+
+    Args:
+        folder: The run.
+        metrics: Its metrics, by the keys of ``metrics.json``.
+
+    Raises:
+        RunFolderError: The manifest cannot be read.
+    """
+    parts = []
+    for key, words in (("observable_ratio", "of the observable surface"), ("completion_ratio", "of the surface")):
+        if metrics.get(key) is not None and not parts:
+            parts.append(f"{metrics[key]:.1f} % {words}")
+    for key, form in (("steps", "{} steps"), ("frames", "{} recorded frames"), ("path_m", "{:.1f} m")):
+        if metrics.get(key) is not None:
+            parts.append(form.format(metrics[key]))
+    return "\n".join([run_title(folder), ", ".join(parts)] if parts else [run_title(folder)])

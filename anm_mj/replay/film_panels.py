@@ -8,15 +8,15 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
-from matplotlib.colors import to_rgb
 from PIL import Image, ImageDraw, ImageFont
 
 from anm_mj.io.plan_file import PlanRecord
 from anm_mj.io.read_run import FrameRecord
 from anm_mj.replay.oblique_view import ObliqueView, project
 from anm_mj.replay.surface import GrowingMesh
-from anm_mj.types import FREE, OCCUPIED, Intrinsics, TopDownMap
+from anm_mj.types import Intrinsics, TopDownMap
 from anm_mj.viz import palette
+from anm_mj.viz.tint import rgb_of, tint
 
 PANEL_PX = 480
 SUPERSAMPLING = 2
@@ -26,7 +26,6 @@ ROBOT_RADIUS_M = 0.18
 TARGET_HEIGHT_M = 0.4
 """Height of the mark of a target in the colour image [m]."""
 NEAR_M = 0.05
-FULL_CLEARANCE_M = 1.5
 
 
 def font(size_px: int) -> ImageFont.FreeTypeFont:
@@ -37,12 +36,6 @@ def font(size_px: int) -> ImageFont.FreeTypeFont:
 @lru_cache
 def _font(size_px: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size_px)
-
-
-def rgb_of(colour: str) -> tuple[int, int, int]:
-    """A colour of the palette as bytes."""
-    red, green, blue = (round(255 * part) for part in to_rgb(colour))
-    return red, green, blue
 
 
 def colour_panel(
@@ -179,18 +172,6 @@ class SurfacePanel:
         (x, y), r = line[-1], 13
         draw.ellipse([x - r, y - r, x + r, y + r], palette.CAMERA, "white", 3)
         return image.reduce(SUPERSAMPLING)
-
-
-def tint(topdown: TopDownMap) -> UInt8[np.ndarray, "rows cols 3"]:
-    """Colours of the cells: free space brighter with its clearance."""
-    near, clear = (np.array(rgb_of(colour), float) for colour in (palette.NEAR, palette.CLEAR))
-    share = np.clip(topdown.clearance_m / FULL_CLEARANCE_M, 0.0, 1.0)[..., None]
-    image = np.empty((*topdown.state.shape, 3), np.uint8)
-    image[:] = rgb_of(palette.UNKNOWN)
-    free = topdown.state == FREE
-    image[free] = np.rint(near + (clear - near) * share)[free]
-    image[topdown.state == OCCUPIED] = rgb_of(palette.WALL)
-    return image
 
 
 def _pixel(

@@ -23,6 +23,8 @@ from anm_mj.utils.raycast import embree_installed
 EYE_HEIGHT_M = 1.25
 _CUT_M = 2.0
 """The top view omits everything above this height [m]."""
+NOTHING = (238, 240, 243)
+"""Colour of the top view where nothing is; walls and floors may be white."""
 _COMPARED_PX = 96
 """Width and height of the compared images [px]."""
 _SAME_M = 0.02
@@ -59,9 +61,12 @@ class SceneViews:
         eye = spec.worldbody.add_body(name="eye", mocap=True)
         eye.add_camera(name="eye", fovy=90.0, quat=_quat((0.0, -1.0, 0.0)))
         width_m = float(np.ptp(scene.bounds_m[:, :2], axis=0).max()) + 0.5
-        self._height_m = 3.0 * width_m
-        fovy = math.degrees(2.0 * math.atan(width_m / 2.0 / (self._height_m - _CUT_M)))
+        # From so far away that floor and cut have nearly the same scale, and the picture fits the plan.
+        self._height_m = 30.0 * width_m
+        fovy = math.degrees(2.0 * math.atan(width_m / 2.0 / (self._height_m - _CUT_M / 2.0)))
         x, y = scene.bounds_m[:, :2].mean(axis=0)
+        self.top_corners_m = np.array([[x, y], [x, y]]) + np.array([[-0.5], [0.5]]) * width_m
+        """South-west and north-east corner of the top view, world [m]."""
         spec.worldbody.add_camera(name="above", fovy=fovy, pos=[x, y, self._height_m])
         self._model = compile_scene(spec, scene)
         self._data = mujoco.MjData(self._model)
@@ -74,8 +79,8 @@ class SceneViews:
         with closing(camera):
             return [self._render_from(camera, pose)[0] for pose in poses]
 
-    def top_view(self, size_px: int = 512) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image from above, cut at a height of 2 m; x to the right and y up."""
+    def top_view(self, size_px: int = 768) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image from above, cut at a height of 2 m; x to the right and y up, light where nothing is."""
         vis = self._model.vis.map
         before = vis.znear, vis.zfar
         vis.znear, vis.zfar = self._height_m - _CUT_M, self._height_m + 10.0
@@ -84,7 +89,8 @@ class SceneViews:
             with closing(camera):
                 mujoco.mj_kinematics(self._model, self._data)
                 mujoco.mj_camlight(self._model, self._data)
-                return camera.render(self._data)[0]
+                rgb, depth_m = camera.render(self._data)
+                return np.where(np.isnan(depth_m)[..., None], np.array(NOTHING, np.uint8), rgb)
         finally:
             vis.znear, vis.zfar = before
 

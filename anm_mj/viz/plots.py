@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import matplotlib
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.legend import Legend
+from matplotlib.legend_handler import HandlerBase
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Transform
 
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, Region, TopDownMap, VoronoiGraph
-from anm_mj.utils.files import atomic_write
+from anm_mj.types import UNKNOWN, Pose2, Region, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
+from anm_mj.viz.figure_file import PICTURE, PRINT, save_figure
+from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
 
 DOTS_PER_INCH = 150
 ARROW = np.array([[1.0, 0.0], [-0.7, 0.6], [-0.35, 0.0], [-0.7, -0.6], [1.0, 0.0]])
@@ -26,15 +32,11 @@ MARGIN_M = 0.4
 """Margin of unknown space around the known area [m]."""
 JUNCTION_DEGREE = 3
 """Degree from which a vertex is a junction of the graph."""
-FULL_CLEARANCE_M = 1.5
-"""Clearance from which free space has the brightest tint [m]."""
-
-STATES = (
-    ("free, beside an obstacle", palette.NEAR),
-    (f"free, {FULL_CLEARANCE_M:g} m clear", palette.CLEAR),
-    ("occupied", palette.WALL),
-    ("unknown", palette.UNKNOWN),
-)
+SWATCH_PARTS = 12
+"""Rectangles of the legend's gradient of free space."""
+EDGE = "#8a8a8a"
+STEP_COLOURS = LinearSegmentedColormap.from_list("steps", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
+"""Dark to light with the steps; the bright yellow at plasma's end is lost on a bright floor and on paper."""
 
 
 def draw_topdown(
@@ -46,20 +48,25 @@ def draw_topdown(
     *,
     target_xy_m: Float[np.ndarray, "2"] | None,
     title: str,
-) -> None:
+    kinds: Sequence[str] = (PICTURE, PRINT),
+) -> list[Path]:
     """Draw the top-down map with the Voronoi graph, the regions of interest and the trajectory.
 
     Args:
-        path: PNG file to write; a PDF of the same name stands beside it.
+        path: The file; its ending is replaced by each kind.
         topdown: The map of the last plan.
         graph: Its Voronoi graph.
         regions: Its regions of interest.
         poses: Poses of the robot, one per step.
         target_xy_m: The last target, world [m].
         title: Title of the figure.
+        kinds: ``png``, ``pdf``, ``svg``.
+
+    Returns:
+        The files.
 
     Raises:
-        OSError: The file cannot be written.
+        OSError: A file cannot be written.
     """
     (west, south), (east, north) = _known_corners(topdown)
     long_side = max(east - west, north - south)
@@ -68,7 +75,7 @@ def draw_topdown(
     axes = figure.add_subplot()
     low, high = topdown.origin_xy_m, topdown.origin_xy_m + topdown.resolution_m * np.array(topdown.state.shape[::-1])
     axes.set_facecolor(palette.UNKNOWN)
-    axes.imshow(_tint(topdown), origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="nearest")
+    axes.imshow(tint(topdown), origin="lower", extent=(low[0], high[0], low[1], high[1]), interpolation="nearest")
     if graph is not None and len(graph.edges):
         ends = graph.vertex_xy_m[graph.edges]
         axes.add_collection(LineCollection(list(ends), colors=palette.GRAPH, linewidths=1.0, label="Voronoi graph"))
@@ -80,15 +87,17 @@ def draw_topdown(
         axes.plot(*target_xy_m, "*", ms=14, color=palette.TARGET, mec="white", mew=0.8, label="last target", zorder=6)
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
     axes.set_title(title, pad=10.0)
-    states = [Patch(fc=fill, ec="#8a8a8a", lw=0.6, label=name) for name, fill in STATES]
+    drawn, names = axes.get_legend_handles_labels()
     figure.legend(
-        handles=[*states, *axes.get_legend_handles_labels()[0]],
+        [_FreeSpace(), _swatch(palette.WALL), _swatch(palette.UNKNOWN), *drawn],
+        [f"free, 0 to {FULL_CLEARANCE_M:g} m clear", "occupied", "unknown", *names],
         loc="outside lower center",
         ncols=4,
         fontsize=8,
         frameon=False,
+        handler_map={_FreeSpace: _FreeSpaceSwatch()},
     )
-    _save(figure, path)
+    return save_figure(figure, path, kinds)
 
 
 def draw_curve(
@@ -99,19 +108,24 @@ def draw_curve(
     completion_cm: Float[np.ndarray, " n"],
     *,
     title: str,
-) -> None:
+    kinds: Sequence[str] = (PICTURE, PRINT),
+) -> list[Path]:
     """Draw completion over steps.
 
     Args:
-        path: PNG file to write; a PDF of the same name stands beside it.
+        path: The file; its ending is replaced by each kind.
         steps: Steps of the values; may be empty.
         completion_ratio: Fraction of the true surface within 5 cm of the observed points [%].
         observable_ratio: The same of the observable surface [%]; NaN where that is not known.
         completion_cm: Mean distance of the true surface to the observed points, capped at 1 m [cm].
         title: Title of the figure.
+        kinds: ``png``, ``pdf``, ``svg``.
+
+    Returns:
+        The files.
 
     Raises:
-        OSError: The file cannot be written.
+        OSError: A file cannot be written.
     """
     figure = Figure(figsize=(7.0, 4.2), dpi=DOTS_PER_INCH, layout="constrained")
     ratio_axes = figure.add_subplot()
@@ -132,7 +146,7 @@ def draw_curve(
     cm_axes.set_ylabel("completion [cm]", color=palette.DISTANCE)
     cm_axes.set_ylim(bottom=0.0)
     figure.legend(handles=lines, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    _save(figure, path)
+    return save_figure(figure, path, kinds)
 
 
 def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
@@ -145,15 +159,37 @@ def _known_corners(topdown: TopDownMap) -> Float[np.ndarray, "2 2"]:
     return topdown.origin_xy_m + topdown.resolution_m * col_row + margin
 
 
-def _tint(topdown: TopDownMap) -> Float[np.ndarray, "rows cols 3"]:
-    near, clear = np.array(to_rgb(palette.NEAR)), np.array(to_rgb(palette.CLEAR))
-    clearance = np.clip(topdown.clearance_m / FULL_CLEARANCE_M, 0.0, 1.0)[..., None]
-    image = np.empty((*topdown.state.shape, 3))
-    image[:] = to_rgb(palette.UNKNOWN)
-    free = topdown.state == FREE
-    image[free] = (near + (clear - near) * clearance)[free]
-    image[topdown.state == OCCUPIED] = to_rgb(palette.WALL)
-    return image
+class _FreeSpace(Patch):
+    """Entry of the legend."""
+
+
+class _FreeSpaceSwatch(HandlerBase):
+    """Draws free space from beside an obstacle to clear."""
+
+    def create_artists(
+        self,
+        legend: Legend,
+        orig_handle: Any,
+        xdescent: float,
+        ydescent: float,
+        width: float,
+        height: float,
+        fontsize: float,
+        trans: Transform,
+    ) -> list[Artist]:
+        part = width / SWATCH_PARTS
+        fills = free_tint(np.linspace(0.0, 1.0, SWATCH_PARTS)) / 255.0
+        drawn: list[Artist] = [
+            # A hair wider, so that no seam shows between them in print.
+            Rectangle((k * part - xdescent, -ydescent), part * 1.05, height, fc=fill, lw=0.0, transform=trans)
+            for k, fill in enumerate(fills)
+        ]
+        drawn.append(Rectangle((-xdescent, -ydescent), width, height, fc="none", ec=EDGE, lw=0.6, transform=trans))
+        return drawn
+
+
+def _swatch(colour: str) -> Patch:
+    return Patch(fc=colour, ec=EDGE, lw=0.6)
 
 
 def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | None) -> None:
@@ -185,21 +221,13 @@ def _draw_trajectory(figure: Figure, axes: Axes, poses: Sequence[Pose2]) -> None
     xy_m = np.array([pose.xy_m for pose in poses])
     segments = np.stack([xy_m[:-1], xy_m[1:]], axis=1)
     moved = np.flatnonzero(np.any(segments[:, 0] != segments[:, 1], axis=1))
-    drawn = LineCollection(list(segments[moved]), cmap="plasma", linewidths=2.0, capstyle="round", zorder=3)
+    drawn = LineCollection(list(segments[moved]), cmap=STEP_COLOURS, linewidths=2.0, capstyle="round", zorder=3)
     drawn.set_array(moved.astype(float))
     drawn.set_clim(0.0, float(max(1, len(poses) - 1)))
     axes.add_collection(drawn)
-    figure.colorbar(drawn, ax=axes, label="step", shrink=0.7, pad=0.01)
+    figure.colorbar(drawn, ax=axes, label="trajectory: step", shrink=0.7, pad=0.01)
     if len(xy_m) > 1:
         c, s = np.cos(poses[-1].yaw_rad), np.sin(poses[-1].yaw_rad)
         arrow = ARROW @ np.array([[c, s], [-s, c]])
         axes.plot(*xy_m[-1], marker=arrow, ms=15, ls="", color=palette.END, mec="white", mew=1.0, label="end", zorder=5)
     axes.plot(*xy_m[0], "o", ms=8, color=palette.START, mec="white", mew=1.0, label="start", zorder=5)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    """Write a PNG and, beside it, a PDF; without a date, so that the same figure has the same bytes."""
-    canvas = FigureCanvasAgg(figure)
-    for kind, metadata in (("png", None), ("pdf", {"CreationDate": None})):
-        with atomic_write(path.with_suffix(f".{kind}")) as partial:
-            canvas.print_figure(partial, format=kind, bbox_inches="tight", pad_inches=0.1, metadata=metadata)

@@ -9,6 +9,8 @@ from anm_mj.cli.main import main
 from anm_mj.scene.folder import read_scene_folder
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
+from anm_mj.sim.gl import select_backend
+from anm_mj.sim.views import NOTHING, SceneViews
 from anm_mj.types import Pose2
 from tests.scene.shapes import room
 
@@ -62,6 +64,24 @@ def test_a_sheet_is_a_png_under_whatever_name(tmp_path):
     assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.of")]) == 0
     with Image.open(tmp_path / "sheet.of") as sheet:
         assert sheet.format == "PNG"
+
+
+def test_a_sheet_for_print(tmp_path):
+    scene = _write(room(), tmp_path / "room")
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.pdf")]) == 0
+    assert (tmp_path / "sheet.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_view_from_above_is_light_and_lies_where_the_plan_does(tmp_path):
+    scene = _write(room(), tmp_path / "room")
+    views = SceneViews(scene, select_backend())
+    picture = views.top_view(256)
+    low, high = views.top_corners_m
+    rows, cols = np.nonzero((picture != NOTHING).any(axis=2))
+    m_per_px = (high[0] - low[0]) / 256
+    west, east = low[0] + m_per_px * np.array([cols.min(), cols.max() + 1])
+    south, north = high[1] - m_per_px * np.array([rows.max() + 1, rows.min()])
+    np.testing.assert_allclose([[west, south], [east, north]], scene.bounds_m[:, :2], atol=0.04)
 
 
 @pytest.mark.parametrize(("file", "says"), [("broken.png", "texture"), ("000_walls.msh", "cannot be compiled")])

@@ -2,6 +2,7 @@
 
 import base64
 import json
+from xml.etree import ElementTree
 
 import networkx
 import numpy as np
@@ -185,13 +186,27 @@ def test_mcap(run, out):
     assert to_wall_m(packed[:, :12].copy().view("<f4")).max() < 1e-5
 
 
+def test_figures(out):
+    with Image.open(out / "topdown.png") as picture:
+        width, height = picture.size
+    for name in ("topdown", "curve"):
+        drawn = ElementTree.parse(out / f"{name}.svg").getroot()
+        assert drawn.tag == "{http://www.w3.org/2000/svg}svg"
+        assert len(list(drawn.iter("{http://www.w3.org/2000/svg}path"))) > 20
+        assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    _, _, across, down = map(float, ElementTree.parse(out / "topdown.svg").getroot().attrib["viewBox"].split())
+    # The margins differ by some pixels.
+    assert across / down == pytest.approx(width / height, rel=0.02)
+
+
 def test_every_format_is_tested_here(out):
     assert {path.name for path in out.iterdir()} == {
         "mesh.glb", "mesh.ply", "mesh.obj", "trajectory_camera.tum", "trajectory_base.tum",
         "trajectory_camera.kitti.txt", "nerfstudio", "colmap", "map.yaml", "map.pgm", "graph.graphml", "graph.geojson",
-        "sdf.npz", "esdf.npz", "run.mcap",
+        "sdf.npz", "esdf.npz", "run.mcap", "topdown.png", "topdown.pdf", "topdown.svg", "curve.png", "curve.pdf",
+        "curve.svg",
     }  # fmt: skip
-    assert len(FORMATS) == 13
+    assert len(FORMATS) == 14
 
 
 def test_what_a_run_lacks_is_one_sentence(run_folder, tmp_path, capsys):

@@ -8,10 +8,11 @@ from PIL import Image
 from anm_mj.cli.main import main
 from anm_mj.io.read_run import read_run
 from anm_mj.replay.film import GIF_WIDTH_PX, HEIGHT_PX, WIDTH_PX, film_frames
-from anm_mj.replay.film_panels import PANEL_PX, MapPanel, SurfacePanel, colour_panel, rgb_of
+from anm_mj.replay.film_panels import PANEL_PX, MapPanel, SurfacePanel, colour_panel
 from anm_mj.replay.surface import growing_mesh
 from anm_mj.replay.timeline import read_timeline
 from anm_mj.viz import palette
+from anm_mj.viz.tint import rgb_of
 from tests.box_room import room_plan
 
 

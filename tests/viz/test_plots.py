@@ -1,12 +1,16 @@
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from anm_mj.types import Pose2
+from anm_mj.viz import palette
+from anm_mj.viz.figure_file import KINDS
 from anm_mj.viz.plots import draw_curve, draw_topdown
+from anm_mj.viz.tint import free_tint, rgb_of
 from tests.box_room import room_plan
 
 
@@ -14,9 +18,10 @@ def draw(path, **changes):
     plan = room_plan()
     parts = {"graph": plan.graph, "regions": plan.regions, "poses": [Pose2(0.1 * k, 0.0, 0.5) for k in range(9)]}
     parts |= changes
-    target = parts.pop("target_xy_m", plan.target_xy_m)
+    target, kinds = parts.pop("target_xy_m", plan.target_xy_m), parts.pop("kinds", ("png",))
     assert plan.topdown is not None
-    draw_topdown(path, plan.topdown, *parts.values(), target_xy_m=target, title="box, 85.8 % complete, 60 steps")
+    title = "box, 85.8 % complete, 60 steps"
+    draw_topdown(path, plan.topdown, *parts.values(), target_xy_m=target, title=title, kinds=kinds)
     with Image.open(path) as picture:
         return np.asarray(picture.convert("RGB")).astype(int)
 
@@ -62,12 +67,31 @@ def test_curve_is_drawn_however_short(tmp_path, num_rows):
         assert min(picture.size) > 500
 
 
-def test_a_pdf_stands_beside_the_picture_with_the_same_bytes_every_time(tmp_path):
+def test_print_and_vector_figures_have_the_same_bytes_every_time(tmp_path):
     for name in ("a", "b"):
-        draw(tmp_path / f"{name}.png")
-    first = (tmp_path / "a.pdf").read_bytes()
-    assert first.startswith(b"%PDF")
-    assert (tmp_path / "b.pdf").read_bytes() == first
+        draw(tmp_path / f"{name}.png", kinds=KINDS)
+    for kind in KINDS:
+        assert (tmp_path / f"b.{kind}").read_bytes() == (tmp_path / f"a.{kind}").read_bytes()
+    printed, vector = (tmp_path / "a.pdf").read_bytes(), (tmp_path / "a.svg").read_text()
+    assert printed.startswith(b"%PDF")
+    # Publishers refuse fonts of type 3.
+    assert b"/TrueType" in printed or b"/CIDFontType2" in printed
+    assert b"/Type3" not in printed
+    assert ElementTree.fromstring(vector).tag.endswith("svg")
+    assert "dc:date" not in vector
+
+
+def test_free_and_unknown_space_differ_in_grey():
+    colours = [palette.WALL, palette.UNKNOWN, palette.NEAR, palette.CLEAR]
+    grey = [float(np.dot(rgb_of(colour), [0.299, 0.587, 0.114])) for colour in colours]
+    assert np.diff(grey).min() > 20.0
+
+
+def test_the_legend_shows_the_gradient_of_free_space(tmp_path):
+    picture = draw(tmp_path / "a.png", graph=None, regions=(), poses=[], target_xy_m=None)
+    below = picture[int(0.9 * len(picture)) :]
+    for share in (0.05, 0.5):
+        assert (np.abs(below - free_tint(np.array(share)).astype(int)).max(axis=2) < 4).sum() > 8
 
 
 @pytest.mark.parametrize("known", [True, False])

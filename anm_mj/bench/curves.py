@@ -1,0 +1,78 @@
+"""Completion curves of a comparison, readable without colour: every variant has a line style and a mark of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from anm_mj.bench.results_table import COMPLETION, OBSERVABLE, Result
+from anm_mj.viz.figure_file import PICTURE, save_figure
+
+CURVE_POINTS = 201
+MARKS_PER_CURVE = 7
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#7a3fa0", "#000000", "#b8860b", "#56b4e9")
+"""Apart for colour-blind eyes, after Okabe and Ito, Color Universal Design, 2008."""
+LINES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
+MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", "*", "h", ">")
+"""The lengths of the three have no common divisor, so that hundreds of variants differ."""
+
+
+def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
+    """Draw the completion ratio against steps for every variant: the mean over its runs, with a band of one deviation.
+
+    The ratio of the observable surface, where all runs know it.
+
+    Args:
+        path: The file; its ending is replaced by each kind.
+        scene: Name of the scene.
+        results: Its runs.
+        kinds: ``png``, ``pdf``, ``svg``.
+
+    Returns:
+        The files.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    budget = max(result.job["steps"] for result in results)
+    steps = np.linspace(0.0, budget, CURVE_POINTS)
+    known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
+    column, label = (OBSERVABLE, "completion ratio, observable [%]") if known else (COMPLETION, "completion ratio [%]")
+    figure = Figure(figsize=(9.5, 4.5), dpi=120, layout="constrained")
+    axes = figure.add_subplot()
+    names = list(dict.fromkeys(result.variant for result in results))
+    counts = set()
+    for k, name in enumerate(names):
+        runs = [result.curve for result in results if result.variant == name]
+        counts.add(len(runs))
+        values = np.stack([np.interp(steps, curve[:, 0], curve[:, column]) for curve in runs])
+        mean, deviation = values.mean(axis=0), values.std(axis=0)
+        colour, line, mark = COLOURS[k % len(COLOURS)], LINES[k % len(LINES)], MARKS[k % len(MARKS)]
+        # The marks of one curve stand between those of the others.
+        every = CURVE_POINTS // MARKS_PER_CURVE
+        at = (round(every * (k + 0.5) / len(names)), every)
+        axes.plot(steps, mean, ls=line, lw=1.5, color=colour, marker=mark, markevery=at, ms=5.5, mec="white", mew=0.6,
+                  label=name, zorder=3)  # fmt: skip
+        if len(runs) > 1:
+            low, high = np.clip([mean - deviation, mean + deviation], 0.0, 100.0)
+            axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0.0)
+            # Where bands overlap, only their edges tell them apart.
+            axes.plot(steps, np.stack([low, high], axis=1), ls=line, lw=0.6, color=colour, alpha=0.6)
+    axes.set(xlabel="step", ylabel=label, xlim=(0.0, budget), ylim=(0.0, 100.0))
+    axes.set_title(_title(scene, counts))
+    axes.grid(alpha=0.3)
+    # Beside the curves: ten names with settings would hide half of the picture.
+    figure.legend(loc="outside right upper", frameon=False, handlelength=3.5)
+    return save_figure(figure, path, kinds)
+
+
+def _title(scene: str, counts: set[int]) -> str:
+    """Scene, and what lines and bands are."""
+    low, high = min(counts), max(counts)
+    if high == 1:
+        return f"{scene}, one run each"
+    runs = f"{high} runs" if low == high else f"{low} to {high} runs"
+    return f"{scene}, mean of {runs}, band: one standard deviation"

@@ -1,0 +1,56 @@
+"""Writes a figure as PNG, PDF or SVG: the same figure gives the same bytes, and a journal can take it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from anm_mj.utils.files import atomic_write
+
+PICTURE, PRINT, VECTOR = "png", "pdf", "svg"
+KINDS = (PICTURE, PRINT, VECTOR)
+STYLE: dict[Any, Any] = {
+    # Publishers refuse the default, Type 3; 42 embeds TrueType.
+    "pdf.fonttype": 42,
+    # Names in an SVG are drawn at random without it.
+    "svg.hashsalt": "anm-mj",
+}
+METADATA: dict[str, dict[str, Any] | None] = {PICTURE: None, PRINT: {"CreationDate": None}, VECTOR: {"Date": None}}
+"""Without dates."""
+
+
+def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE, PRINT)) -> list[Path]:
+    """Write a figure once per kind, beside each other, each file whole or not at all.
+
+    Args:
+        figure: What to write; its resolution counts for the PNG.
+        path: The file; its ending is replaced by the kind.
+        kinds: ``png``, ``pdf``, ``svg``.
+
+    Returns:
+        The files.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    paths = [path.with_suffix(f".{kind}") for kind in kinds]
+    for kind, file in zip(kinds, paths, strict=True):
+        write_figure(figure, file, kind)
+    return paths
+
+
+def write_figure(figure: Figure, path: Path, kind: str) -> None:
+    """Write a figure as one kind, whatever the file's ending.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with atomic_write(path) as partial, matplotlib.rc_context(STYLE):
+        FigureCanvasAgg(figure).print_figure(
+            partial, format=kind, bbox_inches="tight", pad_inches=0.1, metadata=METADATA[kind]
+        )

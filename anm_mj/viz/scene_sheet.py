@@ -1,0 +1,174 @@
+"""The contact sheet of a checked scene: a view from above beside rooms and doors, and six views from inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from anm_mj.errors import SceneError
+from anm_mj.types import Pose2
+from anm_mj.viz.figure_file import KINDS, PICTURE, write_figure
+
+if TYPE_CHECKING:
+    from anm_mj.scene.check import SceneCheck
+
+VIEWS = 6
+MARGIN_M = 0.3
+HUES = np.array([[78, 121, 167], [242, 142, 43], [89, 161, 79], [225, 87, 89], [118, 183, 178], [237, 201, 72],
+                 [176, 122, 161], [156, 117, 95], [255, 157, 167]]) / 255.0  # fmt: skip
+PALE = 0.65
+"""How far the colour of a room goes towards white where the robot cannot stand."""
+CUT_OFF = "#808080"
+GROUND = "#eef0f3"
+"""Where nothing is, as in the view from above."""
+DOOR, NARROW, VIEW = "#111111", "#c8323c", "#c8323c"
+ARROW_SHARE, LABEL_SHARE = 0.06, 0.09
+"""Length of a view's arrow, and what the label of a room keeps clear of its number, in the longer side of the scene."""
+
+
+def write_sheet(
+    check: SceneCheck,
+    above: UInt8[np.ndarray, "h w 3"],
+    above_m: Float[np.ndarray, "2 2"],
+    views: Sequence[UInt8[np.ndarray, "_ _ 3"]],
+    poses: Sequence[Pose2],
+    out: Path,
+) -> None:
+    """Write a PDF or an SVG where the file's ending says so, else a PNG.
+
+    Args:
+        check: The findings.
+        above: The scene from above, x to the right, y up.
+        above_m: South-west and north-east corner of that picture, world [m].
+        views: From inside; the first six are shown.
+        poses: Where each view was taken.
+        out: The file.
+
+    Raises:
+        SceneError: The file cannot be written.
+    """
+    low, high = check.scene.bounds_m[:, :2]
+    width_m, depth_m = high - low + 2.0 * MARGIN_M
+    # Two maps and a row of six square views, in a sheet without empty corners.
+    map_in = float(np.clip(7.0 * depth_m / width_m, 3.0, 9.0))
+    figure = Figure(figsize=(15.0, map_in + 4.2), dpi=100, layout="constrained")
+    figure.suptitle(_title(check), fontsize=13)
+    grid = figure.add_gridspec(2, VIEWS, height_ratios=(map_in + 0.6, 2.6))
+    left = figure.add_subplot(grid[0, :3])
+    right = figure.add_subplot(grid[0, 3:], sharex=left, sharey=left)
+    left.imshow(above, extent=(above_m[0, 0], above_m[1, 0], above_m[0, 1], above_m[1, 1]))
+    left.set_title("from above, cut at 2 m", fontsize=10)
+    side_m = float(max(width_m, depth_m))
+    tips_m = [
+        ARROW_SHARE * side_m * np.array([np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)]) + pose.xy_m for pose in poses
+    ]
+    taken_m = np.array([*tips_m, *(pose.xy_m for pose in poses)]).reshape(-1, 2)
+    _draw_plan(right, check, taken_m, LABEL_SHARE * side_m)
+    shown = list(zip(views, poses, tips_m, strict=True))[:VIEWS]
+    for i, (view, pose, tip_m) in enumerate(shown, start=1):
+        for axes in (left, right):
+            _mark_view(axes, i, pose, tip_m)
+        axes = figure.add_subplot(grid[1, i - 1])
+        axes.set_axis_off()
+        axes.imshow(view)
+        axes.set_title(f"view {i}", fontsize=9)
+    for axes in (left, right):
+        axes.set(xlim=(low[0] - MARGIN_M, high[0] + MARGIN_M), ylim=(low[1] - MARGIN_M, high[1] + MARGIN_M))
+        axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", facecolor=GROUND)
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
+    kind = out.suffix[1:] if out.suffix[1:] in KINDS else PICTURE
+    try:
+        write_figure(figure, out, kind)
+    except OSError as err:
+        raise SceneError(f"{out} cannot be written ({err.strerror}): choose another place with --out.") from err
+
+
+def _title(check: SceneCheck) -> str:
+    if check.area is None or check.plan is None:
+        return f"{check.scene.name}: the robot can stand nowhere"
+    count = len(check.plan.area_m2)
+    rooms = "1 room" if count == 1 else f"{count} rooms"
+    return f"{check.scene.name}: {rooms}, {check.area.area_m2:.1f} m² that the robot reaches"
+
+
+def _draw_plan(axes: Axes, check: SceneCheck, taken_m: Float[np.ndarray, "k 2"], apart_m: float) -> None:
+    """Rooms in colour, pale where the robot cannot stand; doors with their widths; starts and holes.
+
+    Args:
+        axes: Where to.
+        check: The findings.
+        taken_m: Where no label of a room should stand.
+        apart_m: How far away it should be.
+    """
+    axes.set_title("rooms with their area, doors with their width [m]", fontsize=10)
+    if check.area is None or check.plan is None:
+        return
+    grid, room = check.area.grid, check.plan.room
+    picture = np.full((*room.shape, 3), [int(GROUND[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+    inside = room > 0
+    picture[inside] = (1.0 - PALE) * HUES[(room[inside] - 1) % len(HUES)] + PALE
+    stand = check.area.component > 0
+    cut_off = np.array([int(CUT_OFF[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    picture[stand] = np.where((room[stand] > 0)[:, None], HUES[(room[stand] - 1) % len(HUES)], cut_off)
+    x, y = grid.origin_xy_m
+    extent = (x, x + grid.cols * grid.resolution_m, y, y + grid.rows * grid.resolution_m)
+    axes.imshow(picture, origin="lower", extent=extent, interpolation="nearest")
+    for number, size_m2 in enumerate(check.plan.area_m2, start=1):
+        rows, cols = np.nonzero(room == number)
+        place = _label_place(grid.centres_m(rows, cols), taken_m, apart_m)
+        box = {"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75}
+        axes.text(
+            place[0], place[1], f"room {number}\n{size_m2:.1f} m²", ha="center", va="center", fontsize=8, bbox=box
+        )
+    for door in check.plan.doors:
+        colour, mark = (DOOR, "o") if door.fits else (NARROW, "X")
+        axes.plot(*door.xy_m, mark, color=colour, ms=6, mec="white", mew=0.6)
+        x, y = door.xy_m.tolist()
+        axes.annotate(f"{door.width_m:.2f}", (x, y), fontsize=8, xytext=(5, 4), textcoords="offset points")
+    for start in check.scene.starts:
+        axes.plot(start.x_m, start.y_m, "D", color=DOOR, ms=5, mec="white", mew=0.6)
+    for hole_x, hole_y, _ in check.holes:
+        axes.plot(hole_x, hole_y, "x", color=NARROW, ms=7)
+
+
+def _label_place(
+    cells_m: Float[np.ndarray, "n 2"], taken_m: Float[np.ndarray, "k 2"], apart_m: float
+) -> Float[np.ndarray, "2"]:
+    """The cell of a room nearest to its middle, which may lie outside of a corridor, and clear of what is there."""
+    from_middle = np.linalg.norm(cells_m - cells_m.mean(axis=0), axis=1)
+    from_taken = np.linalg.norm(cells_m[:, None] - taken_m, axis=2).min(axis=1, initial=apart_m)
+    return cells_m[np.argmin(from_middle + 2.0 * (apart_m - from_taken))]
+
+
+def _mark_view(axes: Axes, number: int, pose: Pose2, tip_m: Float[np.ndarray, "2"]) -> None:
+    """A number at the tip of an arrow in the direction of the view."""
+    x, y = tip_m.tolist()
+    arrow = {"arrowstyle": "-|>", "color": VIEW, "lw": 1.6, "shrinkA": 0.0, "shrinkB": 8.0}
+    axes.annotate("", (x, y), (pose.x_m, pose.y_m), arrowprops=arrow)
+    box = {"boxstyle": "circle,pad=0.15", "fc": "white", "ec": VIEW, "lw": 1.0}
+    axes.text(x, y, str(number), ha="center", va="center", fontsize=8, color=VIEW, weight="bold", bbox=box)
+
+
+def _legend() -> list[Line2D | Patch]:
+    def mark(shape: str, colour: str, words: str) -> Line2D:
+        return Line2D([], [], ls="", marker=shape, color=colour, label=words)
+
+    full, pale = HUES[0], (1.0 - PALE) * HUES[0] + PALE
+    return [
+        Patch(fc=full, label="room: the robot can stand"),
+        Patch(fc=pale, label="room: it cannot stand"),
+        Patch(fc=CUT_OFF, label="cut off from the rooms"),
+        mark("o", DOOR, "door"),
+        mark("X", NARROW, "door too narrow"),
+        mark("D", DOOR, "start"),
+        mark("x", NARROW, "hole in the floor"),
+        mark("$1$", VIEW, "view, with its direction"),
+    ]
