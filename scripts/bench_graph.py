@@ -24,10 +24,12 @@ from scipy import ndimage
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune_spurs
+from anm_mj.planning.graph_nodes import decision_vertices
 from anm_mj.planning.paths import shortest_paths
 from anm_mj.planning.rooms import find_rooms
+from anm_mj.planning.spurs import prune_spurs
 from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.traversable_frontier import borders_unknown
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
 from anm_mj.scene.generation.layout import Style
 from anm_mj.scene.generation.topdown import topdown as generated

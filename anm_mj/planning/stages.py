@@ -10,11 +10,13 @@ from jaxtyping import Bool, Float, Int
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.graph_nodes import borders_unknown, decision_vertices, prune_spurs, traversable_frontier
+from anm_mj.planning.graph_nodes import decision_vertices
 from anm_mj.planning.paths import ShortestPathTree, shortest_paths
 from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.rooms import find_rooms
+from anm_mj.planning.spurs import prune_spurs
 from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.traversable_frontier import borders_unknown, traversable_frontier
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.protocols import EstimatesErrors, Mapper
 from anm_mj.types import (

@@ -3,8 +3,10 @@ import pytest
 
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import SPACING_M, borders_unknown, decision_vertices, prune_spurs, traversable_frontier
+from anm_mj.planning.graph_nodes import SPACING_M, decision_vertices
+from anm_mj.planning.spurs import prune_spurs
 from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.traversable_frontier import borders_unknown, traversable_frontier
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import Footprint, Pose2, VoronoiGraph
 from tests.planning.worlds import room

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64
 from shapely.geometry.polygon import orient
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.generation.furniture.wall import Hole, Wall
+from anm_mj.scene.generation.wall import Hole, Wall
 
 _TOUCH_M = 2e-3
 """Walls that run along one another within this distance are the two sides of an opening."""

@@ -8,9 +8,9 @@ import shapely
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom
 from anm_mj.scene.generation.furniture.decor import ceiling_lamp
-from anm_mj.scene.generation.furniture.light import Light
-from anm_mj.scene.generation.furniture.quads import Quads, box
-from anm_mj.scene.generation.furniture.textures import glow, rgb
+from anm_mj.scene.generation.light import Light
+from anm_mj.scene.generation.quads import Quads, box
+from anm_mj.scene.generation.textures import glow, rgb
 
 _SPACING_M = 4.0
 

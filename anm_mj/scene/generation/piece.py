@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
-from anm_mj.scene.generation.furniture.quads import Quads
+from anm_mj.scene.generation.quads import Quads
 
 GAP_M = 0.015
 """Between the back of a piece and the wall: the skirting [m]."""

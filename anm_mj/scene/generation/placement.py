@@ -8,8 +8,8 @@ from jaxtyping import Float64
 from shapely.geometry.base import BaseGeometry
 
 from anm_mj.scene.generation.building import RoomWall
-from anm_mj.scene.generation.furniture.wall import Hole, Wall
 from anm_mj.scene.generation.piece import Box, Piece, Placed, box_corners
+from anm_mj.scene.generation.wall import Hole, Wall
 
 _DOOR_CLEAR_M = 0.75
 """Floor that stays clear before a door, on top of its width [m]."""

@@ -11,14 +11,14 @@ import shapely
 from jaxtyping import Float64
 
 from anm_mj.scene.folder import Scene
+from anm_mj.scene.generation.atlas import paint, points_on
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
-from anm_mj.scene.generation.furniture.atlas import paint, points_on
-from anm_mj.scene.generation.furniture.quads import Quads, join
-from anm_mj.scene.generation.furniture.voxel_light import VOXEL_M, VoxelLighting
 from anm_mj.scene.generation.lamps import lamps, lights
 from anm_mj.scene.generation.layout import Style, plan_building
+from anm_mj.scene.generation.quads import Quads, join
 from anm_mj.scene.generation.shell import Surface, add_passage, add_room_shell
+from anm_mj.scene.generation.voxel_light import VOXEL_M, VoxelLighting
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
 

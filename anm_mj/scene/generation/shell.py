@@ -10,12 +10,13 @@ import shapely
 from jaxtyping import Float64
 from shapely.geometry.polygon import orient
 
+from anm_mj.scene.generation.atlas import Cuts
 from anm_mj.scene.generation.building import Building, Passage, RoomWall
 from anm_mj.scene.generation.furnish import FurnishedRoom
-from anm_mj.scene.generation.furniture.atlas import Cuts
-from anm_mj.scene.generation.furniture.quads import Material, Quads, join, rectangle
-from anm_mj.scene.generation.furniture.textures import view_outside
-from anm_mj.scene.generation.furniture.wall import (
+from anm_mj.scene.generation.quads import Material, Quads, join, rectangle
+from anm_mj.scene.generation.style import CEILING
+from anm_mj.scene.generation.textures import view_outside
+from anm_mj.scene.generation.wall import (
     CASING_WIDTH_M,
     SKIRTING_DEPTH_M,
     SKIRTING_HEIGHT_M,
@@ -24,7 +25,6 @@ from anm_mj.scene.generation.furniture.wall import (
     casing,
     niche,
 )
-from anm_mj.scene.generation.style import CEILING
 
 _TILE_M = 3.0
 """Floors that are no rectangle are painted in tiles, so that little is painted in vain [m]."""

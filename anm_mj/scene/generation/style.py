@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture.quads import Material
-from anm_mj.scene.generation.furniture.textures import (
+from anm_mj.scene.generation.quads import Material
+from anm_mj.scene.generation.textures import (
     Colour,
     dots,
     fabric,

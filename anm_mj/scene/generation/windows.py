@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.scene.generation.building import GivenWindow, RoomWall
-from anm_mj.scene.generation.furniture.wall import Hole
+from anm_mj.scene.generation.wall import Hole
 
 _SHARE_M = 2.7
 """Length of wall that one window is given."""

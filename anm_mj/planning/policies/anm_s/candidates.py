@@ -11,13 +11,11 @@ from anm_mj.planning.paths import segments_clear
 from anm_mj.planning.policies.anm_s.config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import view_box
 from anm_mj.planning.policies.anm_s.targets import Targets
+from anm_mj.planning.policies.anm_s.tiers import tiers
 from anm_mj.planning.policies.anm_s.visited import seen_around, within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.stages import PlanningState
 from anm_mj.types import FORWARD_STEP_M, Observation, Region, VoxelGrid
-
-UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
-"""Weights of a vertex's properties in the authors' released code."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ class Candidates:
     near: Bool[np.ndarray, " n"]
     """Whether each lies in the local horizon."""
     tier: Int[np.ndarray, " n"]
-    """Sum of the weights of each vertex's properties; larger is better."""
+    """See :mod:`anm_mj.planning.policies.anm_s.tiers`; larger is better."""
 
 
 class CandidateFinder:
@@ -91,13 +89,8 @@ class CandidateFinder:
         vertex, unvisited = vertex[active], unvisited[active]
         xy_m = now.graph.vertex_xy_m[vertex]
         near = self._in_horizon(now, xy_m)
-        tier = (
-            UNVISITED * unvisited
-            + IN_HORIZON * near
-            + ANCHORED * (np.isin(vertex, anchored) & near)
-            + FAILED * (self._targets.num_failures(xy_m) > 0)
-        )
-        return Candidates(vertex, unvisited, near, tier)
+        failed = self._targets.num_failures(xy_m) > 0
+        return Candidates(vertex, unvisited, near, tiers(unvisited, near, np.isin(vertex, anchored), failed))
 
     def _kept(self, now: PlanningState) -> Int[np.ndarray, " k"]:
         """The vertex that stands for the present target, if that was unvisited: it may be no decision vertex now."""

@@ -34,7 +34,6 @@ import numpy as np
 
 from anm_mj.planning.contracted_edges import components
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.policies.anm_s.candidates import CandidateFinder, Candidates
 from anm_mj.planning.policies.anm_s.config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
@@ -43,6 +42,7 @@ from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.visited import within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.stages import PlanningState, Stages
+from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,

@@ -12,8 +12,8 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.graph_nodes import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
 
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture.quads import Material, Quads, ball, box, cushion, join, lathe, strut
-from anm_mj.scene.generation.furniture.textures import Colour, plain, rgb, wood
+from anm_mj.scene.generation.quads import Material, Quads, ball, box, cushion, join, lathe, strut
+from anm_mj.scene.generation.textures import Colour, plain, rgb, wood
 
 _DARK = plain(rgb("2b2d31"))
 _STEM = plain(rgb("3f7d4e"), 0.2)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture.quads import (
+from anm_mj.scene.generation.quads import (
     Material,
     Quads,
     box,
@@ -16,7 +16,7 @@ from anm_mj.scene.generation.furniture.quads import (
     join,
     lathe,
 )
-from anm_mj.scene.generation.furniture.textures import Colour, glow, plain, rgb, rug, spots
+from anm_mj.scene.generation.textures import Colour, glow, plain, rgb, rug, spots
 
 _DARK = plain(rgb("2b2d31"))
 _LEAF_GREENS = [plain(rgb(code), 0.2) for code in ("3f7d4e", "55925a", "2f6b45")]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from anm_mj.scene.generation.furniture.quads import Material, Quads, box, cushion, cylinder, join, lathe, strut
-from anm_mj.scene.generation.furniture.textures import glow, plain, rgb
+from anm_mj.scene.generation.quads import Material, Quads, box, cushion, cylinder, join, lathe, strut
+from anm_mj.scene.generation.textures import glow, plain, rgb
 
 _STEEL = plain(rgb("b9bec4"))
 _BLACK = plain(rgb("23262b"))

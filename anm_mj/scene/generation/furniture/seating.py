@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from anm_mj.scene.generation.furniture.quads import Material, Quads, ball, box, cushion, cylinder, join, lathe, strut
+from anm_mj.scene.generation.quads import Material, Quads, ball, box, cushion, cylinder, join, lathe, strut
 
 
 def chair(frame: Material, seat: Material) -> Quads:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture.quads import Material, Quads, box, join
-from anm_mj.scene.generation.furniture.textures import plain, rgb
+from anm_mj.scene.generation.quads import Material, Quads, box, join
+from anm_mj.scene.generation.textures import plain, rgb
 
 _SPINES = [
     plain(rgb(code))

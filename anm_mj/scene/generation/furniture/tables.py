@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anm_mj.scene.generation.furniture.quads import Material, Quads, box, cushion, join
+from anm_mj.scene.generation.quads import Material, Quads, box, cushion, join
 
 
 def table(

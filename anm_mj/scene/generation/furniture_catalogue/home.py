@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
-from anm_mj.scene.generation.furniture.quads import Quads, box, join
-from anm_mj.scene.generation.furniture.textures import abstract, landscape, plain, rgb, stone, stripes, tiles
 from anm_mj.scene.generation.piece import GAP_M, Piece, against_wall, in_corner, on_wall
+from anm_mj.scene.generation.quads import Quads, box, join
 from anm_mj.scene.generation.style import DARK, METAL, PORCELAIN, WHITE, Style
+from anm_mj.scene.generation.textures import abstract, landscape, plain, rgb, stone, stripes, tiles
 
 
 def sofa_group(width_m: float, s: Style, rng: np.random.Generator) -> Piece:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
-from anm_mj.scene.generation.furniture.quads import Quads, box, join, lathe
-from anm_mj.scene.generation.furniture.textures import abstract, glow, landscape, plain, rgb
 from anm_mj.scene.generation.piece import Piece, against_wall, on_wall
+from anm_mj.scene.generation.quads import Quads, box, join, lathe
 from anm_mj.scene.generation.style import DARK, METAL, WHITE, Style
+from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, rgb
 
 _GREY = plain(rgb("c9ccd1"), 0.03)
 

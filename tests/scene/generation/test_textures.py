@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.scene.generation.furniture.textures import hashed, noise
+from anm_mj.scene.generation.textures import hashed, noise
 
 
 def test_noise_is_continuous_and_fills_its_range():

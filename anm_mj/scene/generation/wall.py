@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture.quads import Material, Quads, box, rectangle
+from anm_mj.scene.generation.quads import Material, Quads, box, rectangle
 
 WINDOW_DEPTH_M = 0.14
 SKIRTING_HEIGHT_M = 0.08

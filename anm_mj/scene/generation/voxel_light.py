@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy import ndimage
 
-from anm_mj.scene.generation.furniture.light import Light
+from anm_mj.scene.generation.light import Light
 
 VOXEL_M = 0.08
 """Edge of a voxel [m]: table legs still throw a shadow."""

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
-from anm_mj.scene.generation.furniture.light import to_linear, to_srgb
-from anm_mj.scene.generation.furniture.quads import Quads
-from anm_mj.scene.generation.furniture.voxel_light import VoxelLighting
+from anm_mj.scene.generation.light import to_linear, to_srgb
+from anm_mj.scene.generation.quads import Quads
+from anm_mj.scene.generation.voxel_light import VoxelLighting
 from anm_mj.scene.submesh import Submesh
 
 _MARGIN_PX = 1

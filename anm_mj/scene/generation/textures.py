@@ -11,7 +11,7 @@ import math
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from anm_mj.scene.generation.furniture.quads import Material
+from anm_mj.scene.generation.quads import Material
 
 Colour = tuple[float, float, float]
 """sRGB in 0..1."""

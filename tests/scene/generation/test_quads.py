@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from anm_mj.scene.generation.furniture.quads import Quads, ball, box, cushion, cylinder, lathe, strut
-from anm_mj.scene.generation.furniture.textures import plain
+from anm_mj.scene.generation.quads import Quads, ball, box, cushion, cylinder, lathe, strut
+from anm_mj.scene.generation.textures import plain
 
 _GREY = plain((0.5, 0.5, 0.5))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from anm_mj.scene.generation.furniture.atlas import pack
+from anm_mj.scene.generation.atlas import pack
 
 
 def test_packed_rectangles_do_not_overlap():
