@@ -70,6 +70,14 @@ def find_moving_parts(
         if planar and not driven:
             root = root_of(model, int(model.jnt_bodyid[planar[0]]))
             return MovingParts(HOLONOMIC, model.body(root).name, planar=tuple(joints[j] for j in planar))
+        steered = _steering_joints(model, data)
+        if steered:
+            raise RobotError(
+                f"The robot {path} steers its wheels ({_listed(joints, steered)}), like a car, and cannot turn on the "
+                "spot; name two wheels that drive it with the steering locked by --set model.left_wheel=NAME --set "
+                "model.right_wheel=NAME, or give the base planar joints (two slides and a hinge) where it can move in "
+                "any direction."
+            )
     left, right = given[0] or named["left"], given[1] or named["right"]
     if len(driven) > 2 or len(left) > 1 or len(right) > 1:
         all_driven = sorted({*driven, *left, *right})
@@ -153,6 +161,17 @@ def _named(model: mujoco.MjModel, side: str, driven: list[int]) -> list[int]:
 
 def _standing_wheels(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
     """Level hinges without a range whose bodies reach the floor, without casters."""
+    return [joint for joint, swivels in _wheels_on_floor(model, data) if not swivels]
+
+
+def _steering_joints(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
+    """Upright hinges with actuators that wheels on the floor hang on."""
+    swivels = {j for _, above in _wheels_on_floor(model, data) for j in above if _is_actuated(model, j)}
+    return sorted(swivels)
+
+
+def _wheels_on_floor(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, list[int]]]:
+    """Level hinges without a range whose bodies reach the floor, each with the upright hinges that it hangs on."""
     found = []
     for joint in range(model.njnt):
         if model.jnt_type[joint] != _HINGE or model.jnt_limited[joint] or is_passive(model.joint(joint).name):
@@ -160,10 +179,10 @@ def _standing_wheels(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
         body = int(model.jnt_bodyid[joint])
         geoms = [g for b in subtree(model, body) for g in range(model.ngeom) if model.geom_bodyid[g] == b]
         others = [j for j in joints_above(model, body) if j != joint]
-        swivels = any(
-            model.jnt_type[j] == _HINGE and abs(data.xaxis[j][2]) > 0.9 for j in others if _below_root(model, j)
-        )
-        if abs(data.xaxis[joint][2]) > _LEVEL or not geoms or swivels:
+        swivels = [
+            j for j in others if model.jnt_type[j] == _HINGE and abs(data.xaxis[j][2]) > 0.9 and _below_root(model, j)
+        ]
+        if abs(data.xaxis[joint][2]) > _LEVEL or not geoms:
             continue
         lowest = min(height_range_m(model, data, g)[0] for g in geoms)
         root = root_of(model, body)
@@ -173,7 +192,7 @@ def _standing_wheels(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
             if model.body_rootid[model.geom_bodyid[g]] == root
         )
         if lowest < floor + _NEAR_FLOOR_M and lowest < data.xanchor[joint][2]:
-            found.append(joint)
+            found.append((joint, swivels))
     return found
 
 

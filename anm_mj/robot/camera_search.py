@@ -22,6 +22,8 @@ _ASIDE_DEG = 30.0
 _INSIDE_M = {"file": 0.035, "mounted": 0.005}
 """A camera deeper inside the robot's body than this is misplaced [m]; in files a lens lies in its head's hull."""
 _ROUNDING_DEG = 0.01
+_HIGHEST_M = 3.0
+"""Above this a camera is in the ceiling, and the file is not in metres [m]."""
 _ON_ARM = re.compile(r"wrist|hand|grip|finger|arm|eef|tool|d405|palm", re.IGNORECASE)
 _DEPTH = re.compile(r"depth|infra|(^|_)ir\d?($|_)", re.IGNORECASE)
 
@@ -130,7 +132,7 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
         path: of the robot's file.
 
     Raises:
-        RobotError: it does not, or it is below the floor.
+        RobotError: it does not, or it is below the floor or above all rooms.
     """
     tilt, aside = tilt_deg(T_base_camera), aside_deg(T_base_camera)
     if abs(tilt) > MAX_TILT_DEG + _ROUNDING_DEG:
@@ -145,9 +147,23 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
             f"{'left' if aside > 0 else 'right'} of where {wheels}; "
             + ("swap the wheels' names, or turn the camera." if abs(aside) > 150.0 else "turn or name another camera.")
         )
-    if T_base_camera[2, 3] < 0.02:
+    if not 0.02 <= T_base_camera[2, 3] <= _HIGHEST_M:
         raise RobotError(
-            f"The camera {camera} of {path} is {T_base_camera[2, 3]:.3f} m above the floor; raise it above 0.02 m."
+            f"The camera {camera} of {path} is {T_base_camera[2, 3]:.3f} m above the floor; its height must lie within "
+            f"0.02 and {_HIGHEST_M:g} m: move it, set camera.height_m, or scale a file that is not in metres."
+        )
+
+
+def require_field_of_view(fovy_deg: float, camera: str, path: Path) -> None:
+    """Accept a vertical field of view that a pinhole can have [deg].
+
+    Raises:
+        RobotError: it is too narrow or too wide.
+    """
+    if not 5.0 <= fovy_deg <= 150.0:
+        raise RobotError(
+            f"The camera {camera} of {path} has a vertical field of view of {fovy_deg:g} degrees; it must lie within 5 "
+            "and 150: set camera.fov_deg."
         )
 
 
@@ -190,11 +206,13 @@ def require_outside(spec: mujoco.MjSpec, camera: str, source: str, path: Path) -
 
 def _fixed_cameras(model: mujoco.MjModel) -> list[int]:
     """Named perspective cameras that are fixed to a body other than the world."""
-    return [
-        c
-        for c in range(model.ncam)
-        if model.camera(c).name and model.cam_mode[c] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED and model.cam_bodyid[c]
-    ]
+    return [c for c in range(model.ncam) if model.camera(c).name and not _off_duty(model, c) and model.cam_bodyid[c]]
+
+
+def _off_duty(model: mujoco.MjModel, camera: int) -> bool:
+    """Whether a camera follows something, or draws without perspective: no camera that a robot carries."""
+    perspective = model.cam_projection[camera] == mujoco.mjtProjection.mjPROJ_PERSPECTIVE
+    return model.cam_mode[camera] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED or not perspective
 
 
 def _on_arm(model: mujoco.MjModel, camera: int) -> bool:
@@ -217,8 +235,10 @@ def _no_camera(
 ) -> str:
     """Says which cameras there are and where they look."""
     if not cameras:
+        others = [model.camera(c).name for c in range(model.ncam) if model.cam_bodyid[c] and _off_duty(model, c)]
+        which = f"{', '.join(others)}, which follow something or are orthographic" if others else "none"
         return (
-            f"The robot {path} has no {what}; its cameras are none: mount one by --set "
+            f"The robot {path} has no {what}; its cameras are {which}: mount one by --set "
             "model.camera_pose=x,y,z,pitch,fovy, as in 0.05,0,0.3,10,60 (m, m, m, deg down, deg)."
         )
     known = []

@@ -20,19 +20,20 @@ from anm_mj.frames import rigid_transform
 from anm_mj.robot.base_search import HOLONOMIC, MovingParts, find_moving_parts
 from anm_mj.robot.body_tree import name_all, solid_geoms, unused_name
 from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.camera_mount import remount_camera
+from anm_mj.robot.camera_mount import remount_camera, upright_camera
 from anm_mj.robot.camera_search import (
     T_world_camera,
     camera_heading,
     find_camera,
     mount_camera,
+    require_field_of_view,
     require_outside,
     require_view_ahead,
     use_field_of_view,
 )
 from anm_mj.robot.casters import TOUCHES_FLOOR_M, let_casters_slide, lowest_xy_m
 from anm_mj.robot.config import RobotConfig
-from anm_mj.robot.footprint import robot_footprint
+from anm_mj.robot.footprint import require_size, robot_footprint
 from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.robot.isolate import give_free_joint, isolate_robot
 from anm_mj.robot.joint_positions import at_key_frame
@@ -40,7 +41,7 @@ from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
 from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
 from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
 from anm_mj.robot.servos import fit_servos
-from anm_mj.robot.wheels import base_frame, read_wheels, replace_wheel_contacts
+from anm_mj.robot.wheels import base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
 
 Mount = tuple[CameraConfig, int]
@@ -128,7 +129,11 @@ def describe_robot(
         raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
     name_all(spec.bodies, "body")
     name_all(spec.joints, "joint")
+    # A URDF's base, fused with the world, would be gone.
+    spec.compiler.fusestatic = False
     model = _compiled(spec, path)
+    if free_endless_hinges(spec, model):
+        model = _compiled(spec, path)
     data, key_frame = at_key_frame(model, config.keyframe, path)
     ahead = camera_heading(model, data, config)
     parts = find_moving_parts(model, data, config, path, ahead)
@@ -166,15 +171,16 @@ def _wheeled(
     radius, wheels = lefts[0].radius_m, [*lefts, *rights]
     T_root_base = np.linalg.inv(_body_pose(data, root)) @ T_world_base
     rolls = f"the wheels {', '.join(parts.left)} (left) and {', '.join(parts.right)} (right) roll"
-    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, rolls, path, mount)
+    camera, T_base_camera, fovy_deg, odd = _camera(spec, config, parts, T_root_base, T_world_base, rolls, path, mount)
 
     on_wheels = {wheel.body for wheel in wheels}
     shell, casters = _shell_and_casters(model, data, on_wheels, float(T_world_base[2, 3]))
     footprint, body_radius = robot_footprint(model, data, shell, T_world_base)
+    require_size(footprint, path)
     motors, top_radps, notes = fit_servos(spec, model, (*parts.left, *parts.right), radius)
     support = [wheel.centre_m[:2] for wheel in wheels] + [lowest_xy_m(model, data, g) for g in casters]
     replace_wheel_contacts(spec, model, wheels)
-    notes += let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
+    notes += odd + let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
     shell_names = tuple(model.geom(geom).name for geom in shell)
     model = _compiled(spec, path)
     mounts = tuple(
@@ -232,14 +238,15 @@ def _holonomic(
     root = model.body(parts.root).id
     T_world_base = _body_pose(data, root) @ T_root_base
     along = f"the base slides along {parts.planar[0]}"
-    camera, T_base_camera, fovy_deg = _camera(spec, config, parts, T_root_base, T_world_base, along, path, mount)
+    camera, T_base_camera, fovy_deg, odd = _camera(spec, config, parts, T_root_base, T_world_base, along, path, mount)
     shell, casters = _shell_and_casters(model, data, set(), float(T_world_base[2, 3]))
     if not shell and not casters:
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
     footprint, body_radius = robot_footprint(model, data, shell, T_world_base)
+    require_size(footprint, path)
     mass = float(model.body_subtreemass[root])
     joints, motors = give_planar_joints(spec, parts.root, T_root_base, mass, body_radius)
-    notes = let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
+    notes = odd + let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
     shell_names = tuple(model.geom(geom).name for geom in shell)
     support = np.array([lowest_xy_m(model, data, g) for g in casters]).reshape(-1, 2)
     T_base_world = np.linalg.inv(T_world_base)
@@ -286,8 +293,9 @@ def _camera(
     rolls: str,
     path: Path,
     mount: Mount,
-) -> tuple[str, Float[np.ndarray, "4 4"], float]:
-    """Find or mount the camera: its name, its pose in the base and its vertical field of view [deg]."""
+) -> tuple[str, Float[np.ndarray, "4 4"], float, list[str]]:
+    """Find or mount the camera: its name, its pose in the base, its vertical field of view [deg], and what is odd."""
+    note = ""
     if config.mounted_camera is not None:
         camera = mount_camera(spec, parts.root, T_root_base, config.mounted_camera)
     else:
@@ -296,13 +304,16 @@ def _camera(
         if hangs_on_joint(model, int(model.camera(camera).bodyid[0]), {*parts.left, *parts.right}):
             raise RobotError(f"The camera {camera} of {path} turns with a wheel; mount it on the base rigidly.")
         use_field_of_view(spec, model, camera)
+        note = upright_camera(spec, model, data, camera, T_world_base)
     model, data = _at_rest(spec, path)
     remount_camera(spec, model, data, camera, T_world_base, *mount)
     model, data = _at_rest(spec, path)
     T_base_camera = np.linalg.inv(T_world_base) @ T_world_camera(model, data, camera)
     require_view_ahead(T_base_camera, camera, rolls, path)
     require_outside(spec, camera, "mounted" if config.mounted_camera else "file", path)
-    return camera, T_base_camera, float(model.cam_fovy[model.camera(camera).id])
+    fovy_deg = float(model.cam_fovy[model.camera(camera).id])
+    require_field_of_view(fovy_deg, camera, path)
+    return camera, T_base_camera, fovy_deg, [note] if note else []
 
 
 def _at_rest(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.errors import RobotError
 from anm_mj.robot.body_tree import solid_geoms
 from anm_mj.robot.geom_extent import height_range_m, radius_about_axis_m
 from anm_mj.types import Footprint
 
 FOOTPRINT_MARGIN_M = 0.01
 """The footprint is wider than the robot by this margin [m]."""
+WIDEST_M, HIGHEST_M = 2.0, 4.0
+"""Larger robots, by radius and height, are not in metres [m]."""
 LOWEST_M = 0.05
 """Rugs and thresholds below this height are no obstacles [m]; scenes have no collision boxes there either."""
 
@@ -41,3 +46,17 @@ def robot_footprint(
         z_max_m=round(max(highest, LOWEST_M + 0.05), 6),
     )
     return footprint, round(radius, 6)
+
+
+def require_size(footprint: Footprint, path: Path) -> None:
+    """Accept a robot of the size that buildings are made for.
+
+    Raises:
+        RobotError: it is too large, as in a file in centimetres.
+    """
+    if footprint.radius_m > WIDEST_M or footprint.z_max_m > HIGHEST_M:
+        raise RobotError(
+            f"The robot {path} is {2.0 * footprint.radius_m:.3g} m across and {footprint.z_max_m:.3g} m high; MuJoCo's "
+            "unit is the metre: scale the file, or choose a key frame in which it is compact by --set "
+            "model.keyframe=NAME."
+        )

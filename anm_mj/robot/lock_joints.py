@@ -15,8 +15,8 @@ def lock_joints(
 ) -> list[str]:
     """Weld all bodies of a robot to their parents where they are now, but for the kept joints; names of the others.
 
-    Joints of the root body stay as well. Actuators, sensors, tendons and equalities of the locked joints disappear, and
-    gravity acts on all bodies again.
+    Joints of the root body stay as well. Actuators and sensors of the locked joints disappear, with all tendons and
+    equalities, which would hold the wheels; gravity acts on all bodies again.
 
     Args:
         spec: the robot, all joints named; changed in place.
@@ -34,6 +34,7 @@ def lock_joints(
         and model.joint(j).name not in keep
     ]
     if not locked:
+        _uncouple(spec)
         return []
     names = [model.joint(j).name for j in locked]
     for body_id in sorted({int(model.jnt_bodyid[j]) for j in locked}):
@@ -45,18 +46,28 @@ def lock_joints(
         mujoco.mju_mat2Quat(quat, np.ascontiguousarray(pose[:3, :3]).ravel())
         body.pos, body.quat = pose[:3, 3], quat
         body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    for element in [*spec.sensors, *spec.equalities, *spec.keys]:
+    for element in [*spec.sensors, *spec.keys]:
         spec.delete(element)
     kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     for actuator in [a for a in spec.actuators if a.trntype not in kinds or a.target in names]:
         spec.delete(actuator)
-    for tendon in list(spec.tendons):
-        spec.delete(tendon)
+    _uncouple(spec)
     for name in names:
         spec.delete(spec.joint(name))
+    return names
+
+
+def _uncouple(spec: mujoco.MjSpec) -> None:
+    """Remove what couples the wheels to each other or carries the robot: equalities, tendons, gravity compensation."""
+    tendons = list(spec.tendons)
+    if tendons:
+        of_tendons = [a for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON]
+        for element in [*of_tendons, *[s for s in spec.sensors if s.objtype == mujoco.mjtObj.mjOBJ_TENDON]]:
+            spec.delete(element)
+    for element in [*spec.equalities, *tendons]:
+        spec.delete(element)
     for body in spec.bodies:
         body.gravcomp = 0.0
-    return names
 
 
 def hangs_on_joint(model: mujoco.MjModel, body: int, kept: set[str]) -> bool:

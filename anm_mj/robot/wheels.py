@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from anm_mj.robot.geom_extent import height_range_m, support_m
 
 ALIKE_M = 1e-3
 """Largest difference between the radii of the wheels and between the heights of their axles [m]."""
+_ENDLESS_RAD = 20.0 * math.tau
+"""A hinge with a wider range than this turns without end; converters write ranges of 1e5 degrees [rad]."""
 _MIN_ARMATURE = 0.04
 """Least motor inertia per mass and squared wheel radius; with less, wheels of light robots chatter at 2 ms."""
 
@@ -35,6 +38,20 @@ class Wheel:
     half_width_m: float
     centre_in_body_m: Float[np.ndarray, "3"]
     """The same centre, in the axes of the wheel's body."""
+
+
+def free_endless_hinges(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
+    """Remove the ranges of hinges that are wider than 20 turns; whether there was one."""
+    found = [
+        j
+        for j in range(model.njnt)
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
+        and model.jnt_limited[j]
+        and np.ptp(model.jnt_range[j]) > _ENDLESS_RAD
+    ]
+    for joint in found:
+        spec.joint(model.joint(joint).name).limited = mujoco.mjtLimited.mjLIMITED_FALSE
+    return bool(found)
 
 
 def read_wheels(
@@ -107,6 +124,10 @@ def replace_wheel_contacts(spec: mujoco.MjSpec, model: mujoco.MjModel, wheels: l
             size=[wheel.radius_m, wheel.radius_m, wheel.half_width_m],
             pos=wheel.centre_in_body_m,
             quat=quaternion,
+            # Explicit, because the file's defaults may be for other bodies: without friction, without contacts.
+            contype=1,
+            conaffinity=1,
+            condim=max(int(touching.condim[0]), 3),
             friction=touching.friction,
             priority=int(touching.priority[0]),
             mass=0.0,

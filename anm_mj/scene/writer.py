@@ -30,6 +30,8 @@ from anm_mj.scene.rooms import find_rooms
 from anm_mj.scene.submesh import Submesh, is_within, merge_geometry, without_degenerate_faces
 from anm_mj.types import Pose2
 
+_NARROWEST_FLOOR_M = 0.3
+"""The robot's wheels need more [m]; tops of walls have less."""
 _PNG_COMPRESSION = 3
 """Four times as fast as Pillow's default, with files a few per cent larger."""
 
@@ -104,6 +106,7 @@ def write_scene(
     rooms = info.rooms
     if starts is None or rooms is None:
         area = navigable_area(triangles, DEFAULT_FOOTPRINT, solid_triangles)
+        _require_width(area, info.name)
         on_area(area)
         starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
         # A scan may have no wall that submeshes a room from the open.
@@ -146,6 +149,20 @@ def write_scene(
         np.savez_compressed(folder / GEOMETRY, **arrays)
         (folder / TOML).write_text(_toml(entries), encoding="utf-8")
     return read_scene_folder(out)
+
+
+def _require_width(area: NavigableArea, name: str) -> None:
+    """Refuse what is no floor: without one, the tops of walls are the largest level surface.
+
+    Raises:
+        SceneError: the floor is nowhere wider than a wall is thick.
+    """
+    widest_m = 2.0 * float(area.clearance_m[area.component == 1].max())
+    if widest_m < _NARROWEST_FLOOR_M:
+        raise SceneError(
+            f"Scene {name} has no floor: its largest level surface is {widest_m:.2f} m wide, like the top of a wall; "
+            "add one, as a plane in a MuJoCo world."
+        )
 
 
 def _single(submeshes: list[Submesh]) -> tuple[Float32[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:

@@ -41,9 +41,8 @@ def report_reach(area: NavigableArea, placed: Placed, doors: Doors) -> None:
     reached = f"The robot reaches {area.area_m2:.0f} of {all_m2:.0f} m2 of the floor"
     shut = [leaf.part for leaf in placed.leaves if leaf.is_shut]
     if shut and doors != "open":
-        _logger.warning(
-            "%s; %d door leaves may be in its way: %s. Open them with --doors open.", reached, len(shut), some(shut, 8)
-        )
+        leaves = "1 door leaf" if len(shut) == 1 else f"{len(shut)} door leaves"
+        _logger.warning("%s; %s may be in its way: %s. Open them with --doors open.", reached, leaves, some(shut, 8))
     else:
         _logger.warning(
             "%s, and no part looks like a shut door: `anm-mj scene check` shows where the pieces lie; name parts in "

@@ -33,7 +33,8 @@ DRAWN_GROUPS = (0, 1, 2)
 
 _ROBOT = "Left out, because actuators drive them: the robots {names}."
 _OTHERS = "Left out: {names}."
-_NOTHING_SOLID = "Nothing in the world collides but {names}: the robot meets whatever is drawn."
+_NOTHING_SOLID = "Nothing in the world collides: the robot meets whatever is drawn."
+_GROUND_SOLID = "Nothing in the world collides but the ground: the robot meets whatever is drawn."
 _FREE = "Stand still where they are: the free bodies {names}; --movable lets the robot push them."
 
 
@@ -74,7 +75,7 @@ def read_mjcf(
         shown = ", ".join(map(str, sorted(groups)))
         raise SceneError(f"{src} holds nothing that is drawn (no geom in the groups {shown}): --groups names others.")
     if not reader.solid_walls.any():
-        report.add(_NOTHING_SOLID, "the ground" if solid else "nothing")
+        report.add(_GROUND_SOLID if solid else _NOTHING_SOLID, "")
         solid = None
     elif (reader.drawn == reader.solid).all():
         solid = None

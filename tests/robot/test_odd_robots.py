@@ -1,0 +1,96 @@
+"""Robots as others write them, that must work: endless ranges, couplings, odd defaults, cameras on their side."""
+
+import math
+
+import numpy as np
+import pytest
+
+from anm_mj.control.drive_test import drive_over_a_floor
+from anm_mj.errors import RobotError
+from anm_mj.robot.config import RobotConfig
+from anm_mj.robot.description import describe_robot
+
+WHEEL = (
+    '<body name="wheel_{side}" pos="0 {y} -0.04"><joint name="wheel_{side}" axis="0 1 0"/>'
+    '<geom type="cylinder" size="0.06 0.02" zaxis="0 1 0" mass="0.3"/></body>'
+)
+PLAIN = (
+    '<mujoco><worldbody><body name="chassis" pos="0 0 0.1"><geom type="box" size="0.18 0.12 0.05" mass="5"/>'
+    '<camera name="eye" pos="0.1 0 0.3" xyaxes="0 -1 0 0 0 1" fovy="70"/>'
+    '<geom type="sphere" size="0.03" pos="-0.15 0 -0.07"/>'
+    + WHEEL.format(side="left", y=0.15)
+    + WHEEL.format(side="right", y=-0.15)
+    + "</body></worldbody><actuator>"
+    '<velocity joint="wheel_left" kv="1"/><velocity joint="wheel_right" kv="1"/></actuator></mujoco>'
+)
+STEERED = "".join(
+    f'<body pos="0.12 {y} -0.04"><joint name="steer_{side}" axis="0 0 1"/><geom size="0.01" mass="0.1"/><body>'
+    f'<joint name="front_{side}" axis="0 1 0"/><geom type="cylinder" size="0.06 0.02" zaxis="0 1 0"/></body></body>'
+    for side, y in (("a", 0.15), ("b", -0.15))
+)
+
+
+def written(tmp_path, *changes):
+    text = PLAIN
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    path = tmp_path / "odd.xml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [(' axis="0 1 0"', ' axis="0 1 0" range="-100000 100000"')],
+        [("<worldbody>", '<default><geom contype="2" conaffinity="4" condim="1"/></default><worldbody>')],
+        [("<actuator>", '<equality><joint joint1="wheel_left" joint2="wheel_right"/></equality><actuator>')],
+        [("<actuator>", '<tendon><fixed name="t"><joint joint="wheel_left" coef="1"/></fixed></tendon><actuator>'),
+         ('<velocity joint="wheel_left" kv="1"/>', '<motor tendon="t"/>')],
+        [('name="chassis"', 'name="chassis" gravcomp="1"')],
+    ],
+    ids=["endless range", "defaults without contact", "coupled wheels", "tendon", "weightless"],
+)  # fmt: skip
+def test_it_drives(tmp_path, changes):
+    robot = describe_robot(written(tmp_path, *changes))
+    test = drive_over_a_floor(robot)
+    assert test.fault is None
+    assert test.moved_m == pytest.approx(test.asked_m, abs=0.005)
+    assert math.degrees(test.turned_rad) == pytest.approx(90.0, abs=1.0)
+
+
+def test_a_camera_on_its_side_is_turned_upright(tmp_path):
+    upright = describe_robot(written(tmp_path))
+    for axes in ("0 0 -1 0 -1 0", "0 1 0 0 0 -1"):
+        robot = describe_robot(written(tmp_path, ("0 -1 0 0 0 1", axes)))
+        np.testing.assert_allclose(robot.T_base_camera, upright.T_base_camera, atol=1e-9)
+        assert any("turned upright" in note for note in robot.notes)
+    assert upright.notes == ()
+
+
+def test_the_base_of_a_urdf_is_not_fused_with_the_world(tmp_path):
+    mass = '<inertial><mass value="{}"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'
+    wheels = "".join(
+        f'<link name="{side}_wheel"><collision><origin rpy="1.5708 0 0"/><geometry><cylinder radius="0.06" '
+        f'length="0.03"/></geometry></collision>{mass.format(0.3)}</link><joint name="{side}_wheel_joint" '
+        f'type="continuous"><parent link="base"/><child link="{side}_wheel"/><origin xyz="0 {y} -0.03"/>'
+        '<axis xyz="0 1 0"/></joint>'
+        for side, y in (("left", 0.15), ("right", -0.15))
+    )
+    box = '<collision><geometry><box size="0.3 0.2 0.1"/></geometry></collision>'
+    body = f'<link name="base">{box}{mass.format(3)}</link>'
+    path = tmp_path / "odd.urdf"
+    path.write_text(f'<robot name="odd">{body}{wheels}</robot>')
+    robot = describe_robot(path, RobotConfig(camera_pose="0.1,0,0.3,0,70"))
+    assert (robot.root, robot.wheel_joints) == ("base", ("left_wheel_joint", "right_wheel_joint"))
+    assert robot.mass_kg == pytest.approx(3.6)
+
+
+def test_cars_are_refused_unless_their_driven_wheels_are_named(tmp_path):
+    act = '<position joint="steer_a" kp="9"/><position joint="steer_b" kp="9"/></actuator>'
+    path = written(tmp_path, ("</body></worldbody>", f"{STEERED}</body></worldbody>"), ("</actuator>", act))
+    with pytest.raises(RobotError, match=r"steers its wheels \(steer_a, steer_b\), like a car"):
+        describe_robot(path)
+    named = describe_robot(path, RobotConfig(left_wheel="wheel_left", right_wheel="wheel_right"))
+    assert {"steer_a", "steer_b"} <= set(named.locked)
