@@ -26,14 +26,23 @@ def outliers(depth_m: Float32[np.ndarray, "h w"], support: int = SUPPORT) -> Boo
         support: number of neighbours that must agree.
     """
     measured = np.isfinite(depth_m) & (depth_m > 0.0)
-    padded = np.pad(np.where(measured, depth_m, np.float32(np.nan)), 1, constant_values=np.nan)
-    middle = padded[1:-1, 1:-1]
-    agreeing = np.zeros(depth_m.shape, np.uint8)
-    rows, cols = depth_m.shape
-    limit = np.maximum(np.float32(AGREEMENT) * middle, np.float32(LEAST_M))
-    for row in range(3):
-        for col in range(3):
-            if (row, col) != (1, 1):
-                # Comparisons with NaN are false.
-                agreeing += np.abs(padded[row : row + rows, col : col + cols] - middle) <= limit
-    return measured & (agreeing < support)
+    known = depth_m if measured.all() else np.where(measured, depth_m, np.float32(np.nan))
+    limit = np.maximum(np.float32(AGREEMENT) * known, np.float32(LEAST_M))
+    # Next to all pixels have neighbours enough in their row, so few are looked at all around. Comparisons with NaN are
+    # false.
+    step = np.abs(known[:, 1:] - known[:, :-1])
+    in_row = np.zeros(depth_m.shape, np.uint8)
+    in_row[:, :-1] += step <= limit[:, :-1]
+    in_row[:, 1:] += step <= limit[:, 1:]
+    unsure = measured & (in_row < support)
+    row, col = np.nonzero(unsure)
+    if not len(row):
+        return unsure
+    padded = np.pad(known, 1, constant_values=np.nan)
+    agreeing = np.zeros(len(row), np.uint8)
+    for down in range(3):
+        for along in range(3):
+            if (down, along) != (1, 1):
+                agreeing += np.abs(padded[row + down, col + along] - known[row, col]) <= limit[row, col]
+    unsure[row, col] = agreeing < support
+    return unsure

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
 from anm_mj.planning.lookahead import lookahead_radius_m, path_is_blocked
-from anm_mj.protocols import Mapper, Policy, Recorder, Robot, Viewer
+from anm_mj.protocols import Anticipates, Mapper, Policy, Recorder, Robot, Viewer
 from anm_mj.sensor_monitor import SensorMonitor
 from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
@@ -153,6 +153,11 @@ def explore(
             return outcome(StopReason.SENSOR_FAULT)
         with watch.stage("observe"):
             observation = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
+        if isinstance(robot, Anticipates):
+            with watch.stage("observe"):
+                coming = state.follower.coming_action(observation.pose)
+                if coming is not None:
+                    robot.anticipate(coming)
         update = _learn(observation, mapper, policy, watch)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)

@@ -50,6 +50,15 @@ class Robot(Protocol):
 
 
 @runtime_checkable
+class Anticipates(Protocol):
+    """A robot that can begin with what comes after an action before the action is executed."""
+
+    def anticipate(self, action: Action) -> None:
+        """Begin to see what ``action`` will show, and return at once; nothing changes if another one is executed."""
+        ...
+
+
+@runtime_checkable
 class Drive(Protocol):
     """Turns the actions and velocities of a simulated robot into wheel motion."""
 

@@ -243,6 +243,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
         seed=config.seed,
         sensor=config.sensor,
         camera=config.camera,
+        anticipates=True,
     )
 
 

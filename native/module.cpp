@@ -20,8 +20,10 @@
 #include <string>
 #include <vector>
 
+#include "field_blocks.h"
 #include "kernel.h"
 #include "occupancy.h"
+#include "pixels.h"
 #include "thread_pool.h"
 
 namespace nb = nanobind;
@@ -518,6 +520,75 @@ private:
     std::map<int, std::unique_ptr<Buffer>> work_;
 };
 
+using Grid = nb::ndarray<std::int8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using ConstGrid = nb::ndarray<const std::int8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Table = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+anm::Extent extent_of(const ConstGrid& grid, const Table& blocks) {
+    const anm::Extent size{static_cast<std::int64_t>(grid.shape(0)), static_cast<std::int64_t>(grid.shape(1)),
+                           static_cast<std::int64_t>(grid.shape(2))};
+    require(blocks.shape(1) == 3, "a block has a layer, a row and a column");
+    const std::int64_t most[3] = {size.layers / anm::kBlock, size.rows / anm::kBlock, size.cols / anm::kBlock};
+    for (std::size_t i = 0; i < blocks.shape(0); ++i) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            require(blocks(i, axis) >= 0 && blocks(i, axis) < most[axis], "blocks lie outside the grid");
+        }
+    }
+    return size;
+}
+
+std::int64_t voxels_to_read(ConstGrid state, Table blocks, nb::ndarray<std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> out) {
+    const anm::Extent size = extent_of(state, blocks);
+    return anm::voxels_to_read(state.data(), size, blocks.data(), static_cast<std::int64_t>(blocks.shape(0)),
+                               out.data(), static_cast<std::int64_t>(out.size()));
+}
+
+void write_blocks(ConstGrid state, Table blocks, Indices voxels,
+                  nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> read, Grid out,
+                  nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> moved) {
+    const anm::Extent size = extent_of(state, blocks);
+    require(out.shape(0) == state.shape(0) && out.shape(1) == state.shape(1) && out.shape(2) == state.shape(2) &&
+                read.size() == voxels.size() && moved.size() == blocks.shape(0),
+            "the arrays differ in size");
+    anm::write_blocks(state.data(), size, blocks.data(), static_cast<std::int64_t>(blocks.shape(0)), voxels.data(),
+                      read.data(), static_cast<std::int64_t>(voxels.size()), out.data(), moved.data());
+}
+
+// Rays of `batches` batches, each of stored pixels and of a share of other rays; see pixels.h.
+nb::tuple ray_batches(InFlags pixels, In cameras, Table place, Table keyframe, float depth_unit, In origin,
+                      In direction, In rgb, InFlat depth) {
+    const auto batches = static_cast<std::int64_t>(place.shape(0)), stored = static_cast<std::int64_t>(place.shape(1));
+    const auto others = static_cast<std::int64_t>(depth.size());
+    require(keyframe.shape(0) == place.shape(0) && keyframe.shape(1) == place.shape(1),
+            "each pixel was seen in one keyframe");
+    require(batches > 0 && others % batches == 0 && origin.shape(0) == depth.size() && origin.shape(1) == 3 &&
+                direction.shape(0) == depth.size() && direction.shape(1) == 3 && rgb.shape(0) == depth.size() &&
+                rgb.shape(1) == 3,
+            "each batch gets as many of the other rays");
+    require(cameras.shape(1) == anm::kCameraNumbers, "a camera has 17 numbers");
+    const auto num_pixels = static_cast<std::int64_t>(pixels.size()) / anm::kPixelBytes;
+    const auto num_cameras = static_cast<std::int64_t>(cameras.shape(0));
+    for (std::int64_t i = 0; i < batches * stored; ++i) {
+        require(place.data()[i] >= 0 && place.data()[i] < num_pixels && keyframe.data()[i] >= 0 &&
+                    keyframe.data()[i] < num_cameras && cameras.data()[keyframe.data()[i] * anm::kCameraNumbers] >= 1.0F,
+                "pixels or keyframes are not among those stored");
+    }
+    const auto count = static_cast<std::size_t>(batches * stored + others);
+    anm::RayArrays from, to;
+    from.origin = const_cast<float*>(origin.data());
+    from.direction = const_cast<float*>(direction.data());
+    from.rgb = const_cast<float*>(rgb.data());
+    from.depth = const_cast<float*>(depth.data());
+    Out to_origin = make_array({count, std::size_t{3}}, to.origin);
+    Out to_direction = make_array({count, std::size_t{3}}, to.direction);
+    Out to_rgb = make_array({count, std::size_t{3}}, to.rgb);
+    Out to_depth = make_array({count}, to.depth);
+    anm::ray_batches(pixels.data(), cameras.data(), place.data(), keyframe.data(), batches, stored, depth_unit, from,
+                     others / batches, to);
+    return nb::make_tuple(to_origin, to_direction, to_rgb, to_depth);
+}
+
 nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
     anm::Roofline best{};
     find_kernel(kernel).roofline(table_bytes, best);
@@ -603,5 +674,10 @@ NB_MODULE(_native, m) {
              "matrix"_a, "offset"_a, "voxels"_a, "hit_depth"_a)
         .def("counts", &Occupancy::counts, "depth"_a, "rays"_a, "range"_a, "matrix"_a, "offset"_a, "out"_a);
     m.def("kernel_names", &kernel_names);
+    m.def("voxels_to_read", &voxels_to_read, "state"_a, "blocks"_a, "out"_a);
+    m.def("write_blocks", &write_blocks, "state"_a, "blocks"_a, "voxels"_a, "read"_a, "out"_a, "moved"_a);
+    m.def("ray_batches", &ray_batches, "pixels"_a, "cameras"_a, "place"_a, "keyframe"_a, "depth_unit"_a, "origin"_a,
+          "direction"_a, "rgb"_a, "depth"_a);
+    m.def("lend_cores", [](int cores) { anm::thread_pool().lend(cores); }, "cores"_a);
     m.def("roofline", &roofline, "table_bytes"_a, "kernel"_a);
 }

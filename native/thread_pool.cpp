@@ -35,6 +35,7 @@ private:
 
 void ThreadPool::run(int workers, int count, Task fn, void* arg) {
     const FlushDenormals flush;
+    workers -= lent_.load(std::memory_order_relaxed);
     if (workers > count) workers = count;
     std::unique_lock<std::mutex> user(user_, std::defer_lock);
     if (workers <= 1 || !user.try_lock()) {

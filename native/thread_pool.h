@@ -18,6 +18,9 @@ public:
     // caller's thread when another thread is using the pool.
     void run(int workers, int count, Task fn, void* arg);
 
+    // So many cores are somebody else's from now on: batches are computed by as many threads less, at least by one.
+    void lend(int cores) { lent_.store(cores); }
+
 private:
     void work(int worker);
     void take_tasks(int worker);
@@ -29,6 +32,7 @@ private:
     std::atomic<std::uint64_t> batch_{0};  // counts batches, so that a worker knows a new one
     std::atomic<int> next_{0};
     std::atomic<int> running_{0};
+    std::atomic<int> lent_{0};
     int count_ = 0, workers_ = 0;
     Task fn_ = nullptr;
     void* arg_ = nullptr;

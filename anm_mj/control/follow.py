@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -54,6 +55,12 @@ class Follower:
         if action is None:
             self._plan = None
         return action
+
+    def coming_action(self, pose: Pose2) -> Action | None:
+        """What :meth:`next_action` would return; nothing changes."""
+        ahead = copy.copy(self)
+        ahead._headings = list(self._headings)
+        return ahead.next_action(pose)
 
     def _along_path(self, pose: Pose2, path_xy_m: Float[np.ndarray, "k 2"]) -> Action | None:
         if not len(path_xy_m) or np.linalg.norm(path_xy_m[-1] - pose.xy_m) < ARRIVED_M:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from anm_mj.control.drive import STILL, WheelDrive, require_motion
 from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.odometry import Odometer
+from anm_mj.control.simulated_base import PlanarBase, SimulatedBase, simulated_base
 from anm_mj.frames import move_pose
 from anm_mj.geometry.clearance import Clearance
 from anm_mj.robot.description import RobotDescription
@@ -27,7 +28,7 @@ class KinematicDrive(WheelDrive):
     is a circle about the axis of rotation, so a turn on the spot always succeeds.
     """
 
-    REBUILT = ("_clearance",)
+    REBUILT = ("_clearance", "_model", "_prefix", "_ahead")
 
     def __init__(
         self,
@@ -55,6 +56,8 @@ class KinematicDrive(WheelDrive):
         """
         super().__init__(model, data, description, limits, odometer, prefix, period_s=_LOOK_PERIOD_S)
         self._clearance = clearance
+        self._model, self._prefix = model, prefix
+        self._ahead: tuple[mujoco.MjData, SimulatedBase | PlanarBase] | None = None
 
     def place(self, pose: Pose2) -> None:
         """Move the robot to a pose without driving, and restart its odometry there."""
@@ -73,6 +76,13 @@ class KinematicDrive(WheelDrive):
             return ActionResult(action, collided=True, wheel_speeds=STILL, moved_m=0.0)
         speeds = self._kinematics.wheel_speeds(forward_m / duration_s, turn_rad / duration_s)
         return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=forward_m)
+
+    def anticipate(self, action: Action, data: mujoco.MjData) -> None:
+        """Write the positions after an action into other data of the same model, as if nothing were in the way."""
+        if self._ahead is None or self._ahead[0] is not data:
+            self._ahead = data, simulated_base(self._model, data, self._prefix, self._description)
+        data.qpos[:] = self._data.qpos
+        self._move(self._ahead[1], *action_motion(action))
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Roll at a constant velocity for a time [s], all of it or nothing.
@@ -104,11 +114,15 @@ class KinematicDrive(WheelDrive):
         pose = self._base.pose
         if forward_m and self._clearance.sweep_collides(pose, forward_m, turn_rad):
             return False
-        left_rad, right_rad = self._kinematics.wheel_motion(forward_m, turn_rad)
-        self._base.turn_wheels(left_rad, right_rad)
-        if isinstance(self._kinematics, PlanarKinematics):
-            self._base.place(move_pose(pose, forward_m, turn_rad))
-        else:
-            self._base.place(self._kinematics.odometry(pose, left_rad, right_rad))
+        self._move(self._base, forward_m, turn_rad)
         self._odometer.update(self._base.wheel_angles_rad)
         return True
+
+    def _move(self, base: SimulatedBase | PlanarBase, forward_m: float, turn_rad: float) -> None:
+        pose = base.pose
+        left_rad, right_rad = self._kinematics.wheel_motion(forward_m, turn_rad)
+        base.turn_wheels(left_rad, right_rad)
+        if isinstance(self._kinematics, PlanarKinematics):
+            base.place(move_pose(pose, forward_m, turn_rad))
+        else:
+            base.place(self._kinematics.odometry(pose, left_rad, right_rad))

@@ -17,12 +17,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, Int32, Int64, Shaped
+from jaxtyping import Bool, Float, Float32, Int8, Int32, Int64
 
+from anm_mj.mapping.field_blocks import NativeBlocks, NumpyBlocks, field_blocks
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.occupancy_fusion import BLOCK, HALF_DIAGONAL
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SdfQuery, VoxelGrid
-from anm_mj.utils.arrays import dilate_mask, embed
+from anm_mj.utils.arrays import embed
 
 HIT_SHARE = 0.75
 """The surface passes a voxel by where the signed distance at its centre is more than this share of its edge. A surface
@@ -37,17 +38,25 @@ _EXACT_PER_M = 1e-5
 """Less noise than this is none: it is a tenth of a millimetre at 3 m, and rounding makes some [1/m]. What exact depth
 says stands, and the field is not asked."""
 
+_NOTHING = np.zeros(0, np.int64), np.zeros(0, np.int8)
+"""No voxel that the field decides."""
+
 
 class FieldGeometry:
     """Keeps the states of all observed voxels in step with the field, block by block, where frames came in."""
 
-    def __init__(self, occupancy: OccupancyGrid) -> None:
+    REBUILT = ("_blocks",)
+
+    def __init__(self, occupancy: OccupancyGrid, blocks: NumpyBlocks | NativeBlocks | None = None) -> None:
         """Start with nothing read.
 
         Args:
             occupancy: what has been observed.
+            blocks: what goes through the voxels; None = the native kernels where they were built, else NumPy. Both
+                give the same.
         """
         self._occupancy = occupancy
+        self._blocks = blocks or field_blocks()
         self._corner: Int64[np.ndarray, "3"] = np.zeros(3, np.int64)
         self._state: Int8[np.ndarray, "layers rows cols"] = np.zeros((0, 0, 0), np.int8)
         self._column_version: Int32[np.ndarray, "block_rows block_cols"] = np.zeros((0, 0), np.int32)
@@ -84,32 +93,27 @@ class FieldGeometry:
         if not blocks.any():
             return
         self._read_frame[blocks] = raw.version
-        state = _in_blocks(raw.state)[blocks]
-        if self._noise_per_m:
-            self._ask_field(state, blocks, raw, sdf_m)
-        view = _in_blocks(self._state)
-        moved = (view[blocks] != state).any(axis=(1, 2, 3))
-        view[blocks] = state
+        places = np.argwhere(blocks)
+        voxels, read = self._ask_field(places, raw, sdf_m) if self._noise_per_m else _NOTHING
+        moved = self._blocks.write(raw.state, places, voxels, read, self._state)
         self._column_version[changed.any(axis=0)] = raw.version
-        rows_cols = np.argwhere(blocks)[moved][:, 1:]
+        rows_cols = places[moved][:, 1:]
         self._column_version[rows_cols[:, 0], rows_cols[:, 1]] = raw.version
 
     def _ask_field(
-        self,
-        state: Int8[np.ndarray, "n b b b"],
-        blocks: Bool[np.ndarray, "block_layers block_rows block_cols"],
-        raw: VoxelGrid,
-        sdf_m: SdfQuery,
-    ) -> None:
-        """Decide the hits in ``state``, those of ``blocks``, and what was observed beside them, by the field."""
-        beside = dilate_mask(state == OCCUPIED, first_axis=1) & (state != UNKNOWN)
-        block, layer, row, col = np.nonzero(beside)
-        corner = np.argwhere(blocks)[block] * BLOCK + np.stack([layer, row, col], axis=1)
-        points_m = (corner[:, ::-1] + self._corner) * raw.resolution_m
-        seen_m = _in_blocks(raw.seen_range_m)[blocks][block, layer, row, col]
-        hit = state[block, layer, row, col] == OCCUPIED
+        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery
+    ) -> tuple[Int64[np.ndarray, " n"], Int8[np.ndarray, " n"]]:
+        """Decide the hits in blocks, and what was observed beside them, by the field.
+
+        Returns:
+            Indices of these voxels into the raveled grid, block by block, and their states.
+        """
+        voxels = self._blocks.to_read(raw.state, places)
+        layer_row_col = np.stack(np.unravel_index(voxels, raw.state.shape), axis=1)
+        points_m = (layer_row_col[:, ::-1] + self._corner) * raw.resolution_m
+        seen_m, hit = raw.seen_range_m.reshape(-1)[voxels], raw.state.reshape(-1)[voxels] == OCCUPIED
         solid = self._is_solid(sdf_m(points_m.astype(float)), hit, seen_m, raw.resolution_m)
-        state[block, layer, row, col] = np.where(solid, np.int8(OCCUPIED), np.int8(FREE))
+        return voxels, np.where(solid, np.int8(OCCUPIED), np.int8(FREE))
 
     def _is_solid(
         self,
@@ -157,9 +161,3 @@ class FieldGeometry:
         self._read_frame = embed(self._read_frame, shape, start // BLOCK, 0)
         self._column_version = embed(self._column_version, shape[1:], start[1:] // BLOCK, 0)
         self._corner = corner.copy()
-
-
-def _in_blocks(voxels: Shaped[np.ndarray, "layers rows cols"]) -> Shaped[np.ndarray, "bl br bc b b b"]:
-    """A view of voxels by block: ``[block layer, block row, block col, layer, row, col]``."""
-    layers, rows, cols = (n // BLOCK for n in voxels.shape)
-    return voxels.reshape(layers, BLOCK, rows, BLOCK, cols, BLOCK).transpose(0, 2, 4, 1, 3, 5)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, Int64, Shaped, UInt16
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.native_functions import native_function
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, concatenate, part, rays_of_pixels
 from anm_mj.types import Observation
 
@@ -99,7 +100,15 @@ class PixelMemory(Protocol):
 class HostPixels:
     """Implements :class:`PixelMemory` in arrays of the host."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, gather: Callable[..., RayBatch] | None = None) -> None:
+        """Make room.
+
+        Args:
+            count: For so many pixels.
+            gather: Makes rays of stored pixels: :func:`numpy_batches`, or :func:`native_batches`, which gives the same;
+                None = the second where it was built.
+        """
+        self._gather = gather or (numpy_batches if native_function("ray_batches") is None else native_batches)
         # One array for all, so that a batch is one look-up however many frames there are. The system hands out its
         # memory only as it is written to.
         self._pixels = np.empty(count, PIXEL)
@@ -131,12 +140,46 @@ class HostPixels:
         self, place: Int64[np.ndarray, "k n"], keyframe: Int64[np.ndarray, "k n"], current: RayBatch
     ) -> Iterator[RayBatch]:
         """World rays of batches; see the protocol."""
-        (num_batches, num_stored), num_current = place.shape, len(current) // len(place)
-        pixels = self._pixels[place.ravel()]
-        units = pixels["depth"]
-        depth_m = np.where(units == NO_DEPTH, np.float32(np.nan), units * np.float32(DEPTH_UNIT_M))
-        stored = rays_of_pixels(
-            pixels["index"].astype(np.int64), pixels["rgb"], depth_m, self._cameras[keyframe.ravel()]
+        rays = self._gather(self._pixels, self._cameras, place, keyframe, current)
+        size = place.shape[1] + len(current) // len(place)
+        for k in range(len(place)):
+            yield part(rays, k * size, size)
+
+
+def numpy_batches(
+    pixels: Shaped[np.ndarray, " p"],
+    cameras: Float32[np.ndarray, "c 17"],
+    place: Int64[np.ndarray, "k n"],
+    keyframe: Int64[np.ndarray, "k n"],
+    current: RayBatch,
+) -> RayBatch:
+    """The rays of :meth:`PixelMemory.batches`, batch after batch; the reference of the native function."""
+    (num_batches, num_stored), num_current = place.shape, len(current) // len(place)
+    drawn = pixels[place.ravel()]
+    units = drawn["depth"]
+    depth_m = np.where(units == NO_DEPTH, np.float32(np.nan), units * np.float32(DEPTH_UNIT_M))
+    stored = rays_of_pixels(drawn["index"].astype(np.int64), drawn["rgb"], depth_m, cameras[keyframe.ravel()])
+    return concatenate(
+        *(
+            share
+            for k in range(num_batches)
+            for share in (part(stored, k * num_stored, num_stored), part(current, k * num_current, num_current))
         )
-        for k in range(num_batches):
-            yield concatenate(part(stored, k * num_stored, num_stored), part(current, k * num_current, num_current))
+    )
+
+
+def native_batches(
+    pixels: Shaped[np.ndarray, " p"],
+    cameras: Float32[np.ndarray, "c 17"],
+    place: Int64[np.ndarray, "k n"],
+    keyframe: Int64[np.ndarray, "k n"],
+    current: RayBatch,
+) -> RayBatch:
+    """The same in C++ (``native/pixels.h``), to the last bit."""
+    function = native_function("ray_batches")
+    assert function is not None  # Who chose it has looked.
+    others = (
+        np.ascontiguousarray(array, np.float32)
+        for array in (current.origin_m, current.direction, current.rgb, current.depth_m)
+    )
+    return RayBatch(*function(pixels.view(np.uint8), cameras, place, keyframe, DEPTH_UNIT_M, *others))

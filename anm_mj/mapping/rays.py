@@ -34,13 +34,13 @@ def part(rays: RayBatch, start: int, count: int) -> RayBatch:
     return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
 
 
-def concatenate(a: RayBatch, b: RayBatch) -> RayBatch:
-    """Both batches as one."""
+def concatenate(*batches: RayBatch) -> RayBatch:
+    """Batches as one."""
     return RayBatch(
-        np.concatenate((a.origin_m, b.origin_m)),
-        np.concatenate((a.direction, b.direction)),
-        np.concatenate((a.rgb, b.rgb)),
-        np.concatenate((a.depth_m, b.depth_m)),
+        np.concatenate([rays.origin_m for rays in batches]),
+        np.concatenate([rays.direction for rays in batches]),
+        np.concatenate([rays.rgb for rays in batches]),
+        np.concatenate([rays.depth_m for rays in batches]),
     )
 
 

@@ -6,6 +6,7 @@ This module imports mujoco inside ``make_robot`` only, after the selection of th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,15 +18,19 @@ from anm_mj.robot.presets import preset_config, robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
+from anm_mj.utils.threads import usual_num_threads
 
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
+    from anm_mj.sim.camera import Camera
     from anm_mj.sim.robot import SimRobot
     from anm_mj.sim.sensors.config import SensorConfig
 
 FOOTPRINT = DEFAULT_FOOTPRINT
 """Of the robot in ``models/diff_drive``."""
 _PREFIX = "robot/"
+_ANY_THREAD = ("egl", "osmesa", "off")
+"""GL back-ends that render in any thread, not only in the program's first."""
 
 
 def make_robot(
@@ -40,6 +45,7 @@ def make_robot(
     seed: int = 0,
     sensor: SensorConfig | None = None,
     camera: CameraConfig | None = None,
+    anticipates: bool = False,
 ) -> SimRobot:
     """A simulated robot in a scene, at its start pose.
 
@@ -54,6 +60,8 @@ def make_robot(
         seed: of all noise.
         sensor: errors of camera and odometry; None = none.
         camera: optics and mount of the camera where they differ from the robot's file; None = nowhere.
+        anticipates: whether it may render the next image while the present one is worked on, where there are cores for
+            both and the drive knows where it will be; the images are the same.
 
     Returns:
         The robot; close it when done.
@@ -99,7 +107,10 @@ def make_robot(
     wheels.place(start)
     camera_name = _PREFIX + description.camera
     width, height = mount.image_size(image_px)
-    imager = make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend)
+    imager = _imager(
+        lambda: make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend),
+        anticipates and drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1,
+    )
     T_base_camera = description.T_base_camera if pose == "odometry" else None
     return SimRobot(
         model,
@@ -112,6 +123,13 @@ def make_robot(
         sensor=sensor,
         seed=seed,
     )
+
+
+def _imager(make: Callable[[], Camera], anticipates: bool) -> Camera:
+    """The camera, in a thread of its own where it is to render ahead."""
+    from anm_mj.sim.ahead_camera import AheadCamera
+
+    return AheadCamera(make) if anticipates else make()
 
 
 def _require_range(sensor: SensorConfig | None, far_m: float) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
 import mujoco
 import numpy as np
 from jaxtyping import Float, Float32
@@ -9,12 +11,23 @@ from jaxtyping import Float, Float32
 from anm_mj.errors import RobotError
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
+from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.sim.sensors.faults import SensorFaults
 from anm_mj.sim.sensors.odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor import Sensor
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
+
+
+@runtime_checkable
+class AnticipatingDrive(Protocol):
+    """A drive that knows where an action will bring the robot."""
+
+    def anticipate(self, action: Action, data: mujoco.MjData) -> None:
+        """Write the positions after an action into other data of the same model, as if nothing were in the way."""
+        ...
+
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -25,7 +38,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("_model", "_data", "_camera")
+    REBUILT = ("_model", "_data", "_camera", "_coming")
 
     def __init__(
         self,
@@ -66,6 +79,8 @@ class SimRobot:
         self._faults = SensorFaults(sensor or SensorConfig(), seed)
         self._true_depth_m: Float32[np.ndarray, "h w"] | None = None
         self._step = 0
+        self._coming: mujoco.MjData | None = None
+        """The state after the next action, as far as it is known; made when it is first wanted."""
 
     @property
     def footprint(self) -> Footprint:
@@ -123,7 +138,7 @@ class SimRobot:
         Raises:
             RenderError: after ``close``.
         """
-        self._update_poses()
+        self._update_poses(self._data)
         rgb, exact_m = self._camera.render(self._data)
         # Frames are told apart by their time: velocities do not count as steps.
         rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
@@ -147,11 +162,23 @@ class SimRobot:
         self._true_depth_m = np.where(valued, exact_m, np.float32(np.nan))
         return given
 
-    def _update_poses(self) -> None:
+    def _update_poses(self, data: mujoco.MjData) -> None:
         """After any joint motion the poses of bodies and cameras are outdated."""
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        mujoco.mj_camlight(self._model, data)
+
+    def anticipate(self, action: Action) -> None:
+        """Begin the image after an action, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
+        if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, AnticipatingDrive):
+            return
+        if self._coming is None:
+            self._coming = mujoco.MjData(self._model)
+            self._coming.mocap_pos[:] = self._data.mocap_pos
+            self._coming.mocap_quat[:] = self._data.mocap_quat
+        self._drive.anticipate(action, self._coming)
+        self._update_poses(self._coming)
+        self._camera.begin(self._coming)
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""
@@ -213,7 +240,7 @@ class SimRobot:
         if state.shape != (mujoco.mj_stateSize(self._model, _STATE),):
             raise RobotError(f"The stored state of the simulation has {state.size} numbers, not those of this scene.")
         mujoco.mj_setState(self._model, self._data, state, _STATE)
-        self._update_poses()
+        self._update_poses(self._data)
 
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""

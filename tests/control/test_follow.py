@@ -67,3 +67,26 @@ def test_end_of_a_plan():
     follower.start(plan)
     follower.drop()
     assert follower.next_action(Pose2(0.0, 0.0, 0.0)) is None
+
+
+def test_the_coming_action_is_the_next_one_and_changes_nothing():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.6]])
+    none = np.zeros((0, 2))
+    plans = [
+        Plan("", path, headings_rad=(2.0, -1.0)),
+        Plan("", none, actions=(Action.TURN_LEFT,) * 2),
+        Plan("", path, valid_steps=3),
+    ]
+    for plan in plans:
+        follower, pose = Follower(), Pose2(0.0, 0.0, 0.4)
+        assert follower.coming_action(pose) is None
+        follower.start(plan)
+        for _ in range(60):
+            coming = follower.coming_action(pose)
+            assert follower.coming_action(pose) == coming
+            action = follower.next_action(pose)
+            assert action == coming
+            if action is None:
+                break
+            pose = move_pose(pose, *action_motion(action))
+        assert action is None

@@ -24,12 +24,18 @@ from anm_mj.mapping.parameters import (
 )
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.spaced_depths import spaced_depths
+from anm_mj.utils.cores import tell_lent
 from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024
 """Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
 
 _MOMENTS = ("table_m", "table_v", "table_touched", "decoders_m", "decoders_v")
+
+
+# An engine that was built before it could do this keeps all its threads.
+if hasattr(_native, "lend_cores"):
+    tell_lent(_native.lend_cores)
 
 
 class NativeBackend(MapperBackend):

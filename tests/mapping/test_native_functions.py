@@ -1,0 +1,105 @@
+"""What the native engine computes beside training, against the NumPy code that is its reference."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anm_mj.mapping.config import default_mapping
+from anm_mj.mapping.field_blocks import NumpyBlocks, field_blocks
+from anm_mj.mapping.native_functions import native_function
+from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.pixel_memory import PIXEL, native_batches, numpy_batches
+from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN
+
+if native_function("ray_batches") is None:
+    pytest.skip("the native engine was not built", allow_module_level=True)
+
+from anm_mj.mapping.backends.native_backend import NativeBackend
+
+
+def stored(rng, count, num_cameras):
+    pixels = np.empty(count, PIXEL)
+    cameras = rng.normal(size=(num_cameras, CAMERA_NUMBERS)).astype(np.float32)
+    cameras[:, 0] = rng.integers(1, 400, num_cameras)
+    cameras[:, 1:3] = rng.uniform(20.0, 300.0, (num_cameras, 2))
+    pixels["index"] = rng.integers(0, 100_000, count)
+    pixels["rgb"] = rng.integers(0, 256, (count, 3))
+    pixels["depth"] = rng.integers(0, 1 << 16, count) * rng.integers(0, 2, count)
+    return pixels, cameras
+
+
+def others(rng, count):
+    values = rng.normal(size=(3, count, 3)).astype(np.float32)
+    return RayBatch(*values, np.where(rng.random(count) < 0.3, np.nan, 1.0).astype(np.float32))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 1 << 30), st.integers(1, 4), st.integers(0, 40), st.integers(0, 5))
+def test_rays_of_stored_pixels_are_the_same_bits(seed, num_batches, num_stored, num_current):
+    rng = np.random.default_rng(seed)
+    pixels, cameras = stored(rng, 50, 3)
+    place = rng.integers(0, 50, (num_batches, num_stored))
+    keyframe = rng.integers(0, 3, (num_batches, num_stored))
+    current = others(rng, num_batches * num_current)
+    expected = numpy_batches(pixels, cameras, place, keyframe, current)
+    found = native_batches(pixels, cameras, place, keyframe, current)
+    for name in vars(expected):
+        assert getattr(found, name).tobytes() == getattr(expected, name).tobytes(), name
+
+
+def test_pixels_and_keyframes_that_are_not_stored_are_refused():
+    rng = np.random.default_rng(0)
+    pixels, cameras = stored(rng, 5, 1)
+    zero = np.zeros((1, 1), np.int64)
+    for place, keyframe in ((zero + 5, zero), (zero, zero + 1), (zero - 1, zero)):
+        with pytest.raises(ValueError, match="not among those stored"):
+            native_batches(pixels, cameras, place, keyframe, others(rng, 0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 1 << 30), st.sampled_from([0.0, 0.002, 0.05, 0.6]), st.integers(0, 8))
+def test_blocks_are_read_and_written_the_same(seed, share, count):
+    rng = np.random.default_rng(seed)
+    shape = tuple(BLOCK * rng.integers(1, 3, 3))
+    state = np.where(rng.random(shape) < 0.5, FREE, UNKNOWN).astype(np.int8)
+    state[rng.random(shape) < share] = OCCUPIED
+    before = state.copy()
+    before[rng.random(shape) < rng.choice([0.0, 1e-4])] = OCCUPIED
+    every = np.argwhere(np.ones([n // BLOCK for n in shape], bool))
+    blocks = every[np.sort(rng.permutation(len(every))[:count])]
+    native, reference = field_blocks(), NumpyBlocks()
+    assert not isinstance(native, NumpyBlocks)
+    voxels = reference.to_read(state, blocks)
+    assert np.array_equal(native.to_read(state, blocks), voxels)
+    read = np.where(rng.random(len(voxels)) < 0.5, np.int8(FREE), np.int8(OCCUPIED))
+    outs = before.copy(), before.copy()
+    moved = [
+        kernels.write(state, blocks, voxels, read, out) for kernels, out in zip((native, reference), outs, strict=True)
+    ]
+    assert np.array_equal(*outs)
+    assert np.array_equal(*moved)
+
+
+def test_more_voxels_than_there_was_room_for_are_read():
+    state = np.full((BLOCK, 4 * BLOCK, 4 * BLOCK), OCCUPIED, np.int8)
+    blocks = np.argwhere(np.ones((1, 4, 4), bool))
+    assert np.array_equal(field_blocks().to_read(state, blocks), NumpyBlocks().to_read(state, blocks))
+
+
+def test_blocks_outside_the_grid_are_refused():
+    state = np.zeros((BLOCK, BLOCK, BLOCK), np.int8)
+    with pytest.raises(ValueError, match="outside the grid"):
+        field_blocks().to_read(state, np.array([[0, 1, 0]]))
+
+
+def test_lent_cores_leave_one_at_least():
+    lend = native_function("lend_cores")
+    points = np.random.default_rng(0).random((500, 3))
+    try:
+        lend(99)
+        with_one = NativeBackend(default_mapping(), seed=0, num_threads=2).query_sdf(points)
+    finally:
+        lend(0)
+    assert np.array_equal(NativeBackend(default_mapping(), seed=0, num_threads=2).query_sdf(points), with_one)
