@@ -48,7 +48,8 @@ inline std::int64_t voxels_to_read(const std::int8_t* state, const Extent& size,
     std::int64_t found = 0;
     std::uint8_t hit[kBlockVoxels], near[kBlockVoxels];
     for (std::int64_t b = 0; b < count; ++b) {
-        const std::int64_t layer = blocks[3 * b] * kBlock, row = blocks[3 * b + 1] * kBlock, col = blocks[3 * b + 2] * kBlock;
+        const std::int64_t layer = blocks[3 * b] * kBlock, row = blocks[3 * b + 1] * kBlock;
+        const std::int64_t col = blocks[3 * b + 2] * kBlock;
         std::uint8_t any = 0;
         for (int l = 0; l < kBlock; ++l) {
             for (int r = 0; r < kBlock; ++r) {
@@ -82,7 +83,8 @@ inline void write_blocks(const std::int8_t* state, const Extent& size, const std
     std::int64_t next = 0;
     std::int8_t now[kBlockVoxels];
     for (std::int64_t b = 0; b < count; ++b) {
-        const std::int64_t layer = blocks[3 * b] * kBlock, row = blocks[3 * b + 1] * kBlock, col = blocks[3 * b + 2] * kBlock;
+        const std::int64_t layer = blocks[3 * b] * kBlock, row = blocks[3 * b + 1] * kBlock;
+        const std::int64_t col = blocks[3 * b + 2] * kBlock;
         std::uint8_t changed = 0;
         for (int l = 0; l < kBlock; ++l) {
             for (int r = 0; r < kBlock; ++r) {

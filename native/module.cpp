@@ -538,7 +538,8 @@ anm::Extent extent_of(const ConstGrid& grid, const Table& blocks) {
     return size;
 }
 
-std::int64_t voxels_to_read(ConstGrid state, Table blocks, nb::ndarray<std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> out) {
+std::int64_t voxels_to_read(ConstGrid state, Table blocks,
+                            nb::ndarray<std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> out) {
     const anm::Extent size = extent_of(state, blocks);
     return anm::voxels_to_read(state.data(), size, blocks.data(), static_cast<std::int64_t>(blocks.shape(0)),
                                out.data(), static_cast<std::int64_t>(out.size()));

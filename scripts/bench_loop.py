@@ -1,22 +1,26 @@
 """Measures what a step of a run costs, stage by stage, beside the least that each stage could cost on this machine.
 
-    python scripts/bench_loop.py home aws_small_house --steps 300
+    python scripts/bench_loop.py home aws_small_house --steps 500
 
 Each scene is explored as ``anm-mj explore`` does it, recording included. Times are wall milliseconds per step, of a
-stage without the stages within it. Floors: of the camera, the time within MuJoCo's renderer; of training, the multiply
--adds and random table accesses of its iterations at the rates measured on one core (as ``scripts/bench_mapper.py``),
-over the threads; of the occupancy grid, its counts and the field's reading, the bytes that they must read and write at
-the memory rate measured on one core. A stage without a figure has no floor that is known. The first frames, whose
-training is longer, count too.
+stage without the stages within it; what other threads do meanwhile stands in a column of its own. Floors: of the
+camera, the time within MuJoCo's renderer; of training, the multiply-adds and random table accesses of its iterations at
+the rates measured on one core (as ``scripts/bench_mapper.py``), over the threads; of the occupancy grid, its counts and
+the field's reading, the bytes that they must read and write at the memory rate measured on one core. A stage without a
+figure has no floor that is known. The first frames, whose training is longer, count too.
+
+A second table says where the rest of the run's wall time goes: setting up, and what is written at the end.
 """
 
 import functools
+import importlib
 import json
 import os
 import tempfile
+import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,30 +33,51 @@ from anm_mj.config import make_config
 STAGES = {
     "camera": "picture, noise of the sensor and pose",
     "renderer": "within MuJoCo's renderer",
+    "monitor": "faults of the camera",
     "occupancy": "carving and marking",
     "counts": "observation counts",
     "keyframes": "keyframe packing",
     "draw": "rays of the batches",
     "train": "training iterations",
     "field read": "the field as geometry",
-    "plan": "decisions and look-ahead",
-    "record": "curve, files, depth frames",
+    "top-down": "columns and distances",
+    "graph": "road map",
+    "plan": "gains, regions, tours, look-ahead",
+    "coverage": "completion curve",
+    "record": "logs, depth frames, images",
     "rest": "moves, checks, copies",
 }
-"""Stages in the order of the table, and what each is."""
+"""Stages of a step in the order of the table, and what each is."""
+AROUND = {
+    "set up": "scene, robot, engine, true surface",
+    "explore": "the loop",
+    "settle": "training at falling rates",
+    "survey": "last reading of the map",
+    "map file": "map.safetensors",
+    "mesh": "extraction and file",
+    "completion": "without its cap",
+    "mesh quality": "against the true surface",
+    "pictures": "curve and top-down map, matplotlib",
+    "other": "everything else",
+}
+"""Parts of a run in the order of the second table, and what each is."""
 IMAGE_BYTES_COUNTS = 4 + 12 + 2 + 64
 """A pixel's depth, ray and count, and the line of memory that its voxel's count lies in."""
 VOXEL_BYTES_CARVED = 2 * (1 + 1) + 4
 """A voxel's log-odds and state, read and written, and the depth that it is compared with."""
 
 
-@dataclass
 class Watch:
-    """Adds up the time of nested calls, each without those within it."""
+    """Adds up the time of nested calls, each without those within it; those of other threads by themselves."""
 
-    seconds: dict[str, float] = field(default_factory=dict)
-    calls: dict[str, int] = field(default_factory=dict)
-    _inner: list[float] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        """Of the thread that made the watch."""
+        self.beside: dict[str, float] = {}
+        """Of all other threads."""
+        self.calls: dict[str, int] = {}
+        self._thread = threading.get_ident()
+        self._own = threading.local()
 
     def over(self, owner: Any, name: str, stage: str) -> None:
         """Time a function of a class or module from now on."""
@@ -67,27 +92,37 @@ class Watch:
 
     def run(self, stage: str, call: Callable[[], Any]) -> Any:
         """Time one call."""
-        self._inner.append(0.0)
+        inner = self._own.__dict__.setdefault("inner", [])
+        seconds = self.seconds if threading.get_ident() == self._thread else self.beside
+        inner.append(0.0)
         begin = time.perf_counter()
         try:
             return call()
         finally:
             spent = time.perf_counter() - begin
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + spent - self._inner.pop()
+            seconds[stage] = seconds.get(stage, 0.0) + spent - inner.pop()
             self.calls[stage] = self.calls.get(stage, 0) + 1
-            if self._inner:
-                self._inner[-1] += spent
+            if inner:
+                inner[-1] += spent
 
 
 @dataclass
 class Budget:
-    """What the steps of one run cost."""
+    """What the steps of one run cost, and the run around them."""
 
     scene: str
     steps: int
     hz: float
+    """Steps a second, recording included."""
+    loop_hz: float
+    """Steps a second as ``metrics.json`` has them, without recording."""
     stage_ms: dict[str, float]
+    beside_ms: dict[str, float]
+    """In other threads meanwhile."""
     floor_ms: dict[str, float]
+    around_s: dict[str, float]
+    """Parts of the run [s]."""
+    peak_rss_mib: float
 
 
 def watched(watch: Watch) -> None:
@@ -98,36 +133,71 @@ def watched(watch: Watch) -> None:
     import mujoco
 
     import anm_mj.run
+    from anm_mj.evaluation.completion_curve import CompletionCurve
     from anm_mj.io.recorder import RunRecorder
     from anm_mj.mapping.backends.native_backend import NativeBackend
     from anm_mj.mapping.field_geometry import FieldGeometry
     from anm_mj.mapping.keyframes import KeyframeStore
     from anm_mj.mapping.occupancy import OccupancyGrid
     from anm_mj.planning.policies.gvg.policy import Gvg
+    from anm_mj.planning.stages import Stages
+    from anm_mj.planning.topdown import TopDownMapper
+    from anm_mj.sensor_monitor import SensorMonitor
     from anm_mj.sim.robot import SimRobot
 
-    watch.over(SimRobot, "observe", "camera")
+    for name in ("observe", "anticipate"):
+        watch.over(SimRobot, name, "camera")
     for name in ("mjv_updateScene", "mjr_render", "mjr_readPixels"):
         watch.over(mujoco, name, "renderer")
+    watch.over(SensorMonitor, "check", "monitor")
     watch.over(OccupancyGrid, "integrate", "occupancy")
     watch.over(OccupancyGrid, "observation_count", "counts")
     watch.over(KeyframeStore, "add", "keyframes")
     watch.over(KeyframeStore, "batches", "draw")
     watch.over(NativeBackend, "step", "train")
     watch.over(FieldGeometry, "grid", "field read")
+    watch.over(TopDownMapper, "update", "top-down")
+    watch.over(Stages, "update_graph", "graph")
     watch.over(Gvg, "plan", "plan")
+    watch.over(CompletionCurve, "frame", "coverage")
     for name in ("observation", "step", "plan"):
         watch.over(RunRecorder, name, "record")
     watch.over(anm_mj.run, "explore", "rest")
 
 
+def watched_around(watch: Watch) -> None:
+    """Put another watch on the parts of a run."""
+    import anm_mj.evaluation.evaluate
+    import anm_mj.io.recorder
+    import anm_mj.run
+    from anm_mj.io.recorder import RunRecorder
+    from anm_mj.mapping.neural_map import NeuralMap
+
+    # A run imports matplotlib when it draws its first picture.
+    plots = watch.run("pictures", lambda: importlib.import_module("anm_mj.viz.plots"))
+    watch.over(anm_mj.run, "run_loop", "other")
+    watch.over(anm_mj.run, "explore", "explore")
+    watch.over(NeuralMap, "finish", "settle")
+    watch.over(anm_mj.run, "_what_is_left", "survey")
+    watch.over(RunRecorder, "finish", "other")
+    watch.over(NeuralMap, "save", "map file")
+    watch.over(NeuralMap, "mesh", "mesh")
+    watch.over(anm_mj.io.recorder, "write_mesh", "mesh")
+    watch.over(anm_mj.evaluation.evaluate, "uncapped_completion_cm", "completion")
+    watch.over(anm_mj.evaluation.evaluate, "mesh_quality", "mesh quality")
+    for name in ("draw_curve", "draw_topdown"):
+        watch.over(plots, name, "pictures")
+    watch.over(anm_mj.run, "run", "set up")
+
+
 def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     """Explore a scene and say where the time went."""
+    import anm_mj.run
     from anm_mj.mapping.neural_map import NeuralMap
-    from anm_mj.run import run
 
-    watch = Watch()
+    watch, around = Watch(), Watch()
     watched(watch)
+    watched_around(around)
     maps: list[NeuralMap] = []
     keep = NeuralMap.integrate
 
@@ -136,16 +206,33 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
         return keep(self, *args)
 
     setattr(NeuralMap, "integrate", integrate)  # noqa: B010 - a plain assignment is a type error.
+    # What comes after the loop belongs to no step.
+    loop: dict[str, Any] = {}
+
+    def ended(outcome: Any) -> None:
+        loop.update(seconds=dict(watch.seconds), beside=dict(watch.beside), calls=dict(watch.calls))
+
     config = make_config("default", [], scene=scene, policy="gvg", steps=steps, sensor=sensor)
-    run(config, out=out)
-    frames = watch.calls["occupancy"]
-    total = sum(watch.seconds.values())
-    stage_ms = {name: 1e3 * watch.seconds.get(name, 0.0) / frames for name in STAGES}
-    floor_ms = floors(maps[0], watch.calls["train"] / frames, stage_ms)
-    return Budget(scene, frames - 1, frames / total, stage_ms, floor_ms)
+    _, metrics = anm_mj.run.run(config, out=out, on_end=ended)
+    seconds, calls = loop["seconds"], loop["calls"]
+    frames = calls["occupancy"]
+    stage_ms = {name: 1e3 * seconds.get(name, 0.0) / frames for name in STAGES}
+    beside_ms = {name: 1e3 * loop["beside"].get(name, 0.0) / frames for name in STAGES}
+    floor_ms = floors(maps[0], calls["train"] / frames, stage_ms["renderer"] + beside_ms["renderer"])
+    return Budget(
+        scene,
+        frames - 1,
+        frames / sum(seconds.values()),
+        metrics.hz or 0.0,
+        stage_ms,
+        beside_ms,
+        floor_ms,
+        {name: around.seconds.get(name, 0.0) for name in AROUND},
+        metrics.peak_rss_mib or 0.0,
+    )
 
 
-def floors(mapper: Any, iterations: float, stage_ms: dict[str, float]) -> dict[str, float]:
+def floors(mapper: Any, iterations: float, renderer_ms: float) -> dict[str, float]:
     """The least milliseconds per step of the stages whose least is known."""
     from bench_mapper import LEVEL_BYTES, step_limit_ms
 
@@ -160,8 +247,7 @@ def floors(mapper: Any, iterations: float, stage_ms: dict[str, float]) -> dict[s
     # Of the box of everything seen, a view of 90 degrees and the carving range hold at most this.
     seen = min(grid.state.size, int((4.0 / 3.0) * (config.occupancy.carve_range_m / grid.resolution_m) ** 3))
     return {
-        "camera": stage_ms["renderer"],
-        "renderer": stage_ms["renderer"],
+        "camera": renderer_ms,
         "occupancy": byte_ms * VOXEL_BYTES_CARVED * seen,
         "counts": byte_ms * IMAGE_BYTES_COUNTS * 256 * 256,
         "train": iterations * sum(step_limit_ms(rates, config, samples).values()) / cores,
@@ -201,14 +287,24 @@ def in_own_process(scene: str, steps: int, sensor: str) -> Budget:
 
 def print_budget(budget: Budget, console: Console) -> None:
     """One scene's table."""
-    table = Table("stage", "what", "ms a step", "floor ms", "times the floor")
+    table = Table("stage", "what", "ms a step", "beside it", "floor ms", "times the floor")
     for stage, what in STAGES.items():
-        ms, floor = budget.stage_ms[stage], budget.floor_ms.get(stage)
-        share = f"{ms / floor:.1f}" if floor and stage != "renderer" else ""
-        table.add_row(stage, what, f"{ms:.2f}", "" if floor is None else f"{floor:.2f}", share)
-    table.add_row("all", "", f"{1e3 / budget.hz:.2f}")
-    console.print(f"\n{budget.scene}: {budget.steps} steps, {budget.hz:.1f} a second, recording included")
+        ms, beside, floor = budget.stage_ms[stage], budget.beside_ms.get(stage, 0.0), budget.floor_ms.get(stage)
+        own = ms + budget.stage_ms["renderer"] if stage == "camera" else ms
+        share = f"{own / floor:.1f}" if floor else ""
+        cells = (f"{beside:.2f}" if beside else "", "" if floor is None else f"{floor:.2f}", share)
+        table.add_row(stage, what, f"{ms:.2f}", *cells)
+    table.add_row("all", "", f"{1e3 / budget.hz:.2f}", f"{sum(budget.beside_ms.values()):.2f}")
+    console.print(
+        f"\n{budget.scene}: {budget.steps} steps, {budget.hz:.1f} a second, {budget.loop_hz:.1f} without recording; "
+        f"{budget.peak_rss_mib:.0f} MiB"
+    )
     console.print(table)
+    whole = sum(budget.around_s.values()) or 1.0
+    parts = Table("part of the run", "what", "s", "share")
+    for part, what in AROUND.items():
+        parts.add_row(part, what, f"{budget.around_s[part]:.1f}", f"{100.0 * budget.around_s[part] / whole:.0f} %")
+    console.print(parts)
 
 
 if __name__ == "__main__":

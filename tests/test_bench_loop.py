@@ -1,10 +1,11 @@
 """The watch of scripts/bench_loop.py."""
 
+import threading
 import time
 
 from rich.console import Console
 
-from scripts.bench_loop import STAGES, Budget, Watch, print_budget
+from scripts.bench_loop import AROUND, STAGES, Budget, Watch, print_budget
 
 
 class Work:
@@ -28,10 +29,27 @@ def test_a_stage_is_timed_without_those_within_it():
     assert 0.02 <= watch.seconds["outer"] < watch.seconds["inner"]
 
 
+def test_other_threads_have_a_sum_of_their_own():
+    watch = Watch()
+    thread = threading.Thread(target=lambda: watch.run("inner", lambda: time.sleep(0.03)))
+
+    def outer():
+        thread.start()
+        thread.join()
+
+    watch.run("outer", outer)
+    assert watch.seconds["outer"] >= 0.03
+    assert watch.beside["inner"] >= 0.03
+    assert "inner" not in watch.seconds
+
+
 def test_every_stage_has_a_line():
     console = Console(record=True, width=120)
-    print_budget(Budget("home", 10, 50.0, dict.fromkeys(STAGES, 1.0), {"train": 0.5}), console)
+    ones, around = dict.fromkeys(STAGES, 1.0), dict.fromkeys(AROUND, 2.0)
+    print_budget(Budget("home", 10, 50.0, 60.0, ones, {"renderer": 3.25}, {"train": 0.5}, around, 700.0), console)
     text = console.export_text()
-    assert all(stage in text for stage in STAGES)
+    assert all(name in text for name in (*STAGES, *AROUND))
+    assert "3.25" in text
+    assert "60.0 without recording" in text
     assert "2.0" in text
     assert "50.0 a second" in text

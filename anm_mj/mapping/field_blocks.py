@@ -35,7 +35,9 @@ class NumpyBlocks:
         known = _in_blocks(state)[tuple(blocks.T)]
         beside = dilate_mask(known == OCCUPIED, first_axis=1) & (known != UNKNOWN)
         block, *within = np.nonzero(beside)
-        return np.ravel_multi_index(tuple(blocks.T[:, block] * BLOCK + np.stack(within)), state.shape)
+        layer, row, col = blocks.T[:, block] * BLOCK + np.stack(within)
+        _, rows, cols = state.shape
+        return (layer * rows + row) * cols + col
 
     def write(
         self,

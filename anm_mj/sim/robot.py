@@ -172,13 +172,11 @@ class SimRobot:
         """Begin the image after an action, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
         if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, AnticipatingDrive):
             return
-        if self._coming is None:
-            self._coming = mujoco.MjData(self._model)
-            self._coming.mocap_pos[:] = self._data.mocap_pos
-            self._coming.mocap_quat[:] = self._data.mocap_quat
-        self._drive.anticipate(action, self._coming)
-        self._update_poses(self._coming)
-        self._camera.begin(self._coming)
+        coming = self._coming or mujoco.MjData(self._model)
+        self._coming = coming
+        self._drive.anticipate(action, coming)
+        self._update_poses(coming)
+        self._camera.begin(coming)
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""

@@ -137,5 +137,26 @@ class Occupancy:
         out: NDArray[np.uint16],
     ) -> None: ...
 
+def voxels_to_read(state: NDArray[np.int8], blocks: NDArray[np.int64], out: NDArray[np.int64]) -> int: ...
+def write_blocks(
+    state: NDArray[np.int8],
+    blocks: NDArray[np.int64],
+    voxels: NDArray[np.int64],
+    read: NDArray[np.int8],
+    out: NDArray[np.int8],
+    moved: NDArray[np.uint8],
+) -> None: ...
+def ray_batches(
+    pixels: NDArray[np.uint8],
+    cameras: _Floats,
+    place: NDArray[np.int64],
+    keyframe: NDArray[np.int64],
+    depth_unit: float,
+    origin: _Floats,
+    direction: _Floats,
+    rgb: _Floats,
+    depth: _Floats,
+) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+def lend_cores(cores: int) -> None: ...
 def kernel_names() -> list[str]: ...
 def roofline(table_bytes: int, kernel: str) -> dict[str, float]: ...

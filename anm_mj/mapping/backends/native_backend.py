@@ -14,6 +14,7 @@ from anm_mj.mapping.backends import _native
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.grid_layout import bins_per_m, cells_per_m, index_factors
+from anm_mj.mapping.native_functions import native_function
 from anm_mj.mapping.parameters import (
     DECODER_NAMES,
     check_state,
@@ -34,8 +35,8 @@ _MOMENTS = ("table_m", "table_v", "table_touched", "decoders_m", "decoders_v")
 
 
 # An engine that was built before it could do this keeps all its threads.
-if hasattr(_native, "lend_cores"):
-    tell_lent(_native.lend_cores)
+if (_lend_cores := native_function("lend_cores")) is not None:
+    tell_lent(_lend_cores)
 
 
 class NativeBackend(MapperBackend):
