@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from anm_mj.cli.doctor_report import report
 from anm_mj.errors import RenderError
 from anm_mj.io.manifest import cpu_model
 from anm_mj.sim.gl import ProbeError, forget_backend, probe, select_backend
@@ -78,12 +79,19 @@ class Check:
     """How to fix or improve it."""
 
 
-def main() -> int:
-    """Print the diagnosis; exit status 0 if a run is possible, else 1."""
+def main(*, as_report: bool = False) -> int:
+    """Print the diagnosis; exit status 0 if a run is possible, else 1.
+
+    Args:
+        as_report: for a bug report, as Markdown and without folders of the user.
+    """
     console = Console(markup=False)
     with console.status("Checking this machine"):
         checks = diagnose()
-    render(checks, console)
+    if as_report:
+        sys.stdout.write(f"{report(checks)}\n")
+    else:
+        render(checks, console)
     return 1 if any(check.state is State.BAD for check in checks) else 0
 
 

@@ -91,6 +91,7 @@ def _parser() -> _Parser:
     add_scene(commands)
     add_robot(commands)
     doctor = commands.add_parser("doctor", help="what this machine has, and what will be used")
+    doctor.add_argument("--report", action="store_true", help="for a bug report: Markdown, without your folders")
     doctor.set_defaults(command=_doctor)
     for command in commands.choices.values():
         command.add_argument("-v", "--verbose", action="store_true", help="show details, and tracebacks of a policy")
@@ -98,7 +99,6 @@ def _parser() -> _Parser:
 
 
 def _doctor(parsed: argparse.Namespace) -> int:
-    del parsed
     from anm_mj.cli.doctor import main as doctor
 
-    return doctor()
+    return doctor(as_report=parsed.report)

@@ -2,6 +2,7 @@
 
 import io
 import subprocess
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from rich.console import Console
 
 from anm_mj.cli import doctor
 from anm_mj.cli.doctor import Check, State
+from anm_mj.cli.doctor_report import report
 
 
 def _printed(checks: list[Check]) -> str:
@@ -35,6 +37,22 @@ def test_this_machine_is_healthy(capsys: pytest.CaptureFixture[str]):
     ):
         assert name in printed
     assert "A run will use" in printed
+
+
+def test_a_report_holds_versions_and_no_folders():
+    checks = [
+        Check("disk", State.GOOD, "55.8 GiB free in /home/me/projects/anm_mj"),
+        Check(
+            "GL egl", State.NOTE, "does not work: /opt/lib/libEGL.so: no | file", "See http://127.0.0.1:7000/static/"
+        ),
+    ]
+    text = report(checks)
+    assert "/home" not in text
+    assert "/opt" not in text
+    assert "…/anm_mj" in text
+    assert "…/libEGL.so: no \\| file" in text
+    assert "http://127.0.0.1:7000/static/" in text
+    assert f"numpy {metadata.version('numpy')}" in text
 
 
 def test_old_python():
