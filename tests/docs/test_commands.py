@@ -291,7 +291,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         if not (place / words[1]).exists():  # The real run may be a test of another process.
             run_for_real()
         assert main(words) == 0
-    elif words[0] == "eval" or words == ["doctor"]:
+    elif words[0] in ("eval", "doctor"):
         parse(words, monkeypatch)  # tests/evaluation and tests/cli/test_doctor.py execute these.
     elif words[:2] == ["scene", "import"]:
         scene_import(words, place)

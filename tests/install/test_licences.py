@@ -26,7 +26,8 @@ def needed() -> set[str]:
 def said_by(package: str) -> str:
     """All that a package says of its licence, the text of its licence file included."""
     meta = metadata.metadata(package)
-    fields = [meta.get("License-Expression") or "", meta.get("License") or "", *(meta.get_all("Classifier") or [])]
+    names = ("License-Expression", "License", "Classifier")
+    fields = [field for name in names for field in meta.get_all(name) or []]
     files = [
         file for file in metadata.files(package) or [] if re.search(r"licen[cs]e|copying", file.name, re.IGNORECASE)
     ]
