@@ -189,6 +189,7 @@ def test_options(capsys):
         ["export"],
         ["map"],
         ["bench"],
+        ["doctor"],
         *(["scene", action] for action in ("import", "generate", "check")),
     ):
         known |= set(re.findall(r"--[a-z][a-z-]*", help_of(words, capsys)))
