@@ -179,6 +179,7 @@ def run_loop(
     interrupted = outcome.stop_reason is StopReason.INTERRUPTED
     if interrupted:
         checkpointer.finish(outcome.num_steps, resumable=True)
+    recorder.prepare_results()
     wall_s = time.perf_counter() - begin
     watched.on_end(outcome)
     if config.goal != "coverage" and not interrupted:
@@ -194,6 +195,7 @@ def run_loop(
 
 def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> dict[str, Any]:
     """Everything that a checkpoint holds, by name."""
+    recorder.flush()
     return {
         "loop": state,
         "robot": parts.robot,

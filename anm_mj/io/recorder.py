@@ -1,7 +1,12 @@
-"""Writes the run folder during the run: every step is on disk before the next one begins."""
+"""Writes the run folder during the run, a few steps behind it.
+
+One thread writes everything in order while the run goes on: logs, images and the completion curve are those of a run
+that waits for them. A run that is killed loses what was not written yet, the latest steps.
+"""
 
 from __future__ import annotations
 
+import importlib
 import resource
 import sys
 import time
@@ -36,11 +41,14 @@ from anm_mj.types import (
     TrueView,
     VoronoiGraph,
 )
+from anm_mj.utils.background import Background
 from anm_mj.utils.files import atomic_write
 
 if TYPE_CHECKING:
     import trimesh
 
+ROOM = 32
+"""Observations, actions and decisions that may wait to be written; the run waits where there are more."""
 MESH_RESOLUTION_M = 0.05
 """Grid of the final mesh [m] (the paper's released code)."""
 
@@ -91,10 +99,10 @@ class RunRecorder:
             them, and the step after which they were taken. What was written later is removed.
 
     Raises:
-        RunFolderError: From every method, if the folder cannot be written.
+        RunFolderError: From every method, if the folder cannot be written; perhaps from one that comes later.
     """
 
-    REBUILT = ("_folder", "_true_view", "_truth", "_curve_file")
+    REBUILT = ("_background", "_folder", "_true_view", "_truth", "_curve_file")
 
     def __init__(
         self,
@@ -104,6 +112,7 @@ class RunRecorder:
         record: RecordConfig | None = None,
         before: tuple[dict[str, int], int] | None = None,
     ) -> None:
+        self._background = Background("recorder", ROOM)
         self._folder = folder
         self._true_view = true_view
         self._truth = truth
@@ -118,13 +127,19 @@ class RunRecorder:
         self._statistics = EpisodeStatistics()
         self._evaluation_s = 0.0
 
+    def flush(self) -> None:
+        """Wait until everything so far is written; then the files and this object belong together."""
+        self._background.flush()
+
     @property
     def log_sizes(self) -> dict[str, int]:
         """Lengths of all logs as of now, by name [bytes]."""
+        self.flush()
         return {log.path.name: log.size for log in (*self._log.files, self._curve_file)}
 
     def written_since(self, step: int) -> list[Path]:
         """The logs, and the depth images after a step: what must be on the disk before a checkpoint counts."""
+        self.flush()
         new = range(step + 1, len(self.poses))
         logs = [log.path for log in (*self._log.files, self._curve_file)]
         return [*logs, *(self._folder.depth(each) for each in new)]
@@ -132,18 +147,22 @@ class RunRecorder:
     @property
     def poses(self) -> list[Pose2]:
         """Poses of the base so far."""
+        self.flush()
         return self._log.poses
 
     @property
     def completion(self) -> CurveRow | None:
-        """Latest row of the curve, at most ten steps old; None before the first observation."""
+        """Latest row of the curve that is written, some ten steps old; None before the first observation."""
         return self._curve.rows[-1] if self._curve.rows else None
 
     def observation(self, observation: Observation) -> None:
         """Record an observation; the first one comes before any action."""
-        begin = time.perf_counter()
         # Only the truth counts as seen, and only where the sensor gave a value.
         true = None if self._true_view is None else self._true_view()
+        self._background.submit(lambda: self._write_observation(observation, true))
+
+    def _write_observation(self, observation: Observation, true: TrueView | None) -> None:
+        begin = time.perf_counter()
         depth_mm = self._log.observation(observation, true)
         where = observation if true is None else true
         row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose)
@@ -154,11 +173,17 @@ class RunRecorder:
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """Record an executed action; ``pose`` is the pose after it."""
         self._statistics = self._statistics.after(result.action, result.collided, result.moved_m, stage_ms)
-        self._log.step(step, result, pose, update, stage_ms)
+        self._background.submit(lambda: self._log.step(step, result, pose, update, stage_ms))
 
     def plan(self, step: int, plan: Plan) -> None:
         """Record a decision."""
-        self._log.plan(step, plan)
+        self._background.submit(lambda: self._log.plan(step, plan))
+
+    def prepare_results(self) -> None:
+        """Wait until everything is written, and begin to load what :meth:`finish` draws pictures with."""
+        self.flush()
+        # No run waits for matplotlib before its first step.
+        self._background.submit(lambda: importlib.import_module("anm_mj.viz.plots"))
 
     def finish(
         self, stop_reason: StopReason, finished: FinishedMap, survey: Survey, *, wall_s: float, loop_s: float
@@ -172,6 +197,7 @@ class RunRecorder:
             wall_s: Wall time from the start of the program to the end of the loop [s].
             loop_s: Wall time of the loop itself, without set-up [s].
         """
+        self.flush()
         summary = RunSummary(
             stop_reason=stop_reason.value,
             wall_s=wall_s,
@@ -202,7 +228,8 @@ class RunRecorder:
         return metrics
 
     def close(self) -> None:
-        """Close all files; a second time does nothing."""
+        """Close all files when everything is written; a second time does nothing."""
+        self._background.close()
         self._log.close()
         self._curve_file.close()
 

@@ -1,4 +1,4 @@
-"""The logs of a run, written as it goes: every step is on disk before the next one begins."""
+"""The logs of a run, written as it goes."""
 
 from __future__ import annotations
 

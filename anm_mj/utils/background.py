@@ -1,0 +1,71 @@
+"""Tasks that one thread does in order, while whoever gives them goes on."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from queue import Queue
+
+from anm_mj.utils.cores import lent_core
+
+
+class Background:
+    """Does tasks one after another in a thread of its own, with a core of its own.
+
+    At most ``room`` tasks wait: who gives another one waits as well. After a task that failed none is done any more.
+    """
+
+    def __init__(self, name: str, room: int) -> None:
+        """Nothing is started before the first task.
+
+        Args:
+            name: Of the thread.
+            room: Tasks that may wait.
+        """
+        self._name = name
+        self._tasks: Queue[Callable[[], object] | None] = Queue(room)
+        self._thread: threading.Thread | None = None
+        self._error: BaseException | None = None
+
+    def submit(self, task: Callable[[], object]) -> None:
+        """Have a task done after all others.
+
+        Raises:
+            BaseException: What an earlier task raised.
+        """
+        self._raise()
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+            self._thread.start()
+        self._tasks.put(task)
+
+    def flush(self) -> None:
+        """Wait until all tasks are done.
+
+        Raises:
+            BaseException: What a task raised.
+        """
+        self._tasks.join()
+        self._raise()
+
+    def close(self) -> None:
+        """Wait until all tasks are done, and end the thread; errors stay untold. A second time does nothing."""
+        if self._thread is not None:
+            self._tasks.put(None)
+            self._thread.join()
+            self._thread = None
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def _work(self) -> None:
+        while (task := self._tasks.get()) is not None:
+            if self._error is None:
+                try:
+                    with lent_core():
+                        task()
+                except BaseException as err:
+                    self._error = err
+            self._tasks.task_done()
+        self._tasks.task_done()
