@@ -20,6 +20,7 @@
 #include <string>
 #include <vector>
 
+#include "coverage.h"
 #include "field_blocks.h"
 #include "kernel.h"
 #include "occupancy.h"
@@ -590,6 +591,26 @@ nb::tuple ray_batches(InFlags pixels, In cameras, Table place, Table keyframe, f
     return nb::make_tuple(to_origin, to_direction, to_rgb, to_depth);
 }
 
+// Of the samples that `which` names, the places in it of those within a radius of a point; see coverage.h.
+std::int64_t samples_within(nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu> points,
+                            nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu> samples,
+                            Indices which, double radius,
+                            nb::ndarray<std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu> out) {
+    require(points.shape(1) == 3 && samples.shape(1) == 3, "a point has three coordinates");
+    require(radius > 0.0, "a radius is positive");
+    require(out.size() >= which.size(), "the output is too small");
+    for (std::size_t i = 0; i < which.size(); ++i) {
+        require(which(i) >= 0 && which(i) < static_cast<std::int64_t>(samples.shape(0)), "there is no such sample");
+    }
+    nb::gil_scoped_release release;
+    const anm::PointCells cells(points.data(), static_cast<std::int64_t>(points.shape(0)), 2.0 * radius);
+    std::int64_t found = 0;
+    for (std::size_t i = 0; i < which.size(); ++i) {
+        if (cells.any_within(samples.data() + 3 * which.data()[i], radius)) out.data()[found++] = static_cast<std::int64_t>(i);
+    }
+    return found;
+}
+
 nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
     anm::Roofline best{};
     find_kernel(kernel).roofline(table_bytes, best);
@@ -679,6 +700,7 @@ NB_MODULE(_native, m) {
     m.def("write_blocks", &write_blocks, "state"_a, "blocks"_a, "voxels"_a, "read"_a, "out"_a, "moved"_a);
     m.def("ray_batches", &ray_batches, "pixels"_a, "cameras"_a, "place"_a, "keyframe"_a, "depth_unit"_a, "origin"_a,
           "direction"_a, "rgb"_a, "depth"_a);
+    m.def("samples_within", &samples_within, "points"_a, "samples"_a, "which"_a, "radius"_a, "out"_a);
     m.def("lend_cores", [](int cores) { anm::thread_pool().lend(cores); }, "cores"_a);
     m.def("roofline", &roofline, "table_bytes"_a, "kernel"_a);
 }
