@@ -31,6 +31,9 @@ from anm_mj.types import (
 )
 from anm_mj.utils.stopwatch import Stopwatch
 
+TRY_AGAIN = "another try to pass what blocked the robot"
+"""Reason of a plan after :meth:`Stages.may_pass`."""
+
 
 @dataclass(frozen=True)
 class PlanningState:
@@ -137,3 +140,11 @@ class Stages:
             reached: whether a path leads to each vertex of the graph.
         """
         return self.topdown.any_blocked and int(np.count_nonzero(reached)) < 0.5 * len(reached)
+
+    def may_pass(self, reached: Bool[np.ndarray, " n"]) -> bool:
+        """Draw what refused steps smaller if it keeps the robot from most of the graph; whether this may open a way.
+
+        Args:
+            reached: whether a path leads to each vertex of the graph.
+        """
+        return self.is_cut_off(reached) and self.topdown.shrink_blocked()

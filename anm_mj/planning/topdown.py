@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 from scipy import ndimage
 
+from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.config import PlanningConfig
@@ -32,8 +33,9 @@ _logger = logging.getLogger(__name__)
 
 TRUNCATION_M = 0.1
 """Beyond this distance the SDF says no more than 'far' [m]."""
-BLOCKED_CELLS = 2
-"""Radius of the obstacle that a refused step leaves in the map [cells]."""
+BLOCKED_CELLS, LEAST_BLOCKED_CELLS = 2, 1
+"""Radius of the obstacle that a refused step leaves in the map, and its radius once it closed the only way on [cells].
+"""
 MAX_CLEARANCE_M = 1.2
 """Larger clearances are given as this [m]: a body has no use for more, and near ones can be kept up locally."""
 MAX_DEPTH_M = 0.2
@@ -46,6 +48,10 @@ NO_FLOOR_M = 0.1
 BLIND_SLACK_M = 0.15
 """What a camera at the start cannot see counts as free this much farther than by its geometry [m]: carving is
 cautious."""
+MAX_START_GAP_M = 0.5
+"""A ring of unknown floor about the start that is no wider than this counts as free [m]."""
+_START_DIRECTIONS, _START_SHARE = 72, 0.5
+"""Directions that it is looked for in, and the share of them in which it is to be bridged."""
 SAME_PLACE_M = 0.01
 """A robot that moved less than this only turned: it adds nothing to the trajectory [m]."""
 _HOLE_WIDTH_CELLS = 20
@@ -72,7 +78,9 @@ class TopDownMapper:
         """The part of the occupancy grid that the last update read; None for none."""
         self._changes = ChangeReader()
         self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
+        self._blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
+        self._blocked_cells = BLOCKED_CELLS
         self._origin_xy_m = np.zeros(2)
         self._layers = _Layers()
         self._borders = BorderPoints()
@@ -80,12 +88,29 @@ class TopDownMapper:
 
     def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Remember a place where the robot met something the map does not show [m]."""
+        self._blocked_xy_m.append(xy_m)
         self._new_blocked_xy_m.append(xy_m)
+
+    def shrink_blocked(self) -> bool:
+        """Draw the obstacles that refused steps left as small as they may be, now and from now on.
+
+        What the robot met is often smaller than what is drawn to keep it from bumping into it again. Where that closes
+        the only way on, passing beside it is worth a try.
+
+        Returns:
+            Whether this may open a way.
+        """
+        if not self._blocked_xy_m or self._blocked_cells == LEAST_BLOCKED_CELLS:
+            return False
+        self._blocked_cells = LEAST_BLOCKED_CELLS
+        self._layers.blocked.fill(False)
+        self._new_blocked_xy_m = list(self._blocked_xy_m)
+        return True
 
     @property
     def any_blocked(self) -> bool:
         """Whether any step was refused so far."""
-        return bool(self._new_blocked_xy_m) or bool(self._layers.blocked.any())
+        return bool(self._blocked_xy_m)
 
     def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Add a place to the robot's trajectory: the floor there is free [m]."""
@@ -104,12 +129,16 @@ class TopDownMapper:
             camera: what the robot sees with; its first one tells how much of the floor at the start it cannot see. None
                 for one whose views are no wider than deep.
         """
-        if camera is not None and not self._layers.state.size:
+        first = not self._layers.state.size
+        if camera is not None and first:
             self._start_radius_m = self._unseen_radius_m(camera)
         self.visit(pose.xy_m)
         self._follow_growth(grid)
         self.read_window = self._changed_window(grid, pose, camera)
-        changed = self._stamp(grid) + self._read_columns(grid, self.read_window) + self._ask_sdf(grid, sdf, pose)
+        changed = self._read_columns(grid, self.read_window)
+        if first:
+            self._start_radius_m = self._radius_to_seen_floor(grid)
+        changed += self._stamp(grid) + self._ask_sdf(grid, sdf, pose)
         if changed:
             self._decide(grid, union(changed))
         layers, resolution, origin = self._layers, grid.resolution_m, self._origin_xy_m
@@ -143,6 +172,26 @@ class TopDownMapper:
             )
             return config.start_radius_m
         return max(config.start_radius_m, blind_m + BLIND_SLACK_M)
+
+    def _radius_to_seen_floor(self, grid: VoxelGrid) -> float:
+        """Up to where the floor at the start counts as free, so that no ring of unknown floor encloses the robot [m].
+
+        A noisy sensor sees the nearest floor later than the camera's geometry tells. Where most directions have a known
+        column a little farther out, the disc reaches as far as that.
+        """
+        layers, cell = self._layers, grid.resolution_m
+        known = layers.hit | (layers.num_free >= self._enough(grid))
+        angle = np.arange(_START_DIRECTIONS) * math.tau / _START_DIRECTIONS
+        reach_m = self._start_radius_m + np.arange(0.0, MAX_START_GAP_M + cell / 2, cell)
+        place = self.trajectory_xy_m[0] + reach_m[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        row, col = world_to_cell(place.reshape(-1, 2), grid.origin_m[:2], cell).T.reshape(2, *place.shape[:2])
+        inside = (row >= 0) & (col >= 0) & (row < known.shape[0]) & (col < known.shape[1])
+        seen = np.zeros(row.shape, bool)
+        seen[inside] = known[row[inside], col[inside]]
+        found = seen.any(axis=0)
+        if np.count_nonzero(found) < 0.5 * _START_DIRECTIONS:
+            return self._start_radius_m
+        return float(np.quantile(reach_m[seen.argmax(axis=0)][found], _START_SHARE, method="higher"))
 
     def _decide(self, grid: VoxelGrid, changed: Window) -> None:
         """Derive state, field, clearance and borders again around a window in which what they derive from changed."""
@@ -186,12 +235,15 @@ class TopDownMapper:
         layers.num_free[window], layers.hit[window] = num_free, hit
         return changed
 
+    def _enough(self, grid: VoxelGrid) -> float:
+        """Free voxels that make a column known."""
+        heights = grid.num_layers_between(self.footprint.z_min_m, self.footprint.z_max_m)
+        return self.config.free_share * max(heights, 1)
+
     def _column_state(self, grid: VoxelGrid, window: Window) -> Int8[np.ndarray, "rows cols"]:
         layers = self._layers
-        heights = grid.num_layers_between(self.footprint.z_min_m, self.footprint.z_max_m)
-        enough = self.config.free_share * max(heights, 1)
         around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
-        unknown = layers.num_free[around] < enough
+        unknown = layers.num_free[around] < self._enough(grid)
         holes = _enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
         inner = relative_to(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
@@ -219,7 +271,7 @@ class TopDownMapper:
             _stamp_disc(layers.near_trajectory, grid, xy, max(body, self._start_radius_m) if first else body)
             _stamp_disc(layers.under_robot, grid, xy, body - cell)
         for xy in self._new_blocked_xy_m:
-            _stamp_disc(layers.blocked, grid, xy, BLOCKED_CELLS * cell)
+            _stamp_disc(layers.blocked, grid, xy, self._blocked_cells * cell)
         stamped = np.array([*self._new_trajectory_xy_m, *self._new_blocked_xy_m])
         if not len(stamped):
             return []

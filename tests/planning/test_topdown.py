@@ -107,6 +107,37 @@ def test_a_place_that_blocked_the_robot_is_an_obstacle_from_then_on():
     assert state_at(topdown, 2.0, 2.0) == OCCUPIED
 
 
+def test_what_blocked_the_robot_is_drawn_smaller_once():
+    world = room(4, 3)
+    mapper = TopDownMapper(PlanningConfig(), BODY)
+    assert not mapper.shrink_blocked()
+    mapper.add_blocked(np.array([2.0, 2.0]))
+    before = mapper.update(world.occupancy, world.sdf, Pose2(1, 1, 0))
+    assert mapper.shrink_blocked()
+    after = mapper.update(world.occupancy, world.sdf, Pose2(1, 1, 0))
+    assert state_at(after, 2.0, 2.0) == OCCUPIED
+    assert state_at(before, 2.08, 2.0) == OCCUPIED
+    assert state_at(after, 2.08, 2.0) == FREE
+    assert not mapper.shrink_blocked()
+
+
+def test_a_ring_of_unknown_floor_about_the_start_is_bridged():
+    world = room(6, 6)
+    grid = world.occupancy
+    y, x = (np.indices(grid.state.shape[1:]) + 0.5) * RESOLUTION_M + grid.origin_m[1::-1][:, None, None]
+    away = np.hypot(x - 3.0, y - 3.0)
+
+    def free_at(gap_m):
+        state = grid.state.copy()
+        state[:, away < 0.75 + gap_m] = UNKNOWN
+        seen = VoxelGrid(state, grid.seen_range_m, grid.origin_m, grid.resolution_m, 1)
+        topdown = TopDownMapper(PlanningConfig(hole_area_m2=0.01), BODY).update(seen, world.sdf, Pose2(3, 3, 0))
+        return state_at(topdown, 3.0 + 0.78, 3.0)
+
+    assert free_at(0.3) == FREE
+    assert free_at(0.8) == UNKNOWN
+
+
 def test_a_place_without_a_floor_is_no_way():
     world = room(4, 3)
     below = np.full((4, *world.occupancy.state.shape[1:]), UNKNOWN, np.int8)

@@ -41,7 +41,7 @@ from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.visited import within
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.stages import PlanningState, Stages
+from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
@@ -207,6 +207,8 @@ class AnmS:
             self._rotated = True
             return _rotation(f"{what}: another full rotation", FULL_ROTATION)
         num_parts = len(np.unique(components(now.graph)[~reached]))
+        if self.stages.may_pass(reached):
+            return _rotation(f"{what}: {TRY_AGAIN}", 1)
         complete = reachable and not self.stages.is_cut_off(reached)
         return Plan(
             f"{what}, even after a full rotation; parts of the graph out of reach: {num_parts}",

@@ -36,7 +36,7 @@ from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
 from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
 from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
-from anm_mj.planning.stages import PlanningState, Stages
+from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper
 from anm_mj.types import TURN_STEP_RAD, Action, Candidate, Observation, Plan, Pose2, StopReason, TopDownMap
 from anm_mj.utils.stopwatch import Stopwatch
@@ -90,6 +90,8 @@ class Gvg:
                 candidates = self._candidates(state, gain, mapper, observation)
             with watch.stage("choice"):
                 plan = self._decide(state, candidates, gain)
+            if plan.stop is not None and self._stages.may_pass(np.isfinite(state.paths.distance_m)):
+                return Plan(TRY_AGAIN, np.zeros((0, 2)), actions=(Action.TURN_LEFT,), stage_ms=watch.ms)
             if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
                 self._improving, self._target = True, None
                 with watch.stage("gain"):

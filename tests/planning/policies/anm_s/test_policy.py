@@ -6,6 +6,7 @@ import numpy as np
 from anm_mj.planning.policies.anm_s.config import TARGETS, AnmSConfig
 from anm_mj.planning.policies.anm_s.policy import AnmS
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.stages import TRY_AGAIN
 from anm_mj.types import (
     Action,
     Footprint,
@@ -134,6 +135,7 @@ def test_a_robot_that_refused_steps_keep_from_most_of_the_graph_is_not_done():
     for yaw in np.arange(0.0, 2.0 * math.pi, 0.3):
         policy.on_collision(Pose2(1.0, 1.7, yaw), Action.MOVE_FORWARD)
     assert len(policy.plan(world, observation(1.0, 1.7)).actions) == 36
+    assert policy.plan(world, observation(1.0, 1.7)).reason.endswith(TRY_AGAIN)
     assert policy.plan(world, observation(1.0, 1.7)).stop is StopReason.NO_REACHABLE_TARGET
 
 
