@@ -20,17 +20,29 @@ def add_map(commands: Any) -> None:
         "map",
         help="map a recorded RGB-D sequence with poses, and write a run folder",
         epilog="layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, "
-        "our own, and a run folder with images. See docs/results.md.",
+        "our own, a run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md.",
     )
-    parser.add_argument("sequence", type=Path, metavar="SEQUENCE", help="folder of the sequence, or a transforms.json")
+    parser.add_argument(
+        "sequence", type=Path, metavar="SEQUENCE", help="folder of the sequence, a transforms.json, or a bag"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: a new one in runs/)")
-    parser.add_argument("--layout", help="run, anm-mj, tum, nerfstudio or replica (default: recognised by its files)")
+    parser.add_argument(
+        "--layout", help="run, anm-mj, tum, nerfstudio, replica or rosbag (default: recognised by its files)"
+    )
     parser.add_argument("--camera", metavar="FX,FY,CX,CY", help="intrinsics [px], if the files are wrong or silent")
     parser.add_argument("--depth-unit", type=float, metavar="M", help="metres per unit of a depth image")
     parser.add_argument(
         "--up", default="z", help="axis of the sequence's world that points up: z, -z, y, -y (default: z)"
     )
     parser.add_argument("--floor", type=float, metavar="M", help="height of the floor (default: found from the depth)")
+    parser.add_argument(
+        "--topic",
+        action="append",
+        default=[],
+        dest="topics",
+        metavar="ROLE=NAME",
+        help="topic of a bag for colour, depth, camera or pose (a topic or tf), where several fit; may be repeated",
+    )
     parser.add_argument("--every", type=int, default=1, metavar="N", help="read every Nth frame only (default: 1)")
     parser.add_argument(
         "--shadow", action="store_true", help="record at each frame where the policy would have gone (plans.jsonl)"
@@ -74,7 +86,13 @@ def _map(parsed: argparse.Namespace) -> int:
 
     console = Console()
     options = SequenceOptions(
-        parsed.layout, _camera(parsed.camera), parsed.depth_unit, parsed.up, parsed.floor, parsed.every
+        parsed.layout,
+        _camera(parsed.camera),
+        parsed.depth_unit,
+        parsed.up,
+        parsed.floor,
+        parsed.every,
+        _topics(parsed.topics),
     )
     config = make_config(
         parsed.preset,
@@ -117,6 +135,15 @@ def _intent(plan: Any) -> str:
         return ""
     target = "would stay" if plan.target_xy_m is None else "would go to ({:.2f}, {:.2f})".format(*plan.target_xy_m)
     return f": {target}: {plan.reason}"
+
+
+def _topics(words: list[str]) -> dict[str, str]:
+    from anm_mj.config import ConfigError
+
+    for word in words:
+        if "=" not in word:
+            raise ConfigError(f"--topic is '{word}'; give ROLE=NAME, as in colour=/camera/color/image_raw.")
+    return dict(word.split("=", 1) for word in words)
 
 
 def _camera(text: str | None) -> tuple[float, float, float, float] | None:

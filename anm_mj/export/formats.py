@@ -40,6 +40,7 @@ FORMATS = {
     "esdf": Format("volume.export_esdf", "a slice of the Euclidean distance field: esdf.npz", long=True),
     "figures": Format("figures.export_figures", "top-down map and curve as PNG, PDF and SVG"),
     "mcap": Format("recording.export_mcap", "everything over time: run.mcap", long=True, extra=True),
+    "rosbag": Format("rosbag.export_rosbag", "everything over time: a ROS 2 bag", long=True, extra=True),
 }
 ALL = "all"
 

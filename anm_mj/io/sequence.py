@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, UInt8
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -35,12 +35,14 @@ DEPTH_UNIT_M = 0.001
 
 @dataclass(frozen=True)
 class Frame:
-    """The files of one posed RGB-D frame."""
+    """The images of one posed RGB-D frame."""
 
     time_s: float
-    colour: Path
-    depth: Path
-    """16-bit PNG in units of ``depth_unit_m``, or ``.npy``, float32 in metres; 0 or NaN where nothing."""
+    colour: Path | Callable[[], UInt8[np.ndarray, "h w 3"]]
+    """The file, or what reads it out of a recording."""
+    depth: Path | Callable[[], Float32[np.ndarray, "h w"]]
+    """16-bit PNG in units of ``depth_unit_m``, or ``.npy``, float32 in metres; 0 or NaN where nothing. A function gives
+    metres."""
     T_world_camera: Float[np.ndarray, "4 4"]
 
 
@@ -73,7 +75,8 @@ class Sequence:
             RunFolderError: an image is missing or damaged, or its size is another than the camera's.
         """
         for step, frame in enumerate(self.frames):
-            rgb, depth_m = read_image(frame.colour, "RGB"), self._depth_m(frame.depth)
+            rgb = read_image(frame.colour, "RGB") if isinstance(frame.colour, Path) else frame.colour()
+            depth_m = self._depth_m(frame.depth)
             camera = self.intrinsics
             if self.resize:
                 rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
@@ -108,8 +111,10 @@ class Sequence:
         u, v = (0.5 * (1.0 - x), 0.5 * (1.0 - y)) if self.keeps_corner_pixels else (0.0, 0.0)
         return Intrinsics(width, height, camera.fx * x, camera.fy * y, camera.cx * x + u, camera.cy * y + v)
 
-    def _depth_m(self, path: Path) -> Float32[np.ndarray, "h w"]:
-        if path.suffix == ".npy":
+    def _depth_m(self, path: Path | Callable[[], Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
+        if not isinstance(path, Path):
+            depth_m = path()
+        elif path.suffix == ".npy":
             try:
                 depth_m = np.load(path).astype(np.float32)
             except (OSError, ValueError, EOFError) as err:

@@ -1,4 +1,4 @@
-"""Recorded RGB-D sequences in the layouts of others: TUM RGB-D, nerfstudio, Replica, and a run folder of ours.
+"""Recorded RGB-D sequences: TUM RGB-D, nerfstudio, Replica, ROS bags, and a run folder of ours.
 
 The world of a layout is turned so that z points up, and moved so that the floor lies at z = 0.
 """
@@ -6,8 +6,8 @@ The world of a layout is turned so that z points up, and moved so that the floor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV, pixel_directions, transform_points
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import read_json, read_run
+from anm_mj.io.rosbag import is_recording, read_recording
 from anm_mj.io.sequence import Frame, Sequence, read_sequence, tum_matrix
 from anm_mj.types import Intrinsics
 
@@ -38,6 +39,8 @@ UP = {
     "-y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
 }
 """Rotation from a world with this axis up to one with z up."""
+BAG = "rosbag"
+"""The layout that is no folder of images."""
 FLOOR_FRAMES, FLOOR_BIN_M, FLOOR_SHARE = 30, 0.02, 0.3
 
 
@@ -57,38 +60,33 @@ class SequenceOptions:
     """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others."""
     every: int = 1
     """Only every so-manieth frame is read."""
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Of a ROS bag, by role; see :mod:`anm_mj.io.rosbag`."""
 
 
 def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[Sequence, str]:
     """Open a recorded sequence, and say in which layout it is.
 
     Args:
-        path: Its folder, or a ``transforms.json``.
+        path: Its folder, a ``transforms.json``, or a bag: its folder, a ``.mcap`` or a ``.bag`` file.
         options: What the files do not say.
 
     Raises:
         RunFolderError: The folder is none of the layouts, a file is missing or damaged, or an option is out of range.
     """
     options = options or SequenceOptions()
-    if options.layout is not None and options.layout not in LAYOUTS:
-        raise RunFolderError(f"There is no layout '{options.layout}'; choose from {', '.join(LAYOUTS)}.")
+    if options.layout is not None and options.layout not in (*LAYOUTS, BAG):
+        raise RunFolderError(f"There is no layout '{options.layout}'; choose from {', '.join((*LAYOUTS, BAG))}.")
     if options.up not in UP:
         raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join(UP)}.")
     if options.every < 1:
         raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
-    folder = path.parent if path.name == "transforms.json" else path
-    if not folder.is_dir():
-        raise RunFolderError(f"{folder} is not a folder; give that of a recorded sequence.")
-    found = options.layout or next((name for name, layout in LAYOUTS.items() if (folder / layout.sign).exists()), None)
-    if found is None:
-        signs = ", ".join(f"{layout.sign} ({name})" for name, layout in LAYOUTS.items())
-        raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
-    try:
-        sequence = LAYOUTS[found].read(folder)
-    except (OSError, KeyError, TypeError, ValueError, IndexError) as err:
-        raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err
+    if options.layout == BAG or (options.layout is None and is_recording(path)):
+        sequence, found = read_recording(path, options.topics, options.depth_unit_m), BAG
+    else:
+        sequence, found = _read_folder(path, options)
     if not sequence.frames:
-        raise RunFolderError(f"{folder} holds no frame that has colour, depth and a pose.")
+        raise RunFolderError(f"{path} holds no frame that has colour, depth and a pose.")
     if options.camera is not None:
         fx, fy, cx, cy = options.camera
         sequence = replace(sequence, intrinsics=replace(sequence.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy))
@@ -100,10 +98,27 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     sequence = sequence.moved(T_up)
     floor_m = options.floor_m
     if floor_m is None:
-        floor_m = 0.0 if LAYOUTS[found].ours else find_floor_m(sequence)
+        floor_m = 0.0 if found in LAYOUTS and LAYOUTS[found].ours else find_floor_m(sequence)
     lowered = np.eye(4)
     lowered[2, 3] = -floor_m
     return sequence.moved(lowered), found
+
+
+def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
+    """A sequence that is a folder of files, and its layout."""
+    folder = path.parent if path.name == "transforms.json" else path
+    if options.topics:
+        raise RunFolderError(f"{path} is no ROS bag, so it has no topics; leave out --topic.")
+    if not folder.is_dir():
+        raise RunFolderError(f"{folder} is not a folder; give that of a recorded sequence.")
+    found = options.layout or next((name for name, layout in LAYOUTS.items() if (folder / layout.sign).exists()), None)
+    if found is None:
+        signs = ", ".join(f"{layout.sign} ({name})" for name, layout in LAYOUTS.items())
+        raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
+    try:
+        return LAYOUTS[found].read(folder), found
+    except (OSError, KeyError, TypeError, ValueError, IndexError) as err:
+        raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err
 
 
 def find_floor_m(sequence: Sequence) -> float:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from PIL import EpsImagePlugin, Image
 
@@ -30,13 +31,19 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
         OSError: The file cannot be read, is no picture, or of another format than ``FORMATS``.
         ValueError: It has more than ``MAX_MEGAPIXELS``.
     """
-    with open_regular(path) as file:
-        try:
-            image = Image.open(file, formats=FORMATS)
-        except (Image.DecompressionBombError, SyntaxError) as err:
-            raise ValueError(str(err)) from err
-        with image:
-            megapixels = math.prod(image.size) / 1e6
-            if megapixels > MAX_MEGAPIXELS:
-                raise ValueError(f"its {megapixels:.0f} megapixels are more than the {MAX_MEGAPIXELS:g} that are read")
-            yield image
+    with open_regular(path) as file, read_picture(file) as image:
+        yield image
+
+
+@contextmanager
+def read_picture(file: Any) -> Iterator[Image.Image]:
+    """The same of a binary file that is open, or of bytes in memory."""
+    try:
+        image = Image.open(file, formats=FORMATS)
+    except (Image.DecompressionBombError, SyntaxError) as err:
+        raise ValueError(str(err)) from err
+    with image:
+        megapixels = math.prod(image.size) / 1e6
+        if megapixels > MAX_MEGAPIXELS:
+            raise ValueError(f"its {megapixels:.0f} megapixels are more than the {MAX_MEGAPIXELS:g} that are read")
+        yield image

@@ -12,8 +12,9 @@ import stat
 import tomllib
 import zipfile
 import zlib
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ MAX_ARRAY_MIB = 1024
 """Larger arrays are refused [MiB]."""
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """Open a regular file to read; a FIFO, a device or a folder is refused without waiting for it.
 
     Raises:

@@ -11,12 +11,16 @@ import trimesh
 import yaml
 from mcap.reader import make_reader
 from PIL import Image
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from anm_mj.cli.main import main
 from anm_mj.export.formats import FORMATS, export_run
+from anm_mj.frames import pixel_directions, transform_points
 from anm_mj.io.read_run import read_run
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
 from anm_mj.mapping.neural_map import NeuralMap
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room_plan
 
@@ -24,7 +28,18 @@ from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, room_plan
 @pytest.fixture(scope="module")
 def out(run_folder, tmp_path_factory):
     folder = tmp_path_factory.mktemp("export")
-    words = ["export", str(run_folder), "--format", "all", "--format", "mcap", "--out", str(folder)]
+    words = [
+        "export",
+        str(run_folder),
+        "--format",
+        "all",
+        "--format",
+        "mcap",
+        "--format",
+        "rosbag",
+        "--out",
+        str(folder),
+    ]
     assert main(words) == 0
     return folder
 
@@ -186,6 +201,49 @@ def test_mcap(run, out):
     assert to_wall_m(packed[:, :12].copy().view("<f4")).max() < 1e-5
 
 
+def test_rosbag(run, out):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    told = {}
+    with AnyReader([out / "rosbag"], default_typestore=store) as reader:
+        for connection, _, raw in reader.messages():
+            told.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    assert len(told["/tf"]) == len(told["/odom"]) == len(told["/camera/depth/image_raw"]) == len(run.frames)
+    for odometry, transforms, depth, frame in zip(
+        told["/odom"], told["/tf"], told["/camera/depth/image_raw"], run.frames, strict=True
+    ):
+        at = odometry.header.stamp
+        assert at.sec + at.nanosec * 1e-9 == pytest.approx(frame.time_s, abs=1e-8)
+        place, q = odometry.pose.pose.position, odometry.pose.pose.orientation
+        np.testing.assert_allclose([place.x, place.y], frame.pose.xy_m, atol=1e-9)
+        assert 2.0 * np.arctan2(q.z, q.w) == pytest.approx(frame.pose.yaw_rad, abs=1e-9)
+        camera = next(one.transform for one in transforms.transforms if one.child_frame_id == "camera_optical_frame")
+        q = camera.rotation
+        turned = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+        np.testing.assert_allclose(turned, frame.T_world_camera[:3, :3], atol=1e-9)
+        np.testing.assert_array_equal(depth.data.view("<u2").reshape(depth.height, -1), run.depth_mm(frame))
+    info = told["/map"][0].info
+    topdown = room_plan().topdown
+    assert topdown is not None
+    cells = told["/map"][0].data.reshape(info.height, info.width)
+    np.testing.assert_array_equal(np.select([cells == 100, cells == 0], [1, 0], -1), topdown.state)
+    np.testing.assert_allclose([info.origin.position.x, info.origin.position.y], topdown.origin_xy_m)
+    cloud = told["/surface"][0]
+    points = cloud.data.reshape(-1, cloud.point_step)[:, :12].copy().view("<f4")
+    assert to_wall_m(points).max() < 1e-5
+
+
+def test_a_bag_of_ours_is_a_sequence_again(run, out):
+    sequence, layout = open_sequence(out / "rosbag", SequenceOptions(floor_m=0.0))
+    assert (layout, len(sequence)) == ("rosbag", len(run.frames))
+    for found, frame in zip(sequence.observations(), run.frames, strict=True):
+        np.testing.assert_allclose(found.T_world_camera, frame.T_world_camera, atol=1e-9)
+        np.testing.assert_allclose(found.depth_m * 1000.0, run.depth_mm(frame), atol=1e-3)
+        assert abs(found.rgb.astype(int) - 128).max() <= 2
+        camera = found.intrinsics
+        points = pixel_directions(camera) * found.depth_m[..., None]
+        assert to_wall_m(transform_points(found.T_world_camera, points.reshape(-1, 3))).max() < 0.002
+
+
 def test_figures(out):
     with Image.open(out / "topdown.png") as picture:
         width, height = picture.size
@@ -204,9 +262,9 @@ def test_every_format_is_tested_here(out):
         "mesh.glb", "mesh.ply", "mesh.obj", "trajectory_camera.tum", "trajectory_base.tum",
         "trajectory_camera.kitti.txt", "nerfstudio", "colmap", "map.yaml", "map.pgm", "graph.graphml", "graph.geojson",
         "sdf.npz", "esdf.npz", "run.mcap", "topdown.png", "topdown.pdf", "topdown.svg", "curve.png", "curve.pdf",
-        "curve.svg",
+        "curve.svg", "rosbag",
     }  # fmt: skip
-    assert len(FORMATS) == 14
+    assert len(FORMATS) == 15
 
 
 def test_what_a_run_lacks_is_one_sentence(run_folder, tmp_path, capsys):

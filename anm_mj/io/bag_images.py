@@ -1,0 +1,96 @@
+"""Images out of the messages of a recording: ``sensor_msgs`` Image and CompressedImage, and compressed depth."""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from anm_mj.utils.picture import read_picture
+
+DEPTH_TYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+COLOUR_CHANNELS = {
+    "rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0), "8UC3": (2, 1, 0),
+    "mono8": (0, 0, 0), "8UC1": (0, 0, 0),
+}  # fmt: skip
+"""Which channel of a pixel is red, green and blue; 8UC3 is BGR, as OpenCV writes it."""
+NUM_CHANNELS = {"rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
+DEPTH_HEADER = struct.Struct("<iff")
+"""What compressed_depth_image_transport puts before its PNG: format and two parameters of the quantisation."""
+
+
+def encoding_of(message: Any) -> str:
+    """``depth``, ``colour``, or the encoding that is neither."""
+    encoding = getattr(message, "encoding", None)
+    if encoding is None:
+        return "depth" if "compressedDepth" in message.format else "colour"
+    if encoding in DEPTH_TYPES:
+        return "depth"
+    return "colour" if encoding in COLOUR_CHANNELS else encoding
+
+
+def colour_image(message: Any) -> UInt8[np.ndarray, "h w 3"]:
+    """The colours of a message.
+
+    Raises:
+        ValueError: The data do not fit the message's size, or are no picture.
+        OSError: The same, of compressed data.
+    """
+    if not hasattr(message, "encoding"):
+        with read_picture(io.BytesIO(_bytes(message))) as picture:
+            return np.asarray(picture.convert("RGB"))
+    pixels = _rows(message, "u1", NUM_CHANNELS.get(message.encoding, 3))
+    return np.ascontiguousarray(pixels[..., COLOUR_CHANNELS[message.encoding]])
+
+
+def depth_image(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
+    """Planar depth of a message [m]; NaN where nothing was measured.
+
+    Args:
+        message: Image of encoding 16UC1, mono16 or 32FC1 (metres), or compressed depth.
+        unit_m: Metres per unit of 16-bit values.
+
+    Raises:
+        ValueError: The data do not fit the message's size, or are no picture.
+        OSError: The same, of compressed data.
+    """
+    if hasattr(message, "encoding"):
+        raw = _rows(message, DEPTH_TYPES[message.encoding], 1)[..., 0]
+        depth_m = raw.astype(np.float32) * np.float32(1.0 if message.encoding == "32FC1" else unit_m)
+    else:
+        depth_m = _compressed_depth(message, unit_m)
+    return np.where(np.isfinite(depth_m) & (depth_m > 0.0), depth_m, np.float32(np.nan))
+
+
+def _compressed_depth(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
+    data = _bytes(message)
+    if len(data) <= DEPTH_HEADER.size:
+        raise ValueError("compressed depth is empty")
+    _, a, b = DEPTH_HEADER.unpack_from(data)
+    with read_picture(io.BytesIO(data[DEPTH_HEADER.size :])) as picture:
+        raw = np.asarray(picture).astype(np.float32)
+    if raw.ndim != 2:
+        raise ValueError("compressed depth has colours")
+    if not message.format.startswith("32FC1"):
+        return raw * np.float32(unit_m)
+    # Inverse depth, see compressed_depth_image_transport/codec.
+    with np.errstate(divide="ignore"):
+        return np.where(raw > 0.0, np.float32(a) / (raw - np.float32(b)), np.float32(0.0)).astype(np.float32)
+
+
+def _rows(message: Any, kind: str, channels: int) -> np.ndarray:
+    """The pixels of an image, without the padding at the ends of its rows."""
+    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    wide = int(message.width) * channels * dtype.itemsize
+    data, step = _bytes(message), int(message.step)
+    if step < wide or len(data) < step * int(message.height):
+        raise ValueError(f"{len(data)} bytes are not {message.height} rows of {step}")
+    rows = np.frombuffer(data, np.uint8, step * int(message.height)).reshape(int(message.height), step)[:, :wide]
+    return np.ascontiguousarray(rows).view(dtype).reshape(int(message.height), int(message.width), channels)
+
+
+def _bytes(message: Any) -> bytes:
+    return bytes(np.asarray(message.data, np.uint8))

@@ -1,0 +1,277 @@
+"""Recordings of a robot: ROS 1 and ROS 2 bags, and MCAP files with ROS 2 messages, through the package rosbags.
+
+Colour, depth, calibration and poses come out of their messages; which topics those are is found by their types, and
+said by the user where several fit. Depth has to be registered to the colour image, as drivers publish it on request
+(``aligned_depth_to_color``).
+"""
+
+from __future__ import annotations
+
+import struct
+import weakref
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
+from anm_mj.io.bag_poses import FrameTree, Track
+from anm_mj.io.sequence import Frame, Sequence
+from anm_mj.types import Intrinsics
+
+MATCH_S = 0.02
+"""A colour and a depth image belong together up to this difference of their times [s]."""
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+CALIBRATION = "sensor_msgs/msg/CameraInfo"
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+POSES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+)
+ROLES = ("colour", "depth", "camera", "pose")
+"""What a topic can be named for."""
+TF = "tf"
+"""Stands for the tree of frames where a topic of poses is named."""
+MM = 0.001
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path is a bag: a ``.bag`` or ``.mcap`` file, or a folder with a ``metadata.yaml``."""
+    return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").is_file()
+
+
+def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | None = None) -> Sequence:
+    """Open a recording.
+
+    Args:
+        path: The bag.
+        topics: Topics by role (``colour``, ``depth``, ``camera``, ``pose``), where they are not the only ones that fit;
+            the topic of ``pose`` may be ``tf``.
+        depth_unit_m: Metres per unit of 16-bit depth; None = 1 mm, as REP 118 has it.
+
+    Raises:
+        RunFolderError: The package rosbags is missing, the bag cannot be read, or it does not say where the camera was.
+    """
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as err:
+        raise RunFolderError("Bags need the package rosbags: pip install 'anm-mj[ros]'.") from err
+    unknown = [role for role in topics if role not in ROLES]
+    if unknown:
+        raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(ROLES)}.")
+    try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+        bag = _Bag(path, reader, topics, depth_unit_m or MM)
+        # The images are read later; the file is closed with the last of them.
+        weakref.finalize(bag, reader.close)
+        return bag.sequence()
+    except (AnyReaderError, OSError, ValueError, KeyError, AttributeError, AssertionError, struct.error) as err:
+        raise RunFolderError(f"{path} cannot be read as a recording ({err or type(err).__name__}).") from err
+
+
+@dataclass(eq=False)
+class _Bag:
+    """A bag that is open."""
+
+    path: Path
+    reader: Any
+    topics: Mapping[str, str]
+    depth_unit_m: float
+
+    def sequence(self) -> Sequence:
+        """The frames of the bag; it stays open for their images."""
+        colour, depth = self._image_topic("colour"), self._image_topic("depth")
+        first_depth = self._first(depth)
+        camera_frame = first_depth.header.frame_id
+        intrinsics = self._intrinsics(colour, depth, camera_frame)
+        pose_at = self._poses(camera_frame)
+        pairs = _pairs(self._stamps(depth), self._stamps(colour))
+        frames = []
+        for time_s, depth_ns, colour_ns in pairs:
+            T = pose_at(time_s)
+            if T is not None:
+                frames.append(
+                    Frame(
+                        time_s - pairs[0][0],
+                        self._later(colour, colour_ns, colour_image),
+                        self._later(depth, depth_ns, lambda message: depth_image(message, self.depth_unit_m)),
+                        T,
+                    )
+                )
+        return Sequence(self.path, intrinsics, self.depth_unit_m, tuple(frames), resize=True)
+
+    def _of_type(self, *types: str) -> list[str]:
+        return sorted({one.topic for one in self.reader.connections if one.msgtype in types and one.msgcount > 0})
+
+    def _image_topic(self, role: str) -> str:
+        """The topic of colour or depth: the one that was named, or the only one whose first image is of that kind."""
+        fit = [topic for topic in self._of_type(*IMAGES) if encoding_of(self._first(topic)) == role]
+        return self._chosen(role, fit, _raw_first(fit))
+
+    def _chosen(self, role: str, fit: list[str], preferred: list[str]) -> str:
+        named = self.topics.get(role)
+        if named is not None:
+            if named not in fit:
+                there = f"; {role} could be {', '.join(fit)}" if fit else ""
+                raise RunFolderError(f"{self.path} has no topic '{named}' for {role}{there}.")
+            return named
+        if len(preferred) == 1:
+            return preferred[0]
+        if not fit:
+            there = ", ".join(sorted({f"{one.topic} ({one.msgtype})" for one in self.reader.connections})) or "none"
+            raise RunFolderError(f"{self.path} has no topic for {role}; its topics are {there}.")
+        raise RunFolderError(
+            f"{self.path} has several topics for {role} ({', '.join(fit)}); name one, as in --topic {role}={fit[0]}."
+        )
+
+    def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> Intrinsics:
+        """Of the calibration beside the depth, or of the only one that has its frame."""
+        there = self._of_type(CALIBRATION)
+        beside = [
+            topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in _folders(images)
+        ]
+        same = [topic for topic in there if self._first(topic).header.frame_id == camera_frame]
+        found = self._first(self._chosen("camera", there, beside[:1] or same))
+        # A bag of ROS 1 has upper-case names.
+        matrix = np.asarray(found.k if hasattr(found, "k") else found.K, np.float64).reshape(3, 3)
+        if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and found.width > 0 and found.height > 0):
+            raise RunFolderError(f"The calibration in {self.path} is empty; give it by --camera FX,FY,CX,CY.")
+        # ROS measures the principal point from the centre of the first pixel.
+        fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
+        return Intrinsics(int(found.width), int(found.height), float(fx), float(fy), float(cx), float(cy))
+
+    def _poses(self, camera_frame: str) -> Callable[[float], Float[np.ndarray, "4 4"] | None]:
+        """Where the camera was at a time: from tf where it leads there, else from the only topic of poses."""
+        tree = self._tree()
+        fit = self._of_type(*POSES)
+        moving = tree.moves(camera_frame)
+        named = self.topics.get("pose")
+        if named == TF or (named is None and moving):
+            if not moving:
+                raise RunFolderError(f"The frames in {self.path} say nothing about how '{camera_frame}' moves.")
+            root = tree.chain(camera_frame)[-1]
+            return lambda time_s: tree.pose(camera_frame, root, time_s)
+        topic = self._chosen("pose", fit, fit)
+        track, moved = self._track(topic)
+        if moved is None:
+            return track.at
+        # An odometry tells of its own frame, and the frames how the camera stands in that.
+        fixed = tree.pose(camera_frame, moved, 0.0)
+        if fixed is None:
+            raise RunFolderError(
+                f"{topic} in {self.path} tells of the frame '{moved}', and no /tf_static how '{camera_frame}' stands "
+                "in it; record /tf_static, or name a topic with poses of the camera by --topic pose=NAME."
+            )
+
+        def at(time_s: float) -> Float[np.ndarray, "4 4"] | None:
+            T = track.at(time_s)
+            return None if T is None else T @ fixed
+
+        return at
+
+    def _tree(self) -> FrameTree:
+        tree = FrameTree()
+        for topic in self._of_type(*TRANSFORMS):
+            for _, message in self._messages(topic):
+                for one in message.transforms:
+                    xyz, quaternion = _vector(one.transform.translation), _quaternion(one.transform.rotation)
+                    parent, child = one.header.frame_id, one.child_frame_id
+                    tree.add(parent, child, _time_s(one.header), xyz, quaternion, static=topic.endswith("static"))
+        return tree
+
+    def _track(self, topic: str) -> tuple[Track, str | None]:
+        """Poses of a topic, and the frame that moves; None = that of the camera."""
+        track, moved = Track(), None
+        for _, message in self._messages(topic):
+            if hasattr(message, "transform"):
+                xyz, quaternion = message.transform.translation, message.transform.rotation
+            else:
+                pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+                xyz, quaternion = pose.position, pose.orientation
+            moved = getattr(message, "child_frame_id", "") or None
+            track.add(_time_s(message.header), _vector(xyz), _quaternion(quaternion))
+        return track, moved
+
+    def _connections(self, topic: str) -> list[Any]:
+        return [one for one in self.reader.connections if one.topic == topic]
+
+    def _messages(self, topic: str) -> Any:
+        for connection, at_ns, raw in self.reader.messages(self._connections(topic)):
+            yield at_ns, self.reader.deserialize(raw, connection.msgtype)
+
+    def _first(self, topic: str) -> Any:
+        return next(message for _, message in self._messages(topic))
+
+    def _stamps(self, topic: str) -> list[tuple[float, int]]:
+        """When each message was made [s], and where it lies in the bag [ns]; without decoding its image."""
+        return sorted(
+            (_stamp(raw, ros2=self.reader.is2), at_ns)
+            for _, at_ns, raw in self.reader.messages(self._connections(topic))
+        )
+
+    def _later(self, topic: str, at_ns: int, decode: Callable[[Any], Any]) -> Callable[[], Any]:
+        """What reads an image when it is asked for."""
+
+        def read() -> Any:
+            try:
+                for connection, _, raw in self.reader.messages(self._connections(topic), at_ns, at_ns + 1):
+                    return decode(self.reader.deserialize(raw, connection.msgtype))
+            except Exception as err:
+                # Readers raise whatever the damaged bytes lead them to.
+                raise RunFolderError(f"An image of {topic} in {self.path} cannot be read ({err}).") from err
+            raise RunFolderError(f"An image of {topic} in {self.path} is gone.")
+
+        return read
+
+
+def _raw_first(topics: list[str]) -> list[str]:
+    """Without the compressed twins of raw images: ``.../image_raw`` and ``.../image_raw/compressed`` are the same."""
+    return [topic for topic in topics if topic.rpartition("/")[0] not in topics]
+
+
+def _folders(topic: str) -> tuple[str, ...]:
+    """Namespaces where the calibration of an image may stand."""
+    parent = topic.rpartition("/")[0]
+    return (parent, parent.rpartition("/")[0]) if "ompressed" in topic else (parent,)
+
+
+def _pairs(depth: list[tuple[float, int]], colour: list[tuple[float, int]]) -> list[tuple[float, int, int]]:
+    """Time of a depth image, and the places of it and of the colour image that is nearest in time."""
+    times = np.array([time_s for time_s, _ in colour])
+    found = []
+    for time_s, at_ns in depth:
+        nearest = int(np.abs(times - time_s).argmin())
+        if abs(times[nearest] - time_s) <= MATCH_S:
+            found.append((time_s, at_ns, colour[nearest][1]))
+    return found
+
+
+def _stamp(raw: bytes, *, ros2: bool) -> float:
+    """Time of a message that begins with a header [s]."""
+    if ros2:
+        # Four bytes say how the rest is laid out; the lowest bit of the second: little-endian.
+        order = "<" if raw[1] & 1 else ">"
+        sec, nanosec = struct.unpack_from(f"{order}iI", raw, 4)
+    else:
+        _, sec, nanosec = struct.unpack_from("<III", raw, 0)
+    return sec + nanosec * 1e-9
+
+
+def _time_s(header: Any) -> float:
+    return header.stamp.sec + header.stamp.nanosec * 1e-9
+
+
+def _vector(xyz: Any) -> Float[np.ndarray, "3"]:
+    return np.array([xyz.x, xyz.y, xyz.z], dtype=np.float64)
+
+
+def _quaternion(q: Any) -> Float[np.ndarray, "4"]:
+    return np.array([q.x, q.y, q.z, q.w], dtype=np.float64)
