@@ -30,6 +30,8 @@ logger = logging.getLogger(__name__)
 MESH_TIME_FRACTION = 0.05
 """Largest fraction of the run's time for making meshes of the view."""
 MESH_EVERY_STEPS = 20
+FIRST_MESH_STEP = 10
+"""Before it the map has learnt too little: its surface is in shreds."""
 MESH_RESOLUTION_M = 0.1
 TRAJECTORY_SEGMENT_STEPS = 50
 """Steps per segment of the trajectory; the cost of a step stays constant, because only the last segment changes."""
@@ -73,6 +75,7 @@ class MeshcatViewer:
         self._begin_s = time.perf_counter()
         self._mesh_s = 0.0
         self._mesh_step: int | None = None
+        self._whole_mesh_step = 0
         logger.info("Watch the run at %s", self._server.url)
         there = f"{getpass.getuser()}@{socket.gethostname()}"
         port = self._server.port
@@ -156,7 +159,7 @@ class MeshcatViewer:
             self._transform("/meshcat/target", trimesh.transformations.translation_matrix([*target, 0.0]))
 
     def _mesh_is_due(self, step: int) -> bool:
-        if self._server.num_browsers == 0:
+        if self._server.num_browsers == 0 or step < FIRST_MESH_STEP:
             return False
         if self._mesh_step is None:
             return True
@@ -166,7 +169,12 @@ class MeshcatViewer:
     def _show_mesh(self, mapper: Meshable, step: int) -> None:
         begin_s = time.perf_counter()
         self._mesh_step = step
-        mesh = mapper.mesh(MESH_RESOLUTION_M, reuse=True)
+        # What is kept stays as the map saw it then, and the parts rip where they meet. Made as a whole whenever the run
+        # has doubled, the mesh costs little more, and forgets what the young map believed.
+        whole = step >= 2 * self._whole_mesh_step
+        if whole:
+            self._whole_mesh_step = step
+        mesh = mapper.mesh(MESH_RESOLUTION_M, reuse=not whole)
         if len(mesh.faces):
             self._object("mesh", shapes.neural_surface(mesh))
             self._centre(np.asarray(mesh.bounds).mean(axis=0)[:2])

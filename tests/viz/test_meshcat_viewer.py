@@ -15,7 +15,7 @@ from tornado.websocket import websocket_connect
 
 from anm_mj.errors import RenderError
 from anm_mj.types import Pose2
-from anm_mj.viz import page_server
+from anm_mj.viz import meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import MESH_EVERY_STEPS, MeshcatViewer
 from anm_mj.viz.viewer import NullViewer
 from tests.box_room import FakeMap, observe, room_plan
@@ -27,8 +27,12 @@ class CountingMap(FakeMap):
 
     num_meshes = 0
 
+    def __init__(self):
+        self.reused = []
+
     def mesh(self, resolution_m: float, *, reuse: bool = False) -> trimesh.Trimesh:
         self.num_meshes += 1
+        self.reused.append(reuse)
         return super().mesh(resolution_m)
 
     def integrate(self, observation):
@@ -134,6 +138,23 @@ def test_mesh_rate(viewer):
 
     asyncio.run(look())
     assert mapper.num_meshes == 1
+
+
+def test_the_mesh_is_made_as_a_whole_when_the_run_has_doubled(viewer, monkeypatch):
+    """Parts that are kept since the map was young would stand in shreds."""
+    monkeypatch.setattr(meshcat_viewer, "MESH_TIME_FRACTION", 1e9)
+    mapper = CountingMap()
+
+    async def look():
+        page = await websocket_connect(f"ws://127.0.0.1:{port_of(viewer)}/")
+        while viewer._server.num_browsers == 0:
+            await asyncio.sleep(0.01)
+        await asyncio.to_thread(show, viewer, 131, mapper)
+        await leave(page)
+
+    asyncio.run(look())
+    # At steps 10, 30, 50, 70, 90, 110, 130.
+    assert mapper.reused == [False, False, True, False, True, True, True]
 
 
 def test_run_goes_on_when_a_browser_leaves(viewer):
