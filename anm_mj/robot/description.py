@@ -175,7 +175,7 @@ def _wheeled(
 
     on_wheels = {wheel.body for wheel in wheels}
     shell, casters = _shell_and_casters(model, data, on_wheels, float(T_world_base[2, 3]))
-    footprint, body_radius = robot_footprint(model, data, shell, T_world_base)
+    footprint, body_radius = robot_footprint(model, data, T_world_base)
     require_size(footprint, path)
     motors, top_radps, notes = fit_servos(spec, model, (*parts.left, *parts.right), radius)
     support = [wheel.centre_m[:2] for wheel in wheels] + [lowest_xy_m(model, data, g) for g in casters]
@@ -242,7 +242,7 @@ def _holonomic(
     shell, casters = _shell_and_casters(model, data, set(), float(T_world_base[2, 3]))
     if not shell and not casters:
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
-    footprint, body_radius = robot_footprint(model, data, shell, T_world_base)
+    footprint, body_radius = robot_footprint(model, data, T_world_base)
     require_size(footprint, path)
     mass = float(model.body_subtreemass[root])
     joints, motors = give_planar_joints(spec, parts.root, T_root_base, mass, body_radius)

@@ -24,7 +24,6 @@ LOWEST_M = 0.05
 def robot_footprint(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    shell: list[int],
     T_world_base: Float[np.ndarray, "4 4"],
 ) -> tuple[Footprint, float]:
     """The upright cylinder about the base that encloses the robot, and the radius of the robot itself [m].
@@ -32,14 +31,14 @@ def robot_footprint(
     Args:
         model: the robot, joints locked.
         data: with poses up to date.
-        shell: geoms that are clear of the floor.
         T_world_base: base to world.
     """
     solid = solid_geoms(model)
     floor_z = float(T_world_base[2, 3])
     radius = max(radius_about_axis_m(model, data, g, T_world_base[:2, 3]) for g in solid)
-    lowest = min((height_range_m(model, data, g)[0] for g in shell), default=floor_z) - floor_z
-    highest = max(height_range_m(model, data, g)[1] for g in solid) - floor_z
+    # Wheels count: what passes below a high body does not pass below them.
+    heights = [height_range_m(model, data, g) for g in solid]
+    lowest, highest = min(low for low, _ in heights) - floor_z, max(high for _, high in heights) - floor_z
     footprint = Footprint(
         radius_m=round(radius + FOOTPRINT_MARGIN_M, 6),
         z_min_m=round(max(lowest, LOWEST_M), 6),

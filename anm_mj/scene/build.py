@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
 from anm_mj.scene.folder import Scene
+from anm_mj.scene.height_boxes import needs_other_boxes, replace_boxes
 from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.utils.read_file import read_bytes
@@ -71,6 +72,7 @@ def build_model(
     robot_name: str = "",
     robot_hash: str = "",
     prefix: str = "robot/",
+    top_m: float | None = None,
 ) -> mujoco.MjModel:
     """The compiled model of a scene, with a robot attached at the origin if one is given.
 
@@ -82,19 +84,25 @@ def build_model(
         robot_name: its name in messages.
         robot_hash: identifies the robot in the cache.
         prefix: prepended to the name of every element of the robot.
+        top_m: height of the robot [m]; the collision boxes are those that it meets. None = those of the scene's file.
 
     Raises:
         SceneError: if the scene cannot be read or compiled.
         RobotError: if the scene compiles alone, but not with the robot.
     """
+    other_boxes = top_m is not None and needs_other_boxes(top_m)
 
     def compiled() -> mujoco.MjModel:
         spec = build_spec(scene)
+        if top_m is not None and other_boxes:
+            replace_boxes(spec, scene, top_m)
         if robot is None:
             return compile_scene(spec, scene)
         try:
             # Attaching hands the robot over to the spec; the copy leaves the caller the original.
-            spec.attach(robot.copy(), prefix=prefix, frame=spec.worldbody.add_frame())
+            own = robot.copy()
+            own.option = spec.option  # The scene's count; others would only cause a warning.
+            spec.attach(own, prefix=prefix, frame=spec.worldbody.add_frame())
             return spec.compile()
         except ValueError as err:
             compile_scene(build_spec(scene), scene)
@@ -109,4 +117,4 @@ def build_model(
         malloc_trim()
         return model
 
-    return cached_model(scene, robot_hash, prefix, build)
+    return cached_model(scene, f"{robot_hash}:{top_m:.3f}" if other_boxes else robot_hash, prefix, build)

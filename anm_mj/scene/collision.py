@@ -37,12 +37,14 @@ _MAX_CELLS = 8_000_000
 _TILE_M = 5.0
 
 
-def collision_boxes(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "n 4"]:
-    """Rectangles x_min, y_min, x_max, y_max [m] that cover all triangles between SLICE_Z_MIN_M and SLICE_Z_MAX_M.
+def collision_boxes(
+    triangles_m: Float[np.ndarray, "f 3 3"], z_max_m: float = SLICE_Z_MAX_M
+) -> Float64[np.ndarray, "n 4"]:
+    """Rectangles x_min, y_min, x_max, y_max [m] that cover all triangles between SLICE_Z_MIN_M and a height.
 
     Surfaces become at most one cell too thick, never too thin.
     """
-    polygons = clip_to_slab(triangles_m, SLICE_Z_MIN_M, SLICE_Z_MAX_M)
+    polygons = clip_to_slab(triangles_m, SLICE_Z_MIN_M, z_max_m)
     if not len(polygons):
         return np.zeros((0, 4))
     grid = grid_over(polygons, RESOLUTION_M)

@@ -94,7 +94,12 @@ def make_robot(
     description = describe_robot(path, config, mount, image_px)
     start = _start_pose(scene, start, description.footprint)
     model = build_model(
-        scene, description.spec, robot_name=description.name, robot_hash=description.hash, prefix=_PREFIX
+        scene,
+        description.spec,
+        robot_name=description.name,
+        robot_hash=description.hash,
+        prefix=_PREFIX,
+        top_m=description.footprint.z_max_m,
     )
     _require_range(sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)

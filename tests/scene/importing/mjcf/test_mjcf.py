@@ -135,6 +135,10 @@ def test_endless_and_wide_grounds_are_cut_to_the_building(tmp_path):
     wide = room_xml().replace('size="3.0 3.0 1"', 'size="80 80 1"')
     scene = import_scene(write_world(tmp_path / "b.xml", wide), tmp_path / "b")
     assert np.allclose(scene.bounds_m[:, :2], [[-3.05, -3.05], [3.05, 3.05]], atol=1e-4)
+    # A floor that is a bit longer than what stands on it stays whole.
+    corridor = '<geom type="plane" size="12 2 1"/><geom type="box" size="5 0.1 1" pos="0 0 1"/>'
+    scene = import_scene(write_world(tmp_path / "d.xml", corridor), tmp_path / "d")
+    assert np.allclose(scene.bounds_m[:, :2], [[-12, -2], [12, 2]], atol=1e-4)
     # Without walls there is ground around things.
     thing = '<geom type="plane" size="0 0 1"/><geom type="box" size="0.2 0.2 0.5" pos="1 0 0.5"/>'
     scene = import_scene(write_world(tmp_path / "c.xml", thing), tmp_path / "c")

@@ -10,6 +10,8 @@ from anm_mj.scene.raster import clip_to_slab, grid_over, rasterise
 
 _WIDE_M = 20.0
 """A plane or height field wider than this is the ground [m]."""
+_FLOOR_RATIO = 3.0
+"""One that is not so many times as long as what stands on it is a floor, of a corridor or a hall."""
 _OPEN_M = 8.0
 """A world without outer walls gets at least so much ground to each side [m]."""
 _ENCLOSED = 0.8
@@ -70,7 +72,7 @@ def cut_plane(
     low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
     for axis in range(2):
         half = float(half_m[axis])
-        if 0.0 < half <= _WIDE_M / 2.0:
+        if 0.0 < half <= max(_WIDE_M, _FLOOR_RATIO * float(high[axis] - low[axis])) / 2.0:
             low[axis], high[axis] = -half, half
         elif half > 0.0:
             low[axis], high[axis] = max(low[axis], -half), min(high[axis], half)
