@@ -1,4 +1,4 @@
-"""Imports MuJoCo worlds and compares them with what MuJoCo draws: the table in docs/experiments/worlds.md.
+"""Imports MuJoCo worlds, explores them, and compares their depth with what MuJoCo draws of the source.
 
 python scripts/compare_mjcf.py house.xml office.xml   # files
 python scripts/compare_mjcf.py --mazes 10 --arenas    # of dm_control
