@@ -79,6 +79,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "cli.metrics_table": _BASE | {"evaluation"},
     "cli.progress": _BASE | {"explore", "io.recorder", "evaluation"},
     "cli.doctor": _BASE | {"sim", "io", "viz"},
+    "cli.doctor_report": _BASE | {"io", "cli.doctor"},
     "cli": _BASE
     | _STAGES
     | {
@@ -89,6 +90,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
         "cli.metrics_table",
         "cli.progress",
         "cli.doctor",
+        "cli.doctor_report",
         "io",
         "viz",
         "viz.scene_sheet",

@@ -11,6 +11,7 @@ import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -21,7 +22,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from anm_mj.cli.doctor_report import report
 from anm_mj.errors import RenderError
 from anm_mj.io.manifest import cpu_model
 from anm_mj.sim.gl import ProbeError, forget_backend, probe, select_backend
@@ -79,19 +79,16 @@ class Check:
     """How to fix or improve it."""
 
 
-def main(*, as_report: bool = False) -> int:
+def main(show: Callable[[list[Check], Console], None] | None = None) -> int:
     """Print the diagnosis; exit status 0 if a run is possible, else 1.
 
     Args:
-        as_report: for a bug report, as Markdown and without folders of the user.
+        show: prints the checks; None = as a table.
     """
     console = Console(markup=False)
     with console.status("Checking this machine"):
         checks = diagnose()
-    if as_report:
-        sys.stdout.write(f"{report(checks)}\n")
-    else:
-        render(checks, console)
+    (show or render)(checks, console)
     return 1 if any(check.state is State.BAD for check in checks) else 0
 
 

@@ -6,18 +6,22 @@ import platform
 import re
 from collections.abc import Sequence
 from importlib import metadata
-from typing import TYPE_CHECKING
 
+from rich.console import Console
+
+from anm_mj.cli.doctor import Check
 from anm_mj.io.manifest import git_revision
 from anm_mj.utils.package_data import checkout
-
-if TYPE_CHECKING:
-    from anm_mj.cli.doctor import Check
 
 _FOLDER = re.compile(r"(?<![\w:/])~?(?:/[^\s/:'\"()]+)+/(?=[^\s/:'\"()])")
 """The folder of an absolute path; not the slashes of an address."""
 _LAST = re.compile(r"(?<![\w:/…])~?/[^\s/:'\"()]+")
 """A path right below the root."""
+
+
+def print_report(checks: Sequence[Check], console: Console) -> None:
+    """Print :func:`report`, with lines as long as they are, so that they can be copied."""
+    console.print(report(checks), soft_wrap=True, highlight=False)
 
 
 def report(checks: Sequence[Check]) -> str:

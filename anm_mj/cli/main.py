@@ -100,5 +100,6 @@ def _parser() -> _Parser:
 
 def _doctor(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.doctor import main as doctor
+    from anm_mj.cli.doctor_report import print_report
 
-    return doctor(as_report=parsed.report)
+    return doctor(print_report if parsed.report else None)

@@ -50,8 +50,9 @@ BLIND_SLACK_M = 0.15
 cautious."""
 MAX_START_GAP_M = 0.5
 """A ring of unknown floor about the start that is no wider than this counts as free [m]."""
-_START_DIRECTIONS, _START_SHARE = 72, 0.5
-"""Directions that it is looked for in, and the share of them in which it is to be bridged."""
+_START_DIRECTIONS, _LEAST_DIRECTIONS, _START_SHARE = 72, 8, 0.75
+"""Directions that it is looked for in, in how many of them the floor must be seen, and the share of these in which it
+is to be bridged."""
 SAME_PLACE_M = 0.01
 """A robot that moved less than this only turned: it adds nothing to the trajectory [m]."""
 _HOLE_WIDTH_CELLS = 20
@@ -176,22 +177,24 @@ class TopDownMapper:
     def _radius_to_seen_floor(self, grid: VoxelGrid) -> float:
         """Up to where the floor at the start counts as free, so that no ring of unknown floor encloses the robot [m].
 
-        A noisy sensor sees the nearest floor later than the camera's geometry tells. Where most directions have a known
-        column a little farther out, the disc reaches as far as that.
+        A noisy sensor sees the nearest floor later than the camera's geometry tells. The disc reaches as far out as the
+        floor is seen free in three quarters of the directions in which nothing stands before.
         """
         layers, cell = self._layers, grid.resolution_m
-        known = layers.hit | (layers.num_free >= self._enough(grid))
+        known = np.where(layers.hit, 2, layers.num_free >= self._enough(grid))
         angle = np.arange(_START_DIRECTIONS) * math.tau / _START_DIRECTIONS
-        reach_m = self._start_radius_m + np.arange(0.0, MAX_START_GAP_M + cell / 2, cell)
+        reach_m = np.arange(0.0, self._start_radius_m + MAX_START_GAP_M + cell / 2, cell)
         place = self.trajectory_xy_m[0] + reach_m[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         row, col = world_to_cell(place.reshape(-1, 2), grid.origin_m[:2], cell).T.reshape(2, *place.shape[:2])
         inside = (row >= 0) & (col >= 0) & (row < known.shape[0]) & (col < known.shape[1])
-        seen = np.zeros(row.shape, bool)
+        seen = np.zeros(row.shape, np.int8)
         seen[inside] = known[row[inside], col[inside]]
-        found = seen.any(axis=0)
-        if np.count_nonzero(found) < 0.5 * _START_DIRECTIONS:
+        seen[(seen == 1) & (reach_m < self._start_radius_m)[:, None]] = 0
+        first = np.take_along_axis(seen, seen.astype(bool).argmax(axis=0)[None], axis=0)[0]
+        free_m = reach_m[seen.astype(bool).argmax(axis=0)][first == 1]
+        if len(free_m) < _LEAST_DIRECTIONS:
             return self._start_radius_m
-        return float(np.quantile(reach_m[seen.argmax(axis=0)][found], _START_SHARE, method="higher"))
+        return float(np.quantile(free_m, _START_SHARE, method="higher"))
 
     def _decide(self, grid: VoxelGrid, changed: Window) -> None:
         """Derive state, field, clearance and borders again around a window in which what they derive from changed."""
