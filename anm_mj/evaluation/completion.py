@@ -23,6 +23,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.types import Intrinsics
+from anm_mj.utils.threads import usual_num_threads
 
 COVERED_M = 0.05
 """A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
@@ -36,6 +37,8 @@ SEARCH_BOUNDS_M = (0.005, 0.01, 0.02, 0.05, 0.2, CAP_M)
 """Upper bounds of the present distances in each group of samples [m]; the tree takes one bound per search."""
 LEAF_SIZE = 40
 """Points per leaf of the tree; a tree serves few searches, so its construction counts as well."""
+MANY_SAMPLES = 3000
+"""From so many on a search is worth the start of threads."""
 BOUND_SLACK = 1.0 + 1e-9
 """Relative slack of search bounds: the tree compares squares, and rounding must not hide a neighbour at the bound."""
 
@@ -158,7 +161,10 @@ class Coverage:
                 continue
             if tree is None:
                 tree = KDTree(points, leafsize=LEAF_SIZE, balanced_tree=False, compact_nodes=False)
-            found_m, _ = tree.query(self._samples[group], distance_upper_bound=upper_m * BOUND_SLACK)
+            # Samples are searched one by one, so that the distances do not depend on the number of threads.
+            threads = usual_num_threads() if len(group) >= MANY_SAMPLES else 1
+            bound_m = upper_m * BOUND_SLACK
+            found_m, _ = tree.query(self._samples[group], distance_upper_bound=bound_m, workers=threads)
             self._distance_m[group] = np.minimum(self._distance_m[group], np.where(found_m < CAP_M, found_m, np.inf))
 
 
@@ -198,6 +204,6 @@ def _nearest_m(points: Float[np.ndarray, "n 3"], clouds: Iterable[Float[np.ndarr
         improvable = np.flatnonzero(bound.per_cell(seen)[bound.cell] < nearest_m)
         if len(improvable):
             tree = KDTree(seen, balanced_tree=False, compact_nodes=False)
-            found_m, _ = tree.query(points[improvable])
+            found_m, _ = tree.query(points[improvable], workers=usual_num_threads())
             nearest_m[improvable] = np.minimum(nearest_m[improvable], found_m)
     return nearest_m

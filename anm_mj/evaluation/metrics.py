@@ -43,7 +43,7 @@ class RunSummary:
     hz: float | None = None
     """Steps per second of the loop itself, without set-up and evaluation."""
     evaluation_s: float | None = None
-    """Wall time of evaluation and of writing frames during the loop [s]."""
+    """Wall time of the completion curve, which the loop waits for [s]."""
     peak_rss_mib: float | None = None
     """Peak resident memory of the process until the end of the loop [MiB]."""
 

@@ -1,7 +1,8 @@
 """Writes the run folder during the run, a few steps behind it.
 
-One thread writes everything in order while the run goes on: logs, images and the completion curve are those of a run
-that waits for them. A run that is killed loses what was not written yet, the latest steps.
+One thread writes all files in order while the run goes on, the same bytes as if the run waited for them. A run that is
+killed loses what was not written yet, the latest steps. The completion curve is computed where the observations come
+in: in another thread it would take as much from the loop as it saves.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
+from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import write_results
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary
@@ -152,22 +154,20 @@ class RunRecorder:
 
     @property
     def completion(self) -> CurveRow | None:
-        """Latest row of the curve that is written, some ten steps old; None before the first observation."""
+        """Latest row of the curve, at most ten steps old; None before the first observation."""
         return self._curve.rows[-1] if self._curve.rows else None
 
     def observation(self, observation: Observation) -> None:
         """Record an observation; the first one comes before any action."""
         # Only the truth counts as seen, and only where the sensor gave a value.
         true = None if self._true_view is None else self._true_view()
-        self._background.submit(lambda: self._write_observation(observation, true))
-
-    def _write_observation(self, observation: Observation, true: TrueView | None) -> None:
-        begin = time.perf_counter()
-        depth_mm = self._log.observation(observation, true)
         where = observation if true is None else true
+        depth_mm = reduce_depth(where.depth_m)
+        self._background.submit(lambda: self._log.observation(observation, true, depth_mm))
+        begin = time.perf_counter()
         row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose)
         if row is not None:
-            self._curve_file.line(row.csv)
+            self._background.submit(lambda: self._curve_file.line(row.csv))
         self._evaluation_s += time.perf_counter() - begin
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:

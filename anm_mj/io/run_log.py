@@ -69,19 +69,23 @@ class RunLog:
         """The latest target, world [m]."""
         return self._last_target_xy_m
 
-    def observation(self, observation: Observation, true: TrueView | None = None) -> UInt16[np.ndarray, "rows cols"]:
+    def observation(
+        self,
+        observation: Observation,
+        true: TrueView | None = None,
+        depth_mm: UInt16[np.ndarray, "rows cols"] | None = None,
+    ) -> None:
         """Record an observation; the first one comes before any action.
 
         Args:
             observation: What the robot perceived.
             true: What it was truly made of, where that differs.
-
-        Returns:
-            The reduced depth [mm]: of the truth, where the sensor gave a value.
+            depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
         """
         if not self._poses:
             _write_camera(self._folder.camera, observation)
-        depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
+        if depth_mm is None:
+            depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
         path = self._folder.depth(observation.step)
         with writing(path):
             # The lowest compression: a fifth larger than the highest, at a fraction of its time.
@@ -97,7 +101,6 @@ class RunLog:
         self._frames.json(line)
         self._trajectory.line(tum_line(observation.time_s, observation.pose))
         self._poses.append(observation.pose)
-        return depth_mm
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """Record an executed action; ``pose`` is the pose after it."""
