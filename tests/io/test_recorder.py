@@ -142,9 +142,14 @@ def test_full_disk_is_one_sentence(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     (tmp_path / "run" / "depth").rmdir()
     (tmp_path / "run" / "depth").write_text("")
-    recorder.observation(observe(0, Pose2(0.0, 0.0, 0.0)))
-    with pytest.raises(RunFolderError, match=r"000000\.png cannot be written"):
+
+    def record():
+        # One of them says so, as soon as the thread that writes has failed.
+        recorder.observation(observe(0, Pose2(0.0, 0.0, 0.0)))
         recorder.flush()
+
+    with pytest.raises(RunFolderError, match=r"000000\.png cannot be written"):
+        record()
     recorder.close()
 
 
