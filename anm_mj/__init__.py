@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from anm_mj.api import Exploration, LoadedRun, explore_scene, load_map, load_run
     from anm_mj.environments.load import load_environment
     from anm_mj.errors import AnmError
+    from anm_mj.explore import StepReport
     from anm_mj.mapping.make_map import make_map
     from anm_mj.planning.policies.make_policy import make_policy
     from anm_mj.scene.folder import load_scene
@@ -28,6 +29,7 @@ __all__ = [
     "AnmError",
     "Exploration",
     "LoadedRun",
+    "StepReport",
     "explore_scene",
     "load_environment",
     "load_map",
@@ -40,6 +42,7 @@ __all__ = [
 
 _MODULES = {
     "AnmError": "anm_mj.errors",
+    "StepReport": "anm_mj.explore",
     "load_environment": "anm_mj.environments.load",
     "load_scene": "anm_mj.scene.folder",
     "make_map": "anm_mj.mapping.make_map",
@@ -49,11 +52,14 @@ _MODULES = {
 """Where names stand that do not stand in ``anm_mj.api``."""
 
 
-def __getattr__(name: str) -> Any:
-    """Names that are looked up when they are first asked for: what stands behind them takes time to load."""
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_MODULES.get(name, "anm_mj.api")), name)
+if not TYPE_CHECKING:
+    # A type checker that saw it would take every misspelt name for one of ours.
+
+    def __getattr__(name: str) -> Any:
+        """Names that are looked up when they are first asked for: what stands behind them takes time to load."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(_MODULES.get(name, "anm_mj.api")), name)
 
 
 def __dir__() -> list[str]:

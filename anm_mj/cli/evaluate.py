@@ -29,6 +29,7 @@ def add_evaluate(commands: Any) -> None:
 def _evaluate(parsed: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.evaluation.evaluate import evaluate_run
@@ -39,8 +40,10 @@ def _evaluate(parsed: argparse.Namespace) -> int:
         from anm_mj.evaluation.fixed_views import evaluate_fixed_views
         from anm_mj.evaluation.novel_views import evaluate_novel_views
 
-        novel_views = evaluate_novel_views(parsed.run, scene=parsed.scene)
-        fixed_views = evaluate_fixed_views(parsed.run, scene=parsed.scene)
+        with progress_bar(console, "novel views") as on_progress:
+            novel_views = evaluate_novel_views(parsed.run, scene=parsed.scene, on_progress=on_progress)
+        with progress_bar(console, "fixed views") as on_progress:
+            fixed_views = evaluate_fixed_views(parsed.run, scene=parsed.scene, on_progress=on_progress)
     with ProgressLine(console) as line:
         metrics = evaluate_run(parsed.run, line.surveying, novel_views, fixed_views)
     print_metrics(console, metrics, parsed.run)

@@ -197,7 +197,7 @@ def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metr
                 stop_requested=interrupt.requested,
                 on_step=_on_step(line, viewer),
                 on_survey=line.surveying,
-                on_end=_on_end(viewer),
+                on_end=_on_end(line, viewer),
             )
     finally:
         if viewer is not None:
@@ -217,10 +217,11 @@ def _on_step(line: Any, viewer: Any) -> Any:
     return tell
 
 
-def _on_end(viewer: Any) -> Any:
-    """Tells the page, where there is one, why the run has ended."""
+def _on_end(line: Any, viewer: Any) -> Any:
+    """What is told at the end of the loop: the terminal, and the page where there is one."""
 
     def tell(outcome: Any) -> None:
+        line.finishing(outcome.num_steps)
         if viewer is not None:
             viewer.ended(f"The run has ended after {outcome.num_steps} steps: {outcome.stop_reason}.")
 

@@ -53,6 +53,11 @@ class ProgressLine:
         elif done == 1:
             self._console.print("Computing the observable surface (once per scene).")
 
+    def finishing(self, num_steps: int) -> None:
+        """Say what takes the last seconds of a run."""
+        if self._live is not None:
+            self._live.update(Text(f"step {num_steps}, the last · finishing the map, its mesh and the metrics"))
+
     def update(self, report: StepReport, recorder: RunRecorder, num_steps: int) -> None:
         """Show how the run stands."""
         if report.update.num_iterations:  # Not every step trains.

@@ -104,30 +104,34 @@ def _groups(text: str | None) -> list[int] | None:
 
 
 def _scene_import(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from anm_mj.cli.bar import busy
     from anm_mj.scene.folder import remember_folder
     from anm_mj.scene.importing.import_scene import import_scene
 
-    scene = import_scene(
-        parsed.src,
-        parsed.out,
-        source_format=parsed.format,
-        up=parsed.up,
-        scale=parsed.scale,
-        name=parsed.name,
-        licence=parsed.licence,
-        source=parsed.source,
-        model_paths=parsed.model_path,
-        furniture=not parsed.no_furniture,
-        only=parsed.only,
-        leave_out=parsed.leave_out,
-        doors=parsed.doors,
-        storey=parsed.storey,
-        settle=parsed.settle,
-        movable=parsed.movable,
-        groups=_groups(parsed.groups),
-        root=parsed.root,
-        overwrite=parsed.force,
-    )
+    with busy(Console(), "import"):
+        scene = import_scene(
+            parsed.src,
+            parsed.out,
+            source_format=parsed.format,
+            up=parsed.up,
+            scale=parsed.scale,
+            name=parsed.name,
+            licence=parsed.licence,
+            source=parsed.source,
+            model_paths=parsed.model_path,
+            furniture=not parsed.no_furniture,
+            only=parsed.only,
+            leave_out=parsed.leave_out,
+            doors=parsed.doors,
+            storey=parsed.storey,
+            settle=parsed.settle,
+            movable=parsed.movable,
+            groups=_groups(parsed.groups),
+            root=parsed.root,
+            overwrite=parsed.force,
+        )
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
     start = scene.starts[0]
@@ -139,10 +143,14 @@ def _scene_import(parsed: argparse.Namespace) -> int:
 
 
 def _scene_generate(parsed: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from anm_mj.cli.bar import busy
     from anm_mj.scene.folder import remember_folder
     from anm_mj.scene.generation.scene import generate_scene
 
-    scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name, overwrite=parsed.force)
+    with busy(Console(), "generate"):
+        scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name, overwrite=parsed.force)
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
     return _say(

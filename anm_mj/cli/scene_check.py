@@ -34,6 +34,7 @@ def add_check(actions: Any) -> None:
 def _scene_check(parsed: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from anm_mj.cli.bar import busy
     from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.folder import load_scene
     from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
@@ -44,14 +45,16 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     from anm_mj.sim.views import SceneViews
     from anm_mj.viz.scene_sheet import VIEWS, write_sheet
 
-    check = check_scene(scene, DEFAULT_FOOTPRINT)
     console = Console(markup=False)
+    with busy(console, "check"):
+        check = check_scene(scene, DEFAULT_FOOTPRINT)
     for line in describe(check):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
-    views = SceneViews(scene, backend)
-    poses = _poses(check)
-    backfaces = views.check_backfaces(poses)
+    with busy(console, "views"):
+        views = SceneViews(scene, backend)
+        poses = _poses(check)
+        backfaces = views.check_backfaces(poses)
     if backfaces is None:
         console.print("one-sided walls: not looked for, because nothing can be drawn here", soft_wrap=True)
     else:

@@ -9,7 +9,7 @@ their maps as wholes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import islice
@@ -82,7 +82,12 @@ def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> FixedViews:
     return kept
 
 
-def evaluate_fixed_views(path: Path, scene: str | None = None, num_views: int = NUM_VIEWS) -> ViewsResult:
+def evaluate_fixed_views(
+    path: Path,
+    scene: str | None = None,
+    num_views: int = NUM_VIEWS,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> ViewsResult:
     """Compare what a run's map renders at the fixed views of its scene with the truth.
 
     Writes ``fixed_views.json`` (pose and quality of each view, and the means) into the run folder.
@@ -91,6 +96,7 @@ def evaluate_fixed_views(path: Path, scene: str | None = None, num_views: int = 
         path: Folder of a finished run.
         scene: Present name or folder of the run's scene, if it has moved.
         num_views: Number of views.
+        on_progress: Called with the views done and in all.
 
     Raises:
         RunFolderError: The folder is no run, a file in it is damaged, or it explored another scene.
@@ -100,7 +106,7 @@ def evaluate_fixed_views(path: Path, scene: str | None = None, num_views: int = 
     """
     record = read_run(path)
     views = fixed_views(explored_scene(record, scene), num_views)
-    quality = compare_with(NeuralMap.load(record.folder.map, field_is_geometry=False), views)
+    quality = compare_with(NeuralMap.load(record.folder.map, field_is_geometry=False), views, on_progress)
     poses = [Pose2(*pose) for pose in views.pose.tolist()]
     mean = mean_quality(quality) if quality else None
     rows = [{"pose": pose, "quality": found} for pose, found in zip(poses, quality, strict=True)]
@@ -108,12 +114,15 @@ def evaluate_fixed_views(path: Path, scene: str | None = None, num_views: int = 
     return ViewsResult(len(rows), mean)
 
 
-def compare_with(neural_map: NeuralMap, views: FixedViews) -> list[ViewQuality]:
+def compare_with(
+    neural_map: NeuralMap, views: FixedViews, on_progress: Callable[[int, int], None] = lambda done, total: None
+) -> list[ViewQuality]:
     """Quality of what a map renders at each fixed view."""
     found = []
     for rgb, depth_mm, T_world_camera in zip(views.rgb, views.depth_mm, views.T_world_camera, strict=True):
         true_depth_m = np.where(depth_mm > 0, depth_mm / 1000.0, np.nan).astype(np.float32)
         found.append(compare_view(*neural_map.render(views.intrinsics, T_world_camera), rgb, true_depth_m))
+        on_progress(len(found), len(views.rgb))
     return found
 
 

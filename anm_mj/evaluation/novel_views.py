@@ -7,7 +7,7 @@ the same seed; each run is evaluated on the first ones that are novel to it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice, tee
 from pathlib import Path
@@ -53,7 +53,13 @@ class NovelView:
     quality: ViewQuality
 
 
-def evaluate_novel_views(path: Path, views: int = NUM_VIEWS, seed: int = 0, scene: str | None = None) -> ViewsResult:
+def evaluate_novel_views(
+    path: Path,
+    views: int = NUM_VIEWS,
+    seed: int = 0,
+    scene: str | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> ViewsResult:
     """Evaluate a run's map on novel views.
 
     Writes ``novel_views.json`` (quality of each view and the means) and ``novel_views.png`` (the first views) into the
@@ -64,6 +70,7 @@ def evaluate_novel_views(path: Path, views: int = NUM_VIEWS, seed: int = 0, scen
         views: Number of views; fewer if the scene has not as many.
         seed: Seed of places and directions.
         scene: Present name or folder of the run's scene, if it has moved.
+        on_progress: Called with the views done and in all.
 
     Raises:
         RunFolderError: The folder is no run, a file in it is damaged, or it explored another scene.
@@ -78,6 +85,7 @@ def evaluate_novel_views(path: Path, views: int = NUM_VIEWS, seed: int = 0, scen
     for pose, seen, observed in islice(_observed_views(record, world, neural_map.occupancy, seed), views):
         rgb, depth_m = neural_map.render(seen.intrinsics, seen.T_world_camera)
         found.append(NovelView(pose, observed, compare_view(rgb, depth_m, seen.rgb, seen.depth_m)))
+        on_progress(len(found), views)
         pictures.append(np.concatenate([seen.rgb, rgb, _depth_picture(seen.depth_m), _depth_picture(depth_m)], axis=1))
     mean = mean_quality([view.quality for view in found]) if found else None
     write_json(path / "novel_views.json", {"num_views": len(found), "seed": seed, "mean": mean, "views": found})

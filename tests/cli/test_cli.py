@@ -1,3 +1,4 @@
+import io
 import json
 import os
 import re
@@ -8,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from rich.console import Console
 
+from anm_mj.cli.bar import busy
 from anm_mj.cli.main import main
 
 
@@ -195,3 +198,11 @@ def test_a_policy_that_fails_leaves_a_complete_run_and_a_sentence(capsys, tmp_pa
     assert "(faulty_policy.py, line 7)" in said
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["stop_reason"] == "POLICY_ERROR"
     assert (tmp_path / "run" / "mesh.ply").is_file()
+
+
+def test_a_bar_without_end_shows_only_in_a_terminal():
+    for terminal in (True, False):
+        said = io.StringIO()
+        with busy(Console(file=said, force_terminal=terminal, width=60), "import"):
+            pass
+        assert ("import" in said.getvalue()) == terminal
