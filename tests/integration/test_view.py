@@ -3,6 +3,7 @@
 import asyncio
 import threading
 
+import pytest
 from tornado.websocket import websocket_connect
 
 from anm_mj.config import make_config
@@ -11,7 +12,7 @@ from anm_mj.viz.meshcat_viewer import MeshcatViewer
 from tests.integration.test_small_scene import without_times
 from tests.scene.small import make_small_scene
 
-STEPS = 30
+STEPS = 15
 
 
 class Watcher:
@@ -29,11 +30,14 @@ class Watcher:
         self._open.set()
         while (message := await page.read_message()) is not None:
             self.meshes += isinstance(message, bytes) and b"/meshcat/mesh" in message
+        page.close()
+        await asyncio.sleep(0.05)
 
     def join(self) -> None:
         self._thread.join(20)
 
 
+@pytest.mark.slow
 def test_a_watched_run_writes_the_same_bytes(tmp_path):
     make_small_scene(tmp_path / "small")
     config = make_config("quick", [], scene=str(tmp_path / "small"), steps=STEPS, seed=2, device="cpu")
