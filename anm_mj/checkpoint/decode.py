@@ -197,8 +197,10 @@ class _Decoder:
             missing = set(attributes_of(fresh)) - set(values)
             if missing:
                 raise CheckpointError(f"It lacks {path}.{min(missing)}: another version wrote it.")
-            self._in_place[id(fresh)] = index
-            return fresh
+            # What is frozen may be shared with what is not restored, or, as a default, with the whole program.
+            if not (_is_frozen(type(fresh)) and self._known.allows(type(fresh).__module__)):
+                self._in_place[id(fresh)] = index
+                return fresh
         cls: Any = self._known.find_class(name)
         if rebuilt_names(cls) or hasattr(cls, "restore_state"):
             raise CheckpointError(f"It holds a {name} at {path} that a new run does not have.")
@@ -220,6 +222,12 @@ class _Decoder:
                 object.__setattr__(thing, name, value)
 
         return fill
+
+
+def _is_frozen(cls: type) -> bool:
+    """Whether objects of a class are values, all of which a checkpoint holds."""
+    parameters = getattr(cls, "__dataclass_params__", None)
+    return bool(parameters and parameters.frozen) and not rebuilt_names(cls) and not hasattr(cls, "restore_state")
 
 
 def _dtype(text: Any) -> np.dtype:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ import pytest
 import anm_mj.run
 from anm_mj.config import make_config
 from anm_mj.errors import CheckpointError
+from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
 from tests.scene.small import make_small_scene
@@ -22,13 +24,19 @@ from tests.scene.small import make_small_scene
 DEV_SCENE = Path(__file__).resolve().parents[3] / "shared" / "scenes" / "dev" / "aws_small_house.glb"
 """A scene of others beside the checkout; left out where it is missing."""
 TINY = ("image_px=64", "mapping.schedule.first_iterations=5", "mapping.schedule.replay_bytes=2000000")
+GROWING = ("mapping.field.log2_table_size=11", "mapping.field.entries_per_m3=2000.0")
+"""The table doubles on the way, so that a resumed run begins with another one than it began with."""
 OFTEN = ("checkpoint.every_steps=10", "checkpoint.loop_share=1")
 TIMES = ("wall_s", "hz", "evaluation_s", "peak_rss_mib", "stage_hz")
 
 
 def started(*words, cwd=None):
     command = [sys.executable, "-m", "anm_mj.cli", "explore", *map(str, words)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=cwd)
+    # Below nohup, SIGHUP is ignored, and so it would be here.
+    heard = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=cwd, preexec_fn=heard
+    )
 
 
 def finished(*words, cwd=None):
@@ -103,7 +111,9 @@ def while_writing(steps):
     """A moment while a checkpoint is being written, from a step on."""
 
     def moment(folder):
-        return num_steps(folder) >= steps and any(folder.glob("checkpoint/.*"))
+        # Before the first one is whole, there is nothing to resume from.
+        whole = any(folder.glob("checkpoint/*.checkpoint"))
+        return num_steps(folder) >= steps and whole and any(folder.glob("checkpoint/.*"))
 
     return moment
 
@@ -127,8 +137,10 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
         except shutil.Error:  # The other thread removed the oldest checkpoint meanwhile.
             shutil.rmtree(killed)
 
-    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=32, seed=3, device="cpu")
+    settings = [*TINY, *OFTEN, *GROWING]
+    config = make_config("quick", settings, scene=str(small), steps=32, seed=3, device="cpu")
     anm_mj.run.run(config, out=whole, on_step=copy)
+    assert read_map(whole / "map.safetensors").config.field.log2_table_size > 11
     with (killed / "steps.jsonl").open("a") as file:
         file.write('{"step": 99, "act')
     newest = max(killed.glob("checkpoint/*"))
@@ -168,6 +180,7 @@ CASES = [
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3000)
 @pytest.mark.parametrize(("scene", "policy", "drive"), CASES, ids=lambda value: Path(str(value)).name)
 def test_twenty_kills(scene, policy, drive, tmp_path):
     """Five for each case: four at random moments, one of them twice in a row, and one while a checkpoint is written."""
