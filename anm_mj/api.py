@@ -139,6 +139,8 @@ def explore_scene(
     settings: Sequence[str] = (),
     on_step: Callable[[StepReport], object] | None = None,
     viewer: Viewer | None = None,
+    continue_from: str | os.PathLike[str] | None = None,
+    return_to_start: bool = False,
     **options: Any,
 ) -> Exploration:
     """Explore a scene and write a run folder, as ``anm-mj explore`` does.
@@ -154,6 +156,8 @@ def explore_scene(
         settings: ``group.name=value`` each, as for ``--set``.
         on_step: called after every step; the run ends (``INTERRUPTED``) when it returns True.
         viewer: shows the run while it goes on.
+        continue_from: folder of a run whose map and explored state this one begins with; None = with nothing.
+        return_to_start: whether the robot drives back to its start before the run ends, in time for the budget.
         **options: ``start`` (x [m], y [m], yaw [deg]), ``robot``, ``drive``, ``pose``, ``goal`` and ``device``, as on
             the command line.
 
@@ -170,6 +174,8 @@ def explore_scene(
         policy=policy,
         steps=steps,
         seed=seed,
+        continue_from=None if continue_from is None else os.fspath(continue_from),
+        return_to_start=return_to_start,
         **options,
     )
     end = False

@@ -36,8 +36,23 @@ DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
 LARGEST_SEED = 2**63 - 1
-OPTIONS = ("policy", "goal", "steps", "seed", "start", "robot", "drive", "pose", "device", "preset")
+OPTIONS = (
+    "policy",
+    "goal",
+    "steps",
+    "seed",
+    "start",
+    "robot",
+    "drive",
+    "pose",
+    "device",
+    "preset",
+    "continue_from",
+    "return_to_start",
+)
 """Fields of ``RunConfig`` that have an option of their own; the scene is the first argument."""
+_OPTION_OF = {"continue_from": "continue", "return_to_start": "return"}
+"""Options that have another name than their field."""
 _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
 SMALL_SCENE_ROOMS = 5
 """Scenes up to this many rooms get 1000 steps, larger ones 2000, from 20 rooms on 10,000 (the paper's budgets)."""
@@ -71,6 +86,10 @@ class RunConfig:
     """The pose in the observations: the ``true`` one, or the one from wheel ``odometry``."""
     device: str = "auto"
     """Where the neural map trains: ``cpu``, ``cuda``, or ``auto``."""
+    continue_from: str | None = None
+    """Folder of a run whose map and explored state this one begins with; None = with nothing."""
+    return_to_start: bool = False
+    """Whether the robot drives back to where it began before the run ends."""
     preset: str = DEFAULT_PRESET
     """Name of the mapping preset that ``mapping`` was made from."""
     image_px: int = 256
@@ -134,7 +153,8 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
         if not equals:
             raise ConfigError(f"--set {text} has no '='; write it as group.name=value, as in planning.margin_m=0.06.")
         if name in OPTIONS or name in ("sensor", "sensor.name"):
-            raise ConfigError(f"--set {name} is not how it is given; use --{name.partition('.')[0]} {value}.")
+            option = _OPTION_OF.get(name, name.partition(".")[0])
+            raise ConfigError(f"--set {name} is not how it is given; use --{option} {value}.")
         if name == "scene":
             raise ConfigError(f"--set scene is not how it is given; name the scene first: anm-mj explore {value}.")
         keys = _present_name(config, name)

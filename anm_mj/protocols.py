@@ -15,6 +15,7 @@ from anm_mj.types import (
     Action,
     ActionResult,
     Footprint,
+    FormerRun,
     MapUpdate,
     MotionResult,
     Observation,
@@ -142,6 +143,19 @@ class Policy(Protocol):
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Learn that ``action`` at ``pose`` met an obstacle."""
+        ...
+
+
+@runtime_checkable
+class Continues(Protocol):
+    """A policy that can begin with what a former run explored; another one knows it through the map alone."""
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """What it has found out beside the map, as numbers, for a later run of the same policy."""
+        ...
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Take over what a former run explored, before the first observation; the mapper holds its map."""
         ...
 
 

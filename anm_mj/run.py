@@ -21,12 +21,15 @@ from anm_mj.evaluation.metrics import Metrics
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.explore import LoopState, Outcome, StepReport, explore
+from anm_mj.former import Former
 from anm_mj.io.manifest import RunFacts, manifest
-from anm_mj.io.recorder import RunRecorder
+from anm_mj.io.recorder import Before, RunRecorder, WayBack
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.former import LookingAround
 from anm_mj.planning.policies.guard import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
+from anm_mj.planning.policies.returning import Returning
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
 from anm_mj.scene.folder import Scene, load_scene
@@ -66,13 +69,15 @@ def run(
             then, but for an error in the loop itself.
     """
     begin = time.perf_counter()
-    with make_parts(config, on_survey) as parts:
+    former = None if config.continue_from is None else Former.read(Path(config.continue_from))
+    with make_parts(config, on_survey, former) as parts:
         folder = RunFolder.create(out, parts.scene.name, config.policy)
         folder.write_manifest(manifest(parts.facts, sys.argv))
         folder.write_config(parts.config)
         surface = parts.truth().surface
+        before = None if former is None else Before(former.found(config.policy), former.covered(surface))
         malloc_trim()
-        with RunRecorder(folder, surface, true_view(parts), config.record) as recorder:
+        with RunRecorder(folder, surface, true_view(parts), config.record, before=before) as recorder:
             watched = Watched(viewer or NullViewer(), stop_requested, on_step, on_end)
             metrics = run_loop(parts, folder, recorder, LoopState(), watched, begin)
     return folder, metrics
@@ -87,7 +92,10 @@ class Parts:
     scene: Scene
     robot: SimRobot
     mapper: NeuralMap
+    explorer: GuardedPolicy
+    """The policy that the configuration names."""
     policy: Policy
+    """The same, with what the run adds to it."""
     truth: Callable[[], SceneTruth]
     facts: RunFacts
 
@@ -107,24 +115,35 @@ class Watched(NamedTuple):
 
 
 @contextmanager
-def make_parts(config: RunConfig, on_survey: Callable[[int, int], None]) -> Iterator[Parts]:
+def make_parts(
+    config: RunConfig, on_survey: Callable[[int, int], None], former: Former | None = None
+) -> Iterator[Parts]:
     """Put a run together; the robot is closed at the end.
 
     Args:
         config: what to do.
         on_survey: called with the progress of the search for the observable surface.
+        former: the run that this one goes on from; None = it begins with nothing, or with a checkpoint.
 
     Raises:
         AnmError: see :func:`run`.
     """
     scene = load_scene(config.scene)
     config = replace(config, steps=config.steps or scene.budget_steps or default_steps(scene.rooms))
+    config = config if former is None else former.config(config)
     backend = select_backend()
     mapper = _make_mapper(config)
+    if former is not None:
+        former.begin(mapper)
     with _make_robot(config, scene) as robot:
         truth = functools.cache(lambda: _true_scene(scene, robot, on_survey))
-        policy = _make_policy(config, robot, truth)
-        yield Parts(config, scene, robot, mapper, policy, truth, _facts(config, scene, robot, mapper, backend))
+        explorer = _make_policy(config, robot, truth)
+        if former is not None:
+            explorer.continue_from(former.found(config.policy), mapper)
+        facts = _facts(config, scene, robot, mapper, backend)
+        if former is not None:
+            facts = replace(facts, continued_from=former.provenance)
+        yield Parts(config, scene, robot, mapper, explorer, _wrapped(explorer, config, robot), truth, facts)
 
 
 def run_loop(
@@ -187,7 +206,13 @@ def run_loop(
     left = _what_is_left(config, robot, mapper, recorder, outcome)
     # The renderer's memory is needed for the mesh and its comparison with the truth.
     robot.close()
-    metrics = recorder.finish(outcome.stop_reason, mapper, left, wall_s=wall_s, loop_s=outcome.loop_s)
+    back = None
+    if isinstance(parts.policy, Returning):
+        back = WayBack.of(recorder.poses, None if interrupted else parts.policy.explored_steps)
+    remembered = None if config.record.replay_bytes == 0 else parts.explorer.memory()
+    metrics = recorder.finish(
+        outcome.stop_reason, mapper, left, wall_s=wall_s, loop_s=outcome.loop_s, memory=remembered, back=back
+    )
     if not interrupted:
         checkpointer.finish(outcome.num_steps, resumable=False)
     return metrics
@@ -264,11 +289,20 @@ def _true_scene(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], N
     return SceneTruth(surface, reachable_area(scene, robot.footprint, first.pose), camera)
 
 
-def _make_policy(config: RunConfig, robot: SimRobot, truth: Callable[[], SceneTruth]) -> Policy:
+def _make_policy(config: RunConfig, robot: SimRobot, truth: Callable[[], SceneTruth]) -> GuardedPolicy:
     """The policy; only one that needs the truth waits for it."""
     told = truth() if needs_truth(config.policy) else None
     context = PolicyContext(robot.footprint, config.policy_settings, config.planning, config.seed, told, config.goal)
     return GuardedPolicy(make_policy(config.policy, context), config.policy)
+
+
+def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
+    """A policy with the look around of a continued run, and with the way back."""
+    policy = explorer if config.continue_from is None else LookingAround(explorer)
+    if not config.return_to_start:
+        return policy
+    assert config.steps is not None
+    return Returning(policy, config.planning, robot.footprint, config.steps)
 
 
 def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:
@@ -294,6 +328,8 @@ def _what_is_left(
 ) -> PlanningState:
     """The shared planning stages, run once on the final map along the trajectory of the whole run."""
     stages = Stages(config.planning, robot.footprint)
+    if recorder.former is not None:
+        stages.continue_from(recorder.former)
     for pose in recorder.poses:
         stages.topdown.visit(pose.xy_m)
     return stages.read(mapper, outcome.observation)

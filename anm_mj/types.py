@@ -59,6 +59,8 @@ class StopReason(StrEnum):
     """The budget of steps was spent."""
     NO_REACHABLE_TARGET = "NO_REACHABLE_TARGET"
     """Something is unexplored, but no path leads to it."""
+    RETURNED = "RETURNED"
+    """The robot is back at its start, because the budget allowed no more than the way back."""
     STUCK = "STUCK"
     """The robot collided again and again without a free step in between."""
     SENSOR_FAULT = "SENSOR_FAULT"
@@ -275,6 +277,38 @@ class SurfaceErrors:
     """Pixels of all frames that fell on the voxel about each point."""
     exponent: float
     """``error_m`` falls as ``num_observations ** -exponent``."""
+
+
+@dataclass(frozen=True)
+class SurfaceChange:
+    """A piece of surface that is not as a former run had left it."""
+
+    kind: str
+    """``gone`` (seen through now) or ``new`` (hit where it was free)."""
+    xyz_m: Float[np.ndarray, "n 3"]
+    """Centres of its voxels, in the world."""
+    voxel_m: float
+    """Edge of a voxel [m]."""
+
+    @property
+    def box_m(self) -> Float[np.ndarray, "2 3"]:
+        """Lower and upper corner of its box in the world [m]."""
+        half = 0.5 * self.voxel_m
+        return np.stack([self.xyz_m.min(axis=0) - half, self.xyz_m.max(axis=0) + half])
+
+
+@dataclass(frozen=True)
+class FormerRun:
+    """What a run found out beside its map, for another one to go on from."""
+
+    policy: str
+    """Name of its policy."""
+    poses: Float[np.ndarray, "n 3"]
+    """Where its robot was, and those of the runs that it went on from: x [m], y [m], yaw [rad] in the world."""
+    refused: Float[np.ndarray, "k 3"]
+    """Poses from which a forward step met an obstacle, likewise."""
+    memory: dict[str, np.ndarray] = field(default_factory=dict)
+    """What its policy remembered (:meth:`anm_mj.protocols.Continues.memory`)."""
 
 
 @dataclass(frozen=True)

@@ -105,6 +105,12 @@ class FakeMap:
         mesh.visual.vertex_colors = np.tile([200, 180, 160, 255], (len(mesh.vertices), 1))
         return mesh
 
+    def changes(self):
+        return None
+
+    def replay(self, limit_bytes):
+        raise AssertionError("nothing is kept for a later run")
+
     def save(self, path: Path) -> None:
         path.write_bytes(b"map")
 

@@ -41,6 +41,18 @@ def add_explore(commands: Any) -> None:
         help="go on with a run that was killed or interrupted, from its folder; takes no scene and no settings",
     )
     explore.add_argument(
+        "--continue",
+        dest="continue_from",
+        metavar="RUN",
+        help="begin with the map and the explored state of a former run, from its folder, and mark what has changed",
+    )
+    explore.add_argument(
+        "--return",
+        dest="return_to_start",
+        action="store_true",
+        help="drive back to the start before the run ends, in time for the budget",
+    )
+    explore.add_argument(
         "--policy",
         default=DEFAULT_POLICY,
         help=f"{', '.join(_policies())}, or module:Class (default: {DEFAULT_POLICY})",
@@ -154,6 +166,8 @@ def _explore(parsed: argparse.Namespace) -> int:
         pose=parsed.pose,
         device=parsed.device,
         sensor=parsed.sensor,
+        continue_from=parsed.continue_from,
+        return_to_start=parsed.return_to_start,
     )
     return _show(parsed, lambda **watched: run(config, out=parsed.out, **watched))
 
@@ -168,7 +182,8 @@ def _require_only(parsed: argparse.Namespace, option: str, allowed: tuple[str, .
 
     for name, default in parsed.defaults.items():
         if name not in allowed and getattr(parsed, name) != default:
-            given = "a scene" if name == "scene" else f"--{'set' if name == 'settings' else name}"
+            named = {"settings": "set", "continue_from": "continue", "return_to_start": "return"}
+            given = "a scene" if name == "scene" else f"--{named.get(name, name)}"
             raise ConfigError(f"{option} goes on with the run as it was set up; leave out {given}.")
 
 

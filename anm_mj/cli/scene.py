@@ -53,6 +53,13 @@ def add_scene(commands: Any) -> None:
         "--kind", choices=("apartment", "office"), default="apartment", help="type of building (default: apartment)"
     )
     generated.add_argument("--name", help="name of the scene (default: the folder's)")
+    generated.add_argument(
+        "--moved",
+        type=int,
+        default=0,
+        metavar="N",
+        help="N pieces of furniture stand somewhere else than without this option; moved.json says which (default: 0)",
+    )
     generated.add_argument("--force", action="store_true", help="replace a scene that OUT holds already")
     generated.set_defaults(command=_scene_generate)
     add_check(actions)
@@ -150,7 +157,15 @@ def _scene_generate(parsed: argparse.Namespace) -> int:
     from anm_mj.scene.generation.scene import generate_scene
 
     with busy(Console(), "generate"):
-        scene = generate_scene(parsed.out, parsed.rooms, parsed.seed, parsed.kind, parsed.name, overwrite=parsed.force)
+        scene = generate_scene(
+            parsed.out,
+            parsed.rooms,
+            parsed.seed,
+            parsed.kind,
+            parsed.name,
+            overwrite=parsed.force,
+            moved=parsed.moved,
+        )
     remember_folder(scene.folder)
     size = scene.bounds_m[1] - scene.bounds_m[0]
     return _say(

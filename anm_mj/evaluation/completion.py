@@ -82,11 +82,17 @@ class Coverage:
     Args:
         samples: Samples of the true surface, world [m].
         observable: Which of them are observable, if known.
+    before_m: Distance of each to the nearest point of earlier frames [m], where there were any.
     """
 
     REBUILT = ("_order", "_samples", "_cell", "_bound", "_observable", "_distance_m", "_pending")
 
-    def __init__(self, samples: Float32[np.ndarray, "n 3"], observable: Bool[np.ndarray, " n"] | None = None) -> None:
+    def __init__(
+        self,
+        samples: Float32[np.ndarray, "n 3"],
+        observable: Bool[np.ndarray, " n"] | None = None,
+        before_m: Float32[np.ndarray, " n"] | None = None,
+    ) -> None:
         exact = samples.astype(np.float64)
         bound = DistanceBound(exact)
         # Neighbouring samples are searched in a row, so that the tree's nodes stay in the processor's cache.
@@ -96,6 +102,9 @@ class Coverage:
         self._bound = bound
         self._observable = observable
         self._distance_m = np.full(len(samples), np.inf)
+        if before_m is not None:
+            ordered_m = before_m[self._order].astype(np.float64)
+            self._distance_m = np.where(ordered_m < CAP_M, ordered_m, np.inf)
         self._pending: list[Float[np.ndarray, "m 3"]] = []
 
     def add(
@@ -176,6 +185,7 @@ def uncapped_completion_cm(
     samples: Float32[np.ndarray, "n 3"],
     distance_m: Float[np.ndarray, " n"],
     clouds: Iterable[Float[np.ndarray, "m 3"]],
+    before_m: Float32[np.ndarray, " n"] | None = None,
 ) -> float | None:
     """Completion without the cap at 1 m, recomputed from all frames [cm]; None without any depth point.
 
@@ -184,26 +194,30 @@ def uncapped_completion_cm(
         distance_m: Their distances below 1 m, infinite elsewhere, as :class:`~anm_mj.evaluation.completion.Coverage`
             has them.
         clouds: The depth points of every frame, world [m].
+        before_m: Distances to the depth points of earlier runs [m], where there were any.
     """
     far = np.flatnonzero(np.isinf(distance_m))
     full_m = distance_m.copy()
     if len(far):
-        full_m[far] = _nearest_m(samples[far].astype(np.float64), clouds)
+        full_m[far] = nearest_m(samples[far].astype(np.float64), clouds)
+        if before_m is not None:
+            full_m[far] = np.minimum(full_m[far], before_m[far])
     mean_m = float(np.mean(full_m))
     return 100.0 * mean_m if np.isfinite(mean_m) else None
 
 
-def _nearest_m(points: Float[np.ndarray, "n 3"], clouds: Iterable[Float[np.ndarray, "m 3"]]) -> Float[np.ndarray, " n"]:
+def nearest_m(points: Float[np.ndarray, "n 3"], clouds: Iterable[Float[np.ndarray, "m 3"]]) -> Float[np.ndarray, " n"]:
+    """Distance of points to the nearest point of any cloud [m]; infinite where there is none."""
     bound = DistanceBound(points)
-    nearest_m = np.full(len(points), np.inf)
+    nearest = np.full(len(points), np.inf)
     remaining = iter(clouds)
     while batch := list(islice(remaining, BATCH_FRAMES)):
         seen = np.concatenate(batch)
         if len(seen) == 0:
             continue
-        improvable = np.flatnonzero(bound.per_cell(seen)[bound.cell] < nearest_m)
+        improvable = np.flatnonzero(bound.per_cell(seen)[bound.cell] < nearest)
         if len(improvable):
             tree = KDTree(seen, balanced_tree=False, compact_nodes=False)
             found_m, _ = tree.query(points[improvable], workers=usual_num_threads())
-            nearest_m[improvable] = np.minimum(nearest_m[improvable], found_m)
-    return nearest_m
+            nearest[improvable] = np.minimum(nearest[improvable], found_m)
+    return nearest

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt16
+from jaxtyping import Float, Float32, UInt16
 
-from anm_mj.evaluation.completion import Coverage
+from anm_mj.evaluation.completion import Completion, Coverage
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.types import Intrinsics, Pose2
 
@@ -42,9 +42,18 @@ class CurveRow:
 class CompletionCurve:
     """Adds the frames of a run in order and keeps a row for every tenth step and for the last."""
 
-    def __init__(self, truth: GroundTruth) -> None:
+    def __init__(self, truth: GroundTruth, before_m: Float32[np.ndarray, " n"] | None = None) -> None:
+        """Start with what was covered before.
+
+        Args:
+            truth: The true surface.
+            before_m: Distance of each of its samples to the nearest depth point of the runs that this one goes on from
+                [m]; None for a run that began with nothing.
+        """
         self.rows: list[CurveRow] = []
-        self._coverage = Coverage(truth.samples, truth.observable)
+        self._coverage = Coverage(truth.samples, truth.observable, before_m)
+        self.before: Completion | None = None if before_m is None else self._coverage.completion()
+        """What was covered before the first frame; None for a run that began with nothing."""
         self._step: int | None = None
         self._pose: Pose2 | None = None
         self._path_m = 0.0

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from anm_mj.errors import SceneError
 from anm_mj.evaluation.completion import COVERED_M, uncapped_completion_cm
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
+from anm_mj.evaluation.covered_before import read_covered_before
 from anm_mj.evaluation.depth import back_project_reduced
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
@@ -70,7 +71,8 @@ def evaluate_run(
     truth = GroundTruth.load(run.folder.ground_truth)
     if truth.observable is None:
         truth = _with_observable(run, truth, on_progress)
-    curve, statistics = _replay(run, truth)
+    before_m = _covered_before(run.folder, truth)
+    curve, statistics = _replay(run, truth, before_m)
     known = read_metrics(run.folder.metrics) if run.folder.metrics.is_file() else {}
     summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
     novel_views = novel_views or views_result(known, NOVEL)
@@ -93,11 +95,13 @@ def write_results(
         RunFolderError: A file of the run is damaged, or cannot be written.
     """
     curve.last()
-    uncapped_cm = uncapped_completion_cm(truth.samples, curve.distance_m, _clouds(read_run(folder.path)))
+    before_m = _covered_before(folder, truth)
+    uncapped_cm = uncapped_completion_cm(truth.samples, curve.distance_m, _clouds(read_run(folder.path)), before_m)
     covered = curve.distance_m < COVERED_M
     mesh = mesh_quality(*read_mesh(folder.mesh), truth, covered) if folder.mesh.is_file() else None
     views = novel_views, fixed_views
-    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, *views)
+    before = curve.before
+    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, *views, before)
     from anm_mj.viz.plots import draw_curve  # No run waits for matplotlib before its first step.
 
     with writing(folder.path):
@@ -112,6 +116,7 @@ def write_results(
             np.array([row.observable_ratio for row in curve.rows], dtype=np.float64),
             np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
             title=titled(folder, vars(metrics)),
+            before_ratio=None if before is None else before.ratio_percent,
         )
     write_json(folder.metrics, metrics)
     return metrics
@@ -128,11 +133,19 @@ def add_views(path: Path, novel_views: ViewsResult, fixed_views: ViewsResult) ->
     write_json(metrics, read_metrics(metrics) | added)
 
 
-def _replay(run: Run, truth: GroundTruth) -> tuple[CompletionCurve, EpisodeStatistics]:
+def _covered_before(folder: RunFolder, truth: GroundTruth) -> Float32[np.ndarray, " n"] | None:
+    """What a continued run began with; None for another one."""
+    path = folder.covered_before
+    return read_covered_before(path, len(truth.samples)) if path.is_file() else None
+
+
+def _replay(
+    run: Run, truth: GroundTruth, before_m: Float32[np.ndarray, " n"] | None
+) -> tuple[CompletionCurve, EpisodeStatistics]:
     statistics = EpisodeStatistics()
     for step in run.steps:
         statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
-    curve = CompletionCurve(truth)
+    curve = CompletionCurve(truth, before_m)
     for frame in run.frames:
         curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose)
     return curve, statistics

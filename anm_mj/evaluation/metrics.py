@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from anm_mj.evaluation.completion import Completion
 from anm_mj.evaluation.completion_curve import CurveRow
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import MeshQuality
@@ -46,6 +47,10 @@ class RunSummary:
     """Wall time of the completion curve, which the loop waits for [s]."""
     peak_rss_mib: float | None = None
     """Peak resident memory of the process until the end of the loop [MiB]."""
+    return_steps: int | None = None
+    """Steps of the way back to the start; None where the robot was not to go back, or did not come to it."""
+    return_distance_m: float | None = None
+    """Distance to the start at the end, as the robot believes it; None where it was not to go back [m]."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,10 @@ class Metrics:
     """Completion ratio of the observable surface alone [%]."""
     observable_share: float | None
     """Observable share of the true surface [%]."""
+    completion_ratio_before: float | None
+    """Completion ratio by the runs that this one went on from alone [%]; None for a run that began with nothing."""
+    observable_ratio_before: float | None
+    """The same of the observable surface [%]."""
     accuracy_cm: float | None
     """Mean distance of the reconstructed mesh to the true surface [cm]."""
     mesh_completion_cm: float | None
@@ -119,11 +128,13 @@ class Metrics:
     stage_hz: dict[str, float]
     """Rate of each stage of the loop, as if it were the only one [steps/s]."""
     stop_reason: str | None
-    """This and the next four: see :class:`RunSummary`."""
+    """This and the next six: see :class:`RunSummary`."""
     wall_s: float | None
     hz: float | None
     evaluation_s: float | None
     peak_rss_mib: float | None
+    return_steps: int | None
+    return_distance_m: float | None
 
 
 @dataclass(frozen=True)
@@ -178,6 +189,7 @@ def summarise(
     summary: RunSummary,
     novel_views: ViewsResult | None = None,
     fixed_views: ViewsResult | None = None,
+    before: Completion | None = None,
 ) -> Metrics:
     """Assemble the metrics of a run.
 
@@ -191,6 +203,7 @@ def summarise(
         summary: Facts that only the running program knows.
         novel_views: Quality of the map on novel views; None if not measured.
         fixed_views: Quality of the map on the scene's fixed views; None if not measured.
+        before: What the runs before this one had covered; None for a run that began with nothing.
     """
     last = rows[-1] if rows else None
     whole, observed = mesh or (None, None)
@@ -200,6 +213,8 @@ def summarise(
         completion_uncapped_cm=uncapped_cm,
         observable_ratio=last.observable_ratio if last else None,
         observable_share=None if truth.observable is None else 100.0 * float(truth.observable.mean()),
+        completion_ratio_before=before.ratio_percent if before else None,
+        observable_ratio_before=before.observable_ratio_percent if before else None,
         **_mesh_metrics(whole, ""),
         **_mesh_metrics(observed, "observed_"),
         **view_metrics(novel_views, NOVEL),

@@ -16,6 +16,9 @@ class RecordConfig:
 
     images: str = setting("small", choices=IMAGE_SIZES)
     """Colour images: ``none``, ``small`` (128 pixels, about 4 KB each) or ``full`` (as the camera gave them)."""
+    replay_bytes: int = setting(16_000_000, at_least=0)
+    """Memory for keyframes in ``explored.safetensors``, which a later run goes on from [bytes]: all of them are thinned
+    to fit. 0 = the file is not written, and no run goes on from this one."""
     plans: bool = True
     """Whether the map, graph, regions and path of every decision are kept, about 10 KB each."""
 

@@ -8,23 +8,29 @@ in: in another thread it would take as much from the loop as it saves.
 from __future__ import annotations
 
 import importlib
+import math
 import resource
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float, Float32
 
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
+from anm_mj.evaluation.covered_before import write_covered_before
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import write_results
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary
+from anm_mj.io.changes_file import write_changes
+from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.read_run import read_json
 from anm_mj.io.record_config import RecordConfig
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_log import RunLog
@@ -32,13 +38,16 @@ from anm_mj.io.run_title import titled
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import (
+    Action,
     ActionResult,
+    FormerRun,
     MapUpdate,
     Observation,
     Plan,
     Pose2,
     Region,
     StopReason,
+    SurfaceChange,
     TopDownMap,
     TrueView,
     VoronoiGraph,
@@ -56,6 +65,15 @@ MESH_RESOLUTION_M = 0.05
 
 
 @runtime_checkable
+class Arrays(Protocol):
+    """Something that can be stored as arrays."""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays by name."""
+        ...
+
+
+@runtime_checkable
 class FinishedMap(Protocol):
     """The neural map at the end of a run."""
 
@@ -65,6 +83,14 @@ class FinishedMap(Protocol):
 
     def save(self, path: Path) -> None:
         """Write the map to a file."""
+        ...
+
+    def replay(self, limit_bytes: int) -> Arrays:
+        """What is replayed of the frames, thinned to so much memory."""
+        ...
+
+    def changes(self) -> tuple[SurfaceChange, ...] | None:
+        """What is gone or new since the former run; None for a map that began empty."""
         ...
 
 
@@ -88,6 +114,30 @@ class Survey(Protocol):
         ...
 
 
+class Before(NamedTuple):
+    """What a continued run begins with."""
+
+    former: FormerRun
+    """What the former runs found out beside the map."""
+    covered_m: Float32[np.ndarray, " n"]
+    """How near each sample of the true surface had been seen [m]."""
+
+
+class WayBack(NamedTuple):
+    """How a robot that was to go back to its start did so."""
+
+    steps: int | None
+    """Steps of the way back; None where it did not begin one."""
+    distance_m: float
+    """From the last pose to the first one [m]."""
+
+    @classmethod
+    def of(cls, poses: list[Pose2], explored_steps: int | None) -> WayBack:
+        """The way back of a run, from its poses and the number of steps before it; None = there was none."""
+        steps = None if explored_steps is None else len(poses) - 1 - explored_steps
+        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m))
+
+
 class RunRecorder:
     """Records a run and its completion.
 
@@ -97,8 +147,9 @@ class RunRecorder:
         true_view: Returns true poses and depth, if observations hold only what the robot measures: metrics count what
             the camera truly saw from where it truly was.
         record: What is kept besides the numbers; None = the defaults.
-        before: None for a new run; for one that goes on, the lengths of its logs by name, as :attr:`log_sizes` gave
-            them, and the step after which they were taken. What was written later is removed.
+        resumed: None for a new run; for one that was resumed, the lengths of its logs by name, as :attr:`log_sizes`
+            gave them, and the step after which they were taken. What was written later is removed.
+        before: What a continued run begins with; None for one that begins with nothing, and for a resumed one.
 
     Raises:
         RunFolderError: From every method, if the folder cannot be written; perhaps from one that comes later.
@@ -112,20 +163,28 @@ class RunRecorder:
         truth: GroundTruth,
         true_view: Callable[[], TrueView] | None = None,
         record: RecordConfig | None = None,
-        before: tuple[dict[str, int], int] | None = None,
+        resumed: tuple[dict[str, int], int] | None = None,
+        before: Before | None = None,
     ) -> None:
         self._background = Background("recorder", ROOM)
         self._folder = folder
         self._true_view = true_view
         self._truth = truth
-        if before is None:
+        if resumed is None:
             with writing(folder.ground_truth), atomic_write(folder.ground_truth) as partial:
                 truth.save(partial)
-        self._log = RunLog(folder, record or RecordConfig(), before)
-        self._curve_file = LineWriter(folder.curve, before and before[0][folder.curve.name])
-        if before is None:
+        if before is not None:
+            write_covered_before(folder.covered_before, before.covered_m)
+        record = record or RecordConfig()
+        self._replay_bytes = record.replay_bytes
+        self._log = RunLog(folder, record, resumed)
+        self._curve_file = LineWriter(folder.curve, resumed and resumed[0][folder.curve.name])
+        if resumed is None:
             self._curve_file.line(CURVE_HEADER)
-        self._curve = CompletionCurve(truth)
+        self._curve = CompletionCurve(truth, None if before is None else before.covered_m)
+        self.former = None if before is None else before.former
+        """What the runs that this one goes on from found out; None where it began with nothing."""
+        self._refused: list[Pose2] = []
         self._statistics = EpisodeStatistics()
         self._evaluation_s = 0.0
 
@@ -173,6 +232,8 @@ class RunRecorder:
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
         """Record an executed action; ``pose`` is the pose after it."""
         self._statistics = self._statistics.after(result.action, result.collided, result.moved_m, stage_ms)
+        if result.collided and result.action is Action.MOVE_FORWARD:
+            self._refused.append(pose)
         self._background.submit(lambda: self._log.step(step, result, pose, update, stage_ms))
 
     def plan(self, step: int, plan: Plan) -> None:
@@ -186,7 +247,15 @@ class RunRecorder:
         self._background.submit(lambda: importlib.import_module("anm_mj.viz.plots"))
 
     def finish(
-        self, stop_reason: StopReason, finished: FinishedMap, survey: Survey, *, wall_s: float, loop_s: float
+        self,
+        stop_reason: StopReason,
+        finished: FinishedMap,
+        survey: Survey,
+        *,
+        wall_s: float,
+        loop_s: float,
+        memory: dict[str, np.ndarray] | None = None,
+        back: WayBack | None = None,
     ) -> Metrics:
         """Write mesh, map, pictures and metrics.
 
@@ -196,6 +265,9 @@ class RunRecorder:
             survey: What planning reads out of it at the end, for the picture.
             wall_s: Wall time from the start of the program to the end of the loop [s].
             loop_s: Wall time of the loop itself, without set-up [s].
+            memory: What the policy remembers beside the map, for a run that goes on from this one; None = no run is to
+                do so.
+            back: How the robot went back to its start; None where it was not to.
         """
         self.flush()
         summary = RunSummary(
@@ -204,12 +276,19 @@ class RunRecorder:
             hz=self._statistics.steps / loop_s if loop_s > 0.0 else None,
             evaluation_s=self._evaluation_s,
             peak_rss_mib=peak_rss_mib(),
+            return_steps=back and back.steps,
+            return_distance_m=back and back.distance_m,
         )
         self.close()
         # What cannot be recomputed comes first, then what takes long: a run killed in between loses nothing.
         write_json(self._folder.metrics, summary)
         with writing(self._folder.map), atomic_write(self._folder.map) as partial:
             finished.save(partial)
+        if memory is not None:
+            self._write_explored(finished, memory)
+        changes = finished.changes() if self.former is not None else None
+        if changes is not None:
+            write_changes(self._folder.changes, self._folder.changed_voxels, changes)
         write_plan(self._folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
@@ -224,8 +303,19 @@ class RunRecorder:
                 self.poses,
                 target_xy_m=self._log.last_target_xy_m,
                 title=titled(self._folder, vars(metrics)),
+                changes=changes or (),
             )
         return metrics
+
+    def _write_explored(self, finished: FinishedMap, memory: dict[str, np.ndarray]) -> None:
+        """Write what a run that goes on from this one needs beside the map."""
+        manifest = read_json(self._folder.manifest) if self._folder.manifest.is_file() else {}
+        poses, refused = _rows(self.poses), _rows(self._refused)
+        if self.former is not None:
+            poses = np.concatenate((self.former.poses, poses))
+            refused = np.concatenate((self.former.refused, refused))
+        former = FormerRun(str(manifest.get("policy", "")), poses, refused, memory)
+        write_explored(self._folder.explored, Explored(former, finished.replay(self._replay_bytes).arrays()))
 
     def close(self) -> None:
         """Close all files when everything is written; a second time does nothing."""
@@ -238,6 +328,10 @@ class RunRecorder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _rows(poses: list[Pose2]) -> Float[np.ndarray, "n 3"]:
+    return np.array([[pose.x_m, pose.y_m, pose.yaw_rad] for pose in poses], float).reshape(-1, 3)
 
 
 def peak_rss_mib() -> float:

@@ -136,6 +136,26 @@ class RunFolder:
         return self.path / "ground_truth.npz"
 
     @property
+    def explored(self) -> Path:
+        """What a later run needs beside the map to go on from this one (:mod:`anm_mj.io.explored_file`)."""
+        return self.path / "explored.safetensors"
+
+    @property
+    def covered_before(self) -> Path:
+        """Of a run that goes on from another one: how near each sample of the true surface had been seen before."""
+        return self.path / "covered_before.npz"
+
+    @property
+    def changes(self) -> Path:
+        """Of such a run: surface that is gone or new since then (:mod:`anm_mj.io.changes_file`)."""
+        return self.path / "changes.json"
+
+    @property
+    def changed_voxels(self) -> Path:
+        """The voxels of these changes."""
+        return self.path / "changes.npz"
+
+    @property
     def checkpoints(self) -> Path:
         """Folder of the state from which a killed run goes on; gone once the run has finished."""
         return self.path / "checkpoint"

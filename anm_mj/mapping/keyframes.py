@@ -3,14 +3,77 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Bool, Float32, Int64, Shaped
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.pixel_memory import PIXEL, HostPixels, PixelMemory, pack
-from anm_mj.mapping.rays import RayBatch, camera_row, sample_frame
+from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, camera_row, sample_frame
 from anm_mj.types import Observation
+
+_MOST_PIXELS = 1 << 26
+"""No image has more."""
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """Pixels of some keyframes, and the cameras that saw them."""
+
+    pixels: Shaped[np.ndarray, " p"]
+    """Of type :data:`~anm_mj.mapping.pixel_memory.PIXEL`, those of each keyframe in random order."""
+    num_pixels: Int64[np.ndarray, " k"]
+    """Pixels of each keyframe; one at least."""
+    cameras: Float32[np.ndarray, "k 17"]
+    """As :func:`anm_mj.mapping.rays.camera_row` has them."""
+
+    def __len__(self) -> int:
+        return len(self.num_pixels)
+
+    @classmethod
+    def of(cls, arrays: dict[str, np.ndarray]) -> Keyframes:
+        """The keyframes that :meth:`arrays` described.
+
+        Raises:
+            MapError: They were not described so.
+        """
+        try:
+            data, count, cameras = arrays["pixels"], arrays["num_pixels"].astype(np.int64), arrays["cameras"]
+            pixels = np.ascontiguousarray(data).view(PIXEL).reshape(-1)
+            fits = data.dtype == np.uint8 and count.ndim == 1 and count.min(initial=1) > 0
+            fits &= cameras.shape == (len(count), CAMERA_NUMBERS) and cameras.dtype == np.float32
+            # Sums of numbers that are too large wrap around.
+            fits &= count.max(initial=0) <= len(pixels) and int(count.sum()) == len(pixels)
+            fits = bool(fits) and bool(np.isfinite(cameras).all()) and bool((cameras[:, :3] >= 1.0).all())
+        except (KeyError, ValueError, TypeError, AttributeError) as err:
+            raise MapError(f"The stored keyframes cannot be read ({err}); explore anew.") from err
+        if not fits or (pixels["index"] > _MOST_PIXELS).any() or (cameras[:, 0] > _MOST_PIXELS).any():
+            raise MapError("The stored keyframes do not fit each other; explore anew.")
+        return cls(pixels, count, cameras)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Plain arrays, for a file."""
+        pixels = np.ascontiguousarray(self.pixels).view(np.uint8).reshape(-1, PIXEL.itemsize)
+        return {"pixels": pixels, "num_pixels": self.num_pixels, "cameras": self.cameras}
+
+    def without(self, left_out: Bool[np.ndarray, " p"]) -> Keyframes:
+        """The same without some pixels, and without keyframes of which none is left."""
+        keyframe = np.repeat(np.arange(len(self)), self.num_pixels)
+        count = np.bincount(keyframe[~left_out], minlength=len(self))
+        return Keyframes(self.pixels[~left_out], count[count > 0], self.cameras[count > 0])
+
+    def thinned(self, limit_bytes: int) -> Keyframes:
+        """As many pixels of each keyframe as fit into so much memory, the same number of each that has as many."""
+        left, most = limit_bytes // PIXEL.itemsize, 0
+        for rank, count in enumerate(np.sort(self.num_pixels).tolist()):
+            most = left // (len(self) - rank)
+            if count > most:
+                break
+            most, left = count, left - count
+        keyframe = np.repeat(np.arange(len(self)), self.num_pixels)
+        place = np.arange(len(self.pixels)) - (np.cumsum(self.num_pixels) - self.num_pixels)[keyframe]
+        return self.without(place >= most)
 
 
 class KeyframeStore:
@@ -73,6 +136,24 @@ class KeyframeStore:
             raise MapError(f"{len(self)} keyframes of one pixel fill the replay store; raise schedule.replay_bytes.")
         self._memory.add_keyframe(begin, pack(observation, pixel[:count]), camera_row(observation))
         self._start = np.append(self._start, begin + count)
+
+    def keyframes(self, first: int | None = None) -> Keyframes:
+        """The oldest ``first`` keyframes, or all; perhaps views."""
+        first = len(self) if first is None else first
+        pixels, cameras = self._memory.first(int(self._start[first]))
+        return Keyframes(pixels, self.num_pixels[:first], cameras[:first])
+
+    def replace(self, first: int, keyframes: Keyframes) -> None:
+        """Put other keyframes in the place of the oldest ``first`` ones.
+
+        Raises:
+            MapError: They do not fit.
+        """
+        every = self.keyframes()
+        rest = every.pixels[int(self._start[first]) :], self.num_pixels[first:], every.cameras[first:]
+        pixels = np.concatenate((keyframes.pixels, rest[0]))
+        self._start = np.concatenate((np.zeros(1, np.int64), np.cumsum(np.append(keyframes.num_pixels, rest[1]))))
+        self._memory.replace(pixels, np.concatenate((keyframes.cameras, rest[2])))
 
     def checkpoint_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Pixels and cameras, for a checkpoint."""

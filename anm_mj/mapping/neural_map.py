@@ -17,8 +17,9 @@ from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.expected_error import EXPONENT, reducible_error_m
 from anm_mj.mapping.field_geometry import FieldGeometry
+from anm_mj.mapping.former_surface import FormerSurface
 from anm_mj.mapping.grid_layout import doubled_table
-from anm_mj.mapping.keyframes import KeyframeStore
+from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.last_layer import last_layer_variance, observation_density
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
@@ -27,7 +28,16 @@ from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
-from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfaceErrors, SurfacePoints, VoxelGrid
+from anm_mj.types import (
+    UNKNOWN,
+    Intrinsics,
+    MapUpdate,
+    Observation,
+    SurfaceChange,
+    SurfaceErrors,
+    SurfacePoints,
+    VoxelGrid,
+)
 
 if TYPE_CHECKING:
     import trimesh
@@ -73,6 +83,8 @@ class NeuralMap:
         self._geometry = FieldGeometry(self._occupancy) if field_is_geometry else None
         self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
         self._mesh = MeshExtractor(self._occupancy)
+        self._former: FormerSurface | None = None
+        """What was here before, where the map goes on from that of a former run."""
         self._num_frames = 0
         self._last: Observation | None = None
         """The last frame that was not blind."""
@@ -98,6 +110,8 @@ class NeuralMap:
         first = self._num_frames == 0
         if self._num_frames % schedule.keyframe_every == 0:
             self._keyframes.add(observation, self._rng, self._replay_weight(observation))
+            if self._former is not None:
+                self._former.forget_contradicted(self._keyframes, self._occupancy.grid, self._occupancy.corner)
         num_iterations = 0
         if first:
             num_iterations = schedule.first_iterations
@@ -268,6 +282,43 @@ class NeuralMap:
         loaded._occupancy.set_state(_part(saved.arrays, "occupancy."))
         loaded._num_frames = saved.num_frames
         return loaded
+
+    def continue_from(self, saved: SavedMap, keyframes: Keyframes) -> None:
+        """Begin with the map of a former run, which must have this map's :attr:`config` but for effort and rates.
+
+        A few frames that contradict it suffice to change it, and :meth:`changes` tells what they have changed.
+
+        Args:
+            saved: the former map.
+            keyframes: those of its frames that are to be replayed.
+
+        Raises:
+            MapError: They do not fit this map.
+        """
+        self.backend.set_state(_part(saved.arrays, "field."))
+        self._occupancy.set_state(_part(saved.arrays, "occupancy."))
+        former = self.occupancy
+        self._occupancy.soften()
+        self._keyframes.replace(0, keyframes)
+        self._former = FormerSurface(
+            former.state, self._occupancy.corner, former.resolution_m, keyframes, former.version
+        )
+        # The next frame is a keyframe, and one to train on.
+        round_up = math.lcm(self.config.schedule.keyframe_every, self.config.schedule.train_every)
+        self._num_frames = math.ceil(saved.num_frames / round_up) * round_up
+
+    def changes(self) -> tuple[SurfaceChange, ...] | None:
+        """What new frames have found to be gone or new, largest first; None for a map that began empty."""
+        if self._former is None:
+            return None
+        raw, state = self._occupancy.grid.state, self.occupancy.state
+        # Where depth and field disagree, nothing is certain.
+        agreed = np.where(raw == state, state, np.int8(UNKNOWN))
+        return self._former.changes(agreed, self._occupancy.corner)
+
+    def replay(self, limit_bytes: int) -> Keyframes:
+        """What is replayed of the keyframes, thinned to so much memory."""
+        return self._keyframes.keyframes().thinned(limit_bytes)
 
     def checkpoint_state(self) -> dict[str, np.ndarray]:
         """Parameters and optimiser of the engine, for a checkpoint."""

@@ -21,6 +21,8 @@ from anm_mj.utils.arrays import embed
 
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
 """Blocks that the grid grows by at least, in height and in the plane."""
+_HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
+"""So many frames that contradict it change the state of a voxel of a former run."""
 _HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
 taken from frame to frame."""
@@ -192,6 +194,15 @@ class OccupancyGrid:
         # Maps of before do not say how noisy their sensor was.
         self._noise.set_state(state.get("depth_noise", np.zeros(3)))
         self._column_version = np.full(self._block_stamp.shape[1:], self._num_frames, np.int32)
+
+    def soften(self) -> None:
+        """Let a few frames change what earlier ones have found; the states stay as they are until then.
+
+        Within a run, many frames that agree make a voxel sure. Between two runs, furniture moves.
+        """
+        free = (1 - _HITS_THAT_FILL) * self.config.hit
+        occupied = _MISSES_THAT_EMPTY * self.config.miss
+        self._log_odds = np.clip(self._log_odds, max(free, -self.config.limit), min(occupied, self.config.limit))
 
     @property
     def _arrays(self) -> VoxelArrays:

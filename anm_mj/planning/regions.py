@@ -89,6 +89,15 @@ class RegionFinder:
         for patch in self._patches_of.get(tuple(region.centre_m.tolist()), ()):
             self._observed.add(tuple(self._patches.cube[patch].tolist()))
 
+    @property
+    def observed(self) -> Int[np.ndarray, "n 3"]:
+        """Cubes of suppressed patches, in whole edges."""
+        return np.array(sorted(self._observed), np.int64).reshape(-1, 3)
+
+    def continue_from(self, observed: Int[np.ndarray, "n 3"]) -> None:
+        """Suppress what a former run suppressed."""
+        self._observed = {tuple(cube) for cube in observed.tolist()}
+
     def regions(
         self,
         graph: VoronoiGraph,

@@ -15,7 +15,18 @@ from scipy import ndimage
 from skimage.draw import polygon
 
 from anm_mj.frames import pixel_directions, world_to_cell
-from anm_mj.types import FORWARD_STEP_M, FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, TopDownMap
+from anm_mj.types import (
+    FORWARD_STEP_M,
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Footprint,
+    Intrinsics,
+    Observation,
+    Pose2,
+    TopDownMap,
+    VoxelGrid,
+)
 from anm_mj.utils.arrays import embed
 
 RESOLUTION_M = 0.05
@@ -29,6 +40,8 @@ JOINED_M = 0.25
 """Ends of neighbouring beams that are nearer to each other than this lie on one surface [m]."""
 MOST, LEAST = 3.5, -2.0
 """Bounds of a cell's log-odds, so that later scans can still change its state."""
+MOST_FORMER, LEAST_FORMER = 1.1, -0.8
+"""The same for what a former run left: one scan or three change it."""
 
 
 class ScanGrid:
@@ -47,6 +60,38 @@ class ScanGrid:
         """World x, y of the outer corner of cell [0, 0]."""
         self.log_odds = np.zeros((0, 0), np.float32)
         """NaN in cells that no beam has touched."""
+
+    def continue_from(self, log_odds: Float[np.ndarray, "rows cols"], origin_xy_m: Float[np.ndarray, "2"]) -> None:
+        """Begin with the grid of a former run, of which a few scans change what has changed since."""
+        # The grid grows in whole blocks from a corner of theirs.
+        self.origin_xy_m = np.rint(origin_xy_m / RESOLUTION_M) * RESOLUTION_M
+        self.log_odds = np.clip(log_odds.astype(np.float32), LEAST_FORMER, MOST_FORMER)
+
+    def read_occupancy(self, grid: VoxelGrid, poses: Float[np.ndarray, "n 3"]) -> None:
+        """Begin with what a voxel grid says of the heights of the body, and with where the robot was.
+
+        Args:
+            grid: free, occupied and unknown space.
+            poses: x [m], y [m] and yaw of former places.
+        """
+        size_m = np.array(grid.state.shape[:0:-1]) * grid.resolution_m
+        corners = np.stack([grid.origin_m[:2], grid.origin_m[:2] + size_m])
+        if not size_m.all():
+            return
+        self._grow(corners)
+        body = grid.state[grid.layers_between(self.footprint.z_min_m, self.footprint.z_max_m)]
+        free = (body == FREE).mean(axis=0) > 0.5
+        occupied = (body == OCCUPIED).any(axis=0)
+        rows, cols = np.indices(self.log_odds.shape)
+        xy_m = self.origin_xy_m + (np.stack([cols, rows], axis=-1).reshape(-1, 2) + 0.5) * RESOLUTION_M
+        cells = world_to_cell(xy_m, grid.origin_m[:2], grid.resolution_m)
+        inside = np.flatnonzero(((cells >= 0) & (cells < free.shape)).all(axis=1))
+        where = tuple(cells[inside].T)
+        flat = self.log_odds.reshape(-1)
+        flat[inside[free[where]]] = LEAST_FORMER
+        for x, y, yaw in poses:
+            self.log_odds[self._under(Pose2(x, y, yaw))] = LEAST_FORMER
+        flat[inside[occupied[where]]] = MOST_FORMER
 
     def integrate(self, observation: Observation) -> None:
         """Add a scan; the ground under the robot is free, because it stands there."""

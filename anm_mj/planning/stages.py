@@ -23,6 +23,7 @@ from anm_mj.types import (
     FORWARD_STEP_M,
     Action,
     Footprint,
+    FormerRun,
     Observation,
     Pose2,
     Region,
@@ -78,6 +79,12 @@ class Stages:
     def observe(self, observation: Observation) -> None:
         """Add the robot's place to its trajectory; to be told of every observation."""
         self.topdown.visit(observation.pose.xy_m)
+
+    def continue_from(self, former: FormerRun) -> None:
+        """Take over where a former run was, and what refused it."""
+        self.topdown.continue_from(former.poses[:, :2])
+        for x, y, yaw in former.refused:
+            self.on_collision(Pose2(x, y, yaw), Action.MOVE_FORWARD)
 
     def read(self, mapper: Mapper, observation: Observation) -> PlanningState:
         """Top-down map, graph, shortest paths and regions as of now."""

@@ -78,6 +78,10 @@ class TopDownMapper:
         self.read_window: Window | None = None
         """The part of the occupancy grid that the last update read; None for none."""
         self._changes = ChangeReader()
+        self._starts_xy_m: list[Float[np.ndarray, 2]] = []
+        """Where runs began, this one and those it goes on from [m]."""
+        self._num_former = 0
+        """The first so many places of the trajectory are of former runs."""
         self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         self._blocked_xy_m: list[Float[np.ndarray, 2]] = []
         self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
@@ -115,10 +119,19 @@ class TopDownMapper:
 
     def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Add a place to the robot's trajectory: the floor there is free [m]."""
-        if self.trajectory_xy_m and math.dist(xy_m, self.trajectory_xy_m[-1]) < SAME_PLACE_M:
+        is_start = len(self.trajectory_xy_m) == self._num_former
+        if not is_start and math.dist(xy_m, self.trajectory_xy_m[-1]) < SAME_PLACE_M:
             return
+        if is_start:
+            self._starts_xy_m.append(xy_m)
         self.trajectory_xy_m.append(xy_m)
         self._new_trajectory_xy_m.append(xy_m)
+
+    def continue_from(self, places_xy_m: Float[np.ndarray, "n 2"]) -> None:
+        """Begin with the trajectory of a former run, in order [m]; to be called before the first place is added."""
+        for xy in places_xy_m:
+            self.visit(xy)
+        self._num_former = len(self.trajectory_xy_m)
 
     def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2, camera: FieldOfView | None = None) -> TopDownMap:
         """The map as known now.
@@ -269,16 +282,19 @@ class TopDownMapper:
     def _stamp(self, grid: VoxelGrid) -> list[Window]:
         """Draw new places of the trajectory and new obstacles into their layers, and return where those are."""
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
-        for xy in self._new_trajectory_xy_m:
-            first = xy is self.trajectory_xy_m[0]
-            _stamp_disc(layers.near_trajectory, grid, xy, max(body, self._start_radius_m) if first else body)
-            _stamp_disc(layers.under_robot, grid, xy, body - cell)
+        is_first = len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m)
+        for number, xy in enumerate(self._new_trajectory_xy_m):
+            is_start = any(xy is start for start in self._starts_xy_m)
+            _stamp_disc(layers.near_trajectory, grid, xy, max(body, self._start_radius_m) if is_start else body)
+            # Where a former run stood, something may stand now.
+            if not is_first or number >= self._num_former:
+                _stamp_disc(layers.under_robot, grid, xy, body - cell)
         for xy in self._new_blocked_xy_m:
             _stamp_disc(layers.blocked, grid, xy, self._blocked_cells * cell)
         stamped = np.array([*self._new_trajectory_xy_m, *self._new_blocked_xy_m])
         if not len(stamped):
             return []
-        start = self._start_radius_m if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m) else 0.0
+        start = self._start_radius_m if is_first else 0.0
         around = max(body, BLOCKED_CELLS * cell, start) + cell
         low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]

@@ -26,6 +26,8 @@ def first_seen(
 ) -> Int[np.ndarray, " v"]:
     """Index of the frame that first saw each vertex; a vertex that none saw takes that of its nearest neighbour.
 
+    In a continued run, what none of its frames saw was there from the start.
+
     Args:
         run: The run; depth and believed poses are read.
         vertices_m: World [m].
@@ -44,7 +46,9 @@ def first_seen(
             first[waiting[seen]] = index
             waiting = waiting[~seen]
         on_progress(index + 1, len(run.frames))
-    if len(waiting):
+    if len(waiting) and run.manifest.get("continued_from"):
+        first[waiting] = 0
+    elif len(waiting):
         found = first >= 0
         first[waiting] = first[found][KDTree(points[found]).query(points[waiting])[1]] if found.any() else 0
     return first

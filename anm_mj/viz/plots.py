@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
@@ -20,7 +20,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Transform
 
-from anm_mj.types import UNKNOWN, Pose2, Region, TopDownMap, VoronoiGraph
+from anm_mj.types import UNKNOWN, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
 from anm_mj.viz.figure_file import PICTURE, PRINT, save_figure
 from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
@@ -49,6 +49,7 @@ def draw_topdown(
     target_xy_m: Float[np.ndarray, "2"] | None,
     title: str,
     kinds: Sequence[str] = (PICTURE, PRINT),
+    changes: Sequence[SurfaceChange] = (),
 ) -> list[Path]:
     """Draw the top-down map with the Voronoi graph, the regions of interest and the trajectory.
 
@@ -61,6 +62,7 @@ def draw_topdown(
         target_xy_m: The last target, world [m].
         title: Title of the figure.
         kinds: ``png``, ``pdf``, ``svg``.
+        changes: Surface that is gone or new since a former run.
 
     Returns:
         The files.
@@ -81,6 +83,7 @@ def draw_topdown(
         axes.add_collection(LineCollection(list(ends), colors=palette.GRAPH, linewidths=1.0, label="Voronoi graph"))
         junctions = graph.vertex_xy_m[graph.degree >= JUNCTION_DEGREE]
         axes.plot(*junctions.T, "o", ms=3.0, color=palette.GRAPH, label="junction", zorder=3)
+    _draw_changes(axes, changes)
     _draw_regions(axes, regions, graph)
     _draw_trajectory(figure, axes, poses)
     if target_xy_m is not None:
@@ -109,6 +112,7 @@ def draw_curve(
     *,
     title: str,
     kinds: Sequence[str] = (PICTURE, PRINT),
+    before_ratio: float | None = None,
 ) -> list[Path]:
     """Draw completion over steps.
 
@@ -120,6 +124,8 @@ def draw_curve(
         completion_cm: Mean distance of the true surface to the observed points, capped at 1 m [cm].
         title: Title of the figure.
         kinds: ``png``, ``pdf``, ``svg``.
+        before_ratio: Completion ratio by the runs that this one goes on from [%]; None for a run that began with
+            nothing.
 
     Returns:
         The files.
@@ -138,6 +144,10 @@ def draw_curve(
     lines += ratio_axes.plot(
         steps, completion_ratio, color=palette.RATIO, lw=1.4, ls="--", label="completion ratio (< 5 cm) [%]"
     )
+    if before_ratio is not None:
+        covered = ratio_axes.axhspan(0.0, before_ratio, color=palette.RATIO, alpha=0.12, lw=0.0)
+        covered.set_label(f"covered before ({before_ratio:.1f} %)")
+        lines.append(covered)
     lines += cm_axes.plot(steps, completion_cm, color=palette.DISTANCE, lw=1.4, ls="-.", label="completion [cm]")
     ratio_axes.set(title=title, xlabel="step", ylim=(0.0, 100.0), xlim=(0, int(steps.max(initial=1))))
     ratio_axes.set_ylabel("completion ratio [%]", color=palette.RATIO)
@@ -190,6 +200,25 @@ class _FreeSpaceSwatch(HandlerBase):
 
 def _swatch(colour: str) -> Patch:
     return Patch(fc=colour, ec=EDGE, lw=0.6)
+
+
+def _draw_changes(axes: Axes, changes: Sequence[SurfaceChange]) -> None:
+    for kind, color, label in (
+        ("gone", palette.GONE, "gone since the former run"),
+        ("new", palette.NEW, "new since the former run"),
+    ):
+        mine = [change for change in changes if change.kind == kind]
+        if not mine:
+            continue
+        half_m = 0.5 * mine[0].voxel_m
+        columns = np.unique(np.concatenate([change.xyz_m[:, :2] for change in mine]).round(3), axis=0)
+        squares = [Rectangle((x - half_m, y - half_m), 2 * half_m, 2 * half_m) for x, y in columns]
+        drawn = PatchCollection(squares, facecolors=color, edgecolors="none", alpha=0.85, zorder=2.5)
+        axes.add_collection(drawn)
+        for change in mine:
+            (left, low), (right, high) = change.box_m[:, :2]
+            axes.add_patch(Rectangle((left, low), right - left, high - low, fill=False, ec=color, lw=1.2, zorder=2.6))
+        axes.plot([], [], "s", color=color, label=label)
 
 
 def _draw_regions(axes: Axes, regions: Sequence[Region], graph: VoronoiGraph | None) -> None:

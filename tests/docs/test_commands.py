@@ -269,6 +269,9 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
     elif words[:2] == ["explore", "--resume"]:
         parsed = parse(words, monkeypatch)  # tests/integration/test_kills.py executes these.
         assert parsed.resume is not None
+    elif words[0] == "explore" and "--continue" in words:
+        parsed = parse(words, monkeypatch)  # tests/integration/test_continue.py executes these.
+        assert parsed.continue_from is not None
     elif words[0] == "explore":
         explore(words, command, place, monkeypatch)
     elif words[0] == "bench":

@@ -129,3 +129,34 @@ def test_the_parts_of_a_batch_joined_are_the_batch(room: Room):
     joined = concatenate(part(rays, 0, 4), part(rays, 4, 6))
     for name in ("origin_m", "direction", "rgb", "depth_m"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(rays, name))
+
+
+def test_thinned_keyframes_fit_and_small_ones_keep_all(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(10_000_000, 1.0)
+    for count, observation in zip((10, 4096, 4096), room.turn(1.5, 1.5, 3), strict=True):
+        observation.depth_m.reshape(-1)[count:] = np.nan
+        store.add(observation, rng)
+    every = store.keyframes()
+    thin = every.thinned(1010 * PIXEL.itemsize)
+    assert thin.num_pixels.tolist() == [10, 500, 500]
+    np.testing.assert_array_equal(thin.pixels[10:510], every.pixels[10:510])
+    np.testing.assert_array_equal(thin.pixels[510:], every.pixels[10 + 4096 : 10 + 4096 + 500])
+    assert every.thinned(10**9).num_pixels.tolist() == [10, 4096, 4096]
+    assert len(every.thinned(0)) == 0
+
+
+def test_replaced_keyframes_leave_the_others_as_they_are(room: Room):
+    rng = np.random.default_rng(0)
+    store = KeyframeStore(10_000_000, 1.0)
+    for observation in room.turn(1.5, 1.5, 3):
+        store.add(observation, rng)
+    last = store.keyframes().pixels[2 * 4096 :].copy()
+    left_out = np.zeros(2 * 4096, bool)
+    left_out[:4096] = True
+    left_out[5000:] = True
+    store.replace(2, store.keyframes(2).without(left_out))
+    assert store.num_pixels.tolist() == [5000 - 4096, 4096]
+    np.testing.assert_array_equal(store.keyframes().pixels[5000 - 4096 :], last)
+    points = (rays := drawn(store, 200, rng)).origin_m + rays.direction * rays.depth_m[:, None]
+    assert np.abs(room.sdf(points.astype(float))).max() < 1e-3

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from anm_mj.io.read_run import read_run
@@ -52,3 +54,10 @@ def test_merging_keeps_the_surface():
     assert (colour == 90).all()
     assert np.abs(np.minimum(vertices - ROOM_LOW_M, ROOM_HIGH_M - vertices).min(axis=1)).max() < 0.11
     assert (vertices.min(axis=0) >= ROOM_LOW_M - 1e-9).all()
+
+
+def test_what_a_former_run_saw_is_there_from_the_start(run_folder):
+    run = read_run(run_folder)
+    hidden = np.array([[50.0, 50.0, 50.0], [1.0, 0.0, 1.0]])
+    continued = replace(run, manifest={**run.manifest, "continued_from": {"run": "former"}})
+    assert first_seen(continued, hidden)[0] == 0

@@ -25,7 +25,7 @@ from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose
 from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.protocols import Mapper
-from anm_mj.types import Action, Observation, Plan, Pose2, StopReason
+from anm_mj.types import OCCUPIED, Action, FormerRun, Observation, Plan, Pose2, StopReason
 
 AHEAD_M = 0.1
 """Distance of an obstacle from the robot's axis after a collision [m]."""
@@ -67,6 +67,18 @@ class Oracle:
         """The last stop whose path met an obstacle."""
         self._place = 0
         """The place that the robot is at, or nearly so."""
+        self._former_m = np.zeros((0, 3))
+        """Surface that former runs saw [m]."""
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """Nothing beside the map."""
+        return {}
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Count what a former run saw as covered."""
+        del former
+        grid = mapper.occupancy
+        self._former_m = (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m + grid.origin_m
 
     def observe(self, observation: Observation) -> None:
         """Track what the frames cover; the first one fixes the headings."""
@@ -79,6 +91,7 @@ class Oracle:
         self._first_pose = pose
         self._planner = TourPlanner(self._scene, self._rounds, pose)
         self._coverage = Coverage(self._planner.samples)
+        self._coverage.add_points(self._former_m)
 
     def checkpoint_state(self) -> dict[str, Any] | None:
         """What planner and coverage remember, for a checkpoint; None before the first observation."""

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from anm_mj.errors import AnmError, PlanError
-from anm_mj.protocols import Mapper, Policy
-from anm_mj.types import ARRIVED_M, Action, Observation, Plan, Pose2, StopReason
+from anm_mj.protocols import Continues, Mapper, Policy
+from anm_mj.types import ARRIVED_M, Action, FormerRun, Observation, Plan, Pose2, StopReason
 
 _logger = logging.getLogger(__name__)
 
@@ -28,6 +28,20 @@ class GuardedPolicy:
         self._policy = policy
         self._name = name
         self._fault: str | None = None
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """What the policy has found out beside the map; nothing where it does not say, or has failed."""
+        found = self._call("memory", None, self._policy.memory) if isinstance(self._policy, Continues) else None
+        if not isinstance(found, dict):
+            return {}
+        return {str(name): value for name, value in found.items() if isinstance(value, np.ndarray)}
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Let the policy take over a former run, if it can; a fault shows at the first decision."""
+        if isinstance(self._policy, Continues):
+            self._call("continue_from", None, self._policy.continue_from, former, mapper)
+        else:
+            _logger.info("Policy %s knows the former run through the map alone.", self._name)
 
     def observe(self, observation: Observation) -> None:
         """Take in an observation; a fault shows at the next decision."""

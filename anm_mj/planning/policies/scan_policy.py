@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.former import remembered
 from anm_mj.planning.scan_grid import ScanGrid
-from anm_mj.types import Action, Observation, Pose2
+from anm_mj.protocols import Mapper
+from anm_mj.types import Action, FormerRun, Observation, Pose2
 
 
 class ScanPolicy:
@@ -19,6 +23,20 @@ class ScanPolicy:
         """
         self.grid = ScanGrid(context.footprint, range_m)
         self._safe_m = context.footprint.radius_m + context.planning.margin_m
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """The grid."""
+        return {"log_odds": self.grid.log_odds, "origin_xy_m": self.grid.origin_xy_m}
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Take over the grid of a former run, or what the map says where that was another policy's."""
+        log_odds, origin = remembered(former, "log_odds", (None, None)), remembered(former, "origin_xy_m", (2,))
+        if log_odds is not None and origin is not None:
+            self.grid.continue_from(log_odds, origin)
+        else:
+            self.grid.read_occupancy(mapper.occupancy, former.poses)
+        for x, y, yaw in former.refused:
+            self.grid.block_ahead(Pose2(x, y, yaw))
 
     def observe(self, observation: Observation) -> None:
         """Take a scan into the grid."""

@@ -67,7 +67,7 @@ class RoomSpace:
             return None
         x, y, yaw, which, along = places[int(np.argmax(fits))]
         placed = Placed(piece, float(x), float(y), float(yaw))
-        self._occupy(placed)
+        self.occupy(placed)
         if which >= 0 and piece.height_m > _LOW_M:
             x0, _, x1, _ = piece.outline_m
             wall = self._stretches[int(which)][0]
@@ -85,10 +85,11 @@ class RoomSpace:
         if not shapely.covers(self._open, shapely.union_all(shapely.polygons(_inward(placed)))):
             return None
         self._hung.append((wall, middle + x0, middle + x1))
-        self._occupy(placed)
+        self.occupy(placed)
         return placed
 
-    def _occupy(self, placed: Placed) -> None:
+    def occupy(self, placed: Placed) -> None:
+        """Take note of a piece that stands in the room already."""
         body = shapely.union_all(shapely.polygons(placed.corners_m()))
         zone = shapely.Polygon(box_corners(_with_front(placed.piece), placed.x_m, placed.y_m, placed.yaw_deg))
         self._open = self._open.difference(body)

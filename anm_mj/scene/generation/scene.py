@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from dataclasses import replace
 from pathlib import Path
@@ -10,17 +11,20 @@ import numpy as np
 import shapely
 from jaxtyping import Float64
 
+from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.generation.atlas import paint, points_on
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
 from anm_mj.scene.generation.lamps import lamps, lights
 from anm_mj.scene.generation.layout import Style, plan_building
+from anm_mj.scene.generation.move import Move, move_furniture
 from anm_mj.scene.generation.quads import Quads, join
 from anm_mj.scene.generation.shell import Surface, add_passage, add_room_shell
 from anm_mj.scene.generation.voxel_light import VOXEL_M, VoxelLighting
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
+from anm_mj.utils.files import atomic_write
 
 _logger = logging.getLogger(__name__)
 
@@ -31,10 +35,19 @@ _SHADES = 64
 _MIN_REACHED_M2 = 0.1
 """A room counts as reached when the robot's axis gets to this much of its floor [m2]."""
 _STEPS_PER_ROOM, _BASE_STEPS = 100, 300
+MOVED = "moved.json"
+"""File of a scene folder that says which furniture stands somewhere else."""
 
 
 def generate_scene(
-    out: Path, rooms: int, seed: int, style: Style = "apartment", name: str | None = None, *, overwrite: bool = True
+    out: Path,
+    rooms: int,
+    seed: int,
+    style: Style = "apartment",
+    name: str | None = None,
+    *,
+    overwrite: bool = True,
+    moved: int = 0,
 ) -> Scene:
     """Make a furnished building and write it as a scene folder; the same bytes for the same arguments.
 
@@ -45,17 +58,23 @@ def generate_scene(
         style: "apartment" or "office".
         name: Name of the scene; that of the folder by default.
         overwrite: False to refuse a folder that holds a scene already.
+        moved: So many pieces of furniture stand somewhere else than in the scene of the same rooms, seed and style;
+            ``moved.json`` in the folder says which, from where and to where.
 
     Raises:
         SceneError: if an argument is out of its range or the folder cannot be written.
     """
     check_destination(out, overwrite)
-    source = f"anm-mj scene generate --rooms {rooms} --seed {seed} --kind {style}"
+    if moved < 0:
+        raise SceneError(f"--moved is {moved}; give a number of pieces from 0 up.")
+    source = f"anm-mj scene generate --rooms {rooms} --seed {seed} --kind {style}{f' --moved {moved}' * (moved > 0)}"
     info = SceneInfo(name or out.resolve().name, source, "MIT", rooms=rooms)
-    return write_building(plan_building(rooms, seed, style), seed, info, out)
+    return write_building(plan_building(rooms, seed, style), seed, info, out, moved=moved)
 
 
-def write_building(building: Building, seed: int, info: SceneInfo, out: Path, furniture: bool = True) -> Scene:
+def write_building(
+    building: Building, seed: int, info: SceneInfo, out: Path, furniture: bool = True, moved: int = 0
+) -> Scene:
     """Furnish a building, make sure that the robot reaches every room, light it and write it.
 
     Args:
@@ -64,11 +83,22 @@ def write_building(building: Building, seed: int, info: SceneInfo, out: Path, fu
         info: Name, origin and licence; rooms and budget are filled in.
         out: The scene folder to make.
         furniture: False for empty rooms.
+        moved: Number of pieces that stand somewhere else than without this.
 
     Raises:
-        SceneError: if the robot fits nowhere or the folder cannot be written.
+        SceneError: if so many pieces cannot be moved, the robot fits nowhere or the folder cannot be written.
     """
     furnished, surfaces, area = _reachable(building, seed, furniture)
+    moves: list[Move] = []
+    if moved:
+        reached = _reached(area, building)
+
+        def is_passable(rooms: list[FurnishedRoom]) -> bool:
+            return _reached(_area(_surfaces(building, rooms, seed)), building) >= reached
+
+        furnished, moves = move_furniture(furnished, moved, seed, is_passable)
+        surfaces = _surfaces(building, furnished, seed)
+        area = _area(surfaces)
     lighting = _lighting(building, furnished)
     submeshes = [
         paint(room.room.name, _coarsened(surface.quads()), lighting, _LIGHT_SPACING_M, surface.cuts, _SHADES)
@@ -76,7 +106,11 @@ def write_building(building: Building, seed: int, info: SceneInfo, out: Path, fu
     ]
     num = len(building.rooms)
     info = replace(info, rooms=num, budget_steps=_BASE_STEPS + _STEPS_PER_ROOM * num, cull_face=True)
-    return write_scene(submeshes, info, out, choose_starts(area, DEFAULT_FOOTPRINT))
+    scene = write_scene(submeshes, info, out, choose_starts(area, DEFAULT_FOOTPRINT))
+    if moves:
+        with atomic_write(out / MOVED) as partial:
+            partial.write_text(json.dumps({"moved": [move.entry for move in moves]}, indent=1) + "\n", "utf-8")
+    return scene
 
 
 def _reachable(
@@ -106,9 +140,19 @@ def _attempt(
 ) -> tuple[list[FurnishedRoom], list[Surface], NavigableArea]:
     """Furnished rooms, their surfaces, and where the robot may stand among them."""
     furnished = furnish(building, seed, bare, furniture)
-    surfaces = [_surface(building, furnished, index, seed) for index in range(len(furnished))]
+    surfaces = _surfaces(building, furnished, seed)
+    return furnished, surfaces, _area(surfaces)
+
+
+def _surfaces(building: Building, furnished: list[FurnishedRoom], seed: int) -> list[Surface]:
+    """The surfaces of all rooms."""
+    return [_surface(building, furnished, index, seed) for index in range(len(furnished))]
+
+
+def _area(surfaces: list[Surface]) -> NavigableArea:
+    """Where the robot may stand among surfaces."""
     triangles = np.concatenate([_triangles(surface.quads().corners_m) for surface in surfaces])
-    return furnished, surfaces, navigable_area(triangles, DEFAULT_FOOTPRINT)
+    return navigable_area(triangles, DEFAULT_FOOTPRINT)
 
 
 def _reached(area: NavigableArea, building: Building) -> set[int]:

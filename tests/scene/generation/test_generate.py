@@ -12,6 +12,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.generation.furnish import furnish
 from anm_mj.scene.generation.layout import plan_building
+from anm_mj.scene.generation.move import move_furniture
 from anm_mj.scene.generation.scene import generate_scene
 from anm_mj.scene.generation.topdown import topdown
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear, navigable_area
@@ -139,3 +140,31 @@ def test_the_map_agrees_with_the_scene(flat: Scene):
     cols, rows = ((places - made.origin_xy_m) / made.resolution_m).astype(int).T
 
     assert made.obstacles[rows, cols].mean() < 0.03
+
+
+def test_moved_furniture_stands_where_nothing_stood(tmp_path):
+    def rooms(moved):
+        building = plan_building(5, 4, "apartment")
+        before = furnish(building, 4)
+        return before, *move_furniture(before, moved, 4, lambda rooms: True)
+
+    before, after, moves = rooms(2)
+    assert len(moves) == 2
+    assert len({move.room for move in moves}) == 2
+    changed = [
+        (old, new)
+        for a, b in zip(before, after, strict=True)
+        for old, new in zip(a.placed, b.placed, strict=True)
+        if old is not new
+    ]
+    assert [old.piece for old, _ in changed] == [new.piece for _, new in changed]
+    assert len(changed) == 2
+    for move in moves:
+        outline = shapely.Polygon(move.entry["to"]["outline_xy_m"])
+        standing = [p for room in before for p in room.placed if p.piece.placement in ("wall", "corner", "middle")]
+        for placed in standing:
+            bodies = shapely.union_all(shapely.polygons(placed.corners_m()))
+            assert outline.intersection(bodies).area < 0.02
+    assert [m.entry for m in rooms(2)[2]] == [m.entry for m in moves]
+    with pytest.raises(SceneError, match="--moved is 500"):
+        rooms(500)

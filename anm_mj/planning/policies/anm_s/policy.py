@@ -41,6 +41,7 @@ from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.visited import within
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.former import is_known_place, remembered
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.protocols import Mapper
@@ -51,6 +52,7 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     Action,
     Candidate,
+    FormerRun,
     Observation,
     Plan,
     Pose2,
@@ -83,6 +85,24 @@ class AnmS:
         self._well_in_view_rad = math.radians(self.config.well_in_view_deg)
         self._bootstrapped = False
         self._rotated = False
+        self._former = np.zeros((0, 3))
+        """Poses of former runs."""
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """Regions that were seen as well as can be, and targets that led into obstacles or were dropped."""
+        return {"observed": self.stages.region_finder.observed, **self.targets.memory()}
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Take over where a former run was, and what it gave up."""
+        del mapper
+        self.stages.continue_from(former)
+        self._former = former.poses
+        observed = remembered(former, "observed", (None, 3))
+        if observed is not None:
+            self.stages.region_finder.continue_from(observed.astype(np.int64))
+        self.targets.continue_from(
+            *(remembered(former, name, (None, 2)) for name in ("failed_xy_m", "dropped_xy_m")),
+        )
 
     def observe(self, observation: Observation) -> None:
         """Take note of what lies ahead, and of which regions come into view at the target."""
@@ -99,8 +119,8 @@ class AnmS:
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The bootstrap rotation first, then the best vertex by tier and distance."""
-        if not self._bootstrapped and self.config.bootstrap_turns:
-            self._bootstrapped = True
+        is_first, self._bootstrapped = not self._bootstrapped, True
+        if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
             return _rotation("bootstrap: a full rotation before the first decision", self.config.bootstrap_turns)
         now = self.stages.read(mapper, observation)
         candidates = self._finder.find(now, self._guiding(now), mapper.occupancy, self.stages.topdown.trajectory_xy_m)

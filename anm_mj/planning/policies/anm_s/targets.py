@@ -27,6 +27,18 @@ class Targets:
         self._failed_xy_m: list[Float[np.ndarray, 2]] = []
         self._dropped_xy_m: list[Float[np.ndarray, 2]] = []
 
+    def memory(self) -> dict[str, np.ndarray]:
+        """The failed and the dropped targets [m]."""
+        return {
+            "failed_xy_m": np.array(self._failed_xy_m).reshape(-1, 2),
+            "dropped_xy_m": np.array(self._dropped_xy_m).reshape(-1, 2),
+        }
+
+    def continue_from(self, failed_xy_m: np.ndarray | None, dropped_xy_m: np.ndarray | None) -> None:
+        """Remember the failed and the dropped targets of a former run [m]; None = of another policy's run."""
+        self._failed_xy_m = list([] if failed_xy_m is None else failed_xy_m.astype(float))
+        self._dropped_xy_m = list([] if dropped_xy_m is None else dropped_xy_m.astype(float))
+
     def choose(self, xy_m: Float[np.ndarray, "2"], regions: tuple[Region, ...], *, unvisited: bool) -> None:
         """Make a vertex the present target."""
         self.xy_m, self.regions, self.unvisited = xy_m, regions, unvisited

@@ -30,6 +30,7 @@ from skimage.graph import MCP
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.former import remembered
 from anm_mj.planning.policies.frontier.config import FrontierConfig
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper
@@ -40,6 +41,7 @@ from anm_mj.types import (
     TURN_STEP_RAD,
     UNKNOWN,
     Candidate,
+    FormerRun,
     Observation,
     Plan,
     Pose2,
@@ -72,6 +74,17 @@ class Frontier(ScanPolicy):
         self._goal: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
         """The chosen frontier and the place to see it from [m]."""
         self._given_up_xy_m = np.zeros((0, 2))
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """The grid, and the frontiers that were given up."""
+        return {**super().memory(), "given_up_xy_m": self._given_up_xy_m}
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Take over the grid of a former run, and the frontiers that it gave up."""
+        super().continue_from(former, mapper)
+        given_up = remembered(former, "given_up_xy_m", (None, 2))
+        if given_up is not None:
+            self._given_up_xy_m = given_up.astype(float)
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The path to a frontier; the policy ignores the neural map."""

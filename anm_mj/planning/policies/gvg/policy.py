@@ -24,6 +24,7 @@ from anm_mj.frames import wrap_angle
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.former import is_known_place
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
 from anm_mj.planning.policies.gvg.candidates import CandidatePlaces, candidate_places
 from anm_mj.planning.policies.gvg.config import AS_MANY_AS_NEEDED, GvgConfig
@@ -38,7 +39,17 @@ from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
 from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper
-from anm_mj.types import TURN_STEP_RAD, Action, Candidate, Observation, Plan, Pose2, StopReason, TopDownMap
+from anm_mj.types import (
+    TURN_STEP_RAD,
+    Action,
+    Candidate,
+    FormerRun,
+    Observation,
+    Plan,
+    Pose2,
+    StopReason,
+    TopDownMap,
+)
 from anm_mj.utils.stopwatch import Stopwatch
 
 
@@ -60,6 +71,18 @@ class Gvg:
         self._goal = context.goal
         self._improving = False
         self._errors_read_step = 0
+        self._former = np.zeros((0, 3))
+        """Poses of former runs whose views have not been taken into the gains yet."""
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """Nothing beside the map: what views left unknown follows from map and poses."""
+        return {}
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Expect nothing of views that a former run had already."""
+        del mapper
+        self._stages.continue_from(former)
+        self._former = former.poses
 
     def observe(self, observation: Observation) -> None:
         """Note where the robot is, and where its camera measured nothing."""
@@ -70,8 +93,8 @@ class Gvg:
         """The bootstrap rotation first, then the way to the first view of the best tour."""
         if self._goal == "reconstruction" and self._can_improve(mapper):
             self._improving = True
-        if not self._bootstrapped and self.config.bootstrap_turns:
-            self._bootstrapped = True
+        is_first, self._bootstrapped = not self._bootstrapped, True
+        if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
             num_turns = self.config.bootstrap_turns
             if num_turns == AS_MANY_AS_NEEDED:
                 num_turns = FieldOfView.of(observation).turns_for_panorama
@@ -110,6 +133,9 @@ class Gvg:
         if self._gain is None:
             self._gain = InformationGain(self.config, FieldOfView.of(observation))
         self._gain.update(mapper.occupancy, self._stages.topdown.read_window)
+        for x, y, yaw in self._former:
+            self._gain.suppress_view(Pose2(x, y, yaw))
+        self._former = np.zeros((0, 3))
         self._gain.suppress_view(observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)

@@ -1,0 +1,89 @@
+"""``explored.safetensors``: what a later run needs beside the map to go on from a run.
+
+Numbers only, in the safetensors format: pixels of keyframes to replay, where the robot was, what refused it, and what
+its policy remembered.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.write import writing
+from anm_mj.types import FormerRun
+from anm_mj.utils.files import atomic_write
+
+FORMAT = "anm-mj explored 1"
+"""Marks such a file, and its version."""
+_KEY = "anm_mj"
+_REPLAY, _MEMORY = "replay.", "memory."
+
+
+@dataclass(frozen=True)
+class Explored:
+    """The content of the file."""
+
+    former: FormerRun
+    replay: dict[str, np.ndarray]
+    """Keyframes, as :meth:`anm_mj.mapping.keyframes.Keyframes.arrays` gives them."""
+
+
+def write_explored(path: Path, explored: Explored) -> None:
+    """Write the file, whole or not at all.
+
+    Raises:
+        RunFolderError: It cannot be written.
+    """
+    from safetensors.numpy import save
+
+    former = explored.former
+    arrays = {"poses": former.poses, "refused": former.refused}
+    arrays |= {f"{_REPLAY}{name}": value for name, value in explored.replay.items()}
+    arrays |= {f"{_MEMORY}{name}": value for name, value in former.memory.items()}
+    about = {"format": FORMAT, "policy": former.policy}
+    data = save({name: np.asarray(value, order="C") for name, value in arrays.items()}, {_KEY: json.dumps(about)})
+    with writing(path), atomic_write(path) as partial:
+        partial.write_bytes(data)
+
+
+def read_explored(path: Path) -> Explored:
+    """Read the file.
+
+    Raises:
+        RunFolderError: It is missing, damaged, or of another version.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    if not path.is_file():
+        raise RunFolderError(
+            f"{path.parent} has no {path.name}, without which no run goes on from it: it was killed (anm-mj explore "
+            "--resume ends it), it recorded none (record.replay_bytes=0), or an older version wrote it."
+        )
+    try:
+        with safe_open(path, framework="np") as file:
+            about = json.loads((file.metadata() or {}).get(_KEY, "{}"))
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  It is no mapping.
+        if not isinstance(about, dict) or about.get("format") != FORMAT:
+            raise ValueError(f"it does not say that it is {FORMAT!r}")
+        former = FormerRun(
+            str(about.get("policy", "")), _poses(arrays["poses"]), _poses(arrays["refused"]), _part(arrays, _MEMORY)
+        )
+        return Explored(former, _part(arrays, _REPLAY))
+    except KeyError as err:
+        raise RunFolderError(f"{path} cannot be read: it lacks {err}; explore anew.") from err
+    except (SafetensorError, OSError, ValueError) as err:
+        raise RunFolderError(f"{path} cannot be read ({err}); explore anew.") from err
+
+
+def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+
+
+def _poses(array: np.ndarray) -> np.ndarray:
+    if array.dtype.kind != "f" or array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+        raise ValueError(f"poses have type {array.dtype} and shape {array.shape}, or are not finite")
+    return array.astype(float)
