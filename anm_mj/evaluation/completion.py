@@ -82,7 +82,7 @@ class Coverage:
     Args:
         samples: Samples of the true surface, world [m].
         observable: Which of them are observable, if known.
-    before_m: Distance of each to the nearest point of earlier frames [m], where there were any.
+        before_m: Distance of each to the nearest point of earlier frames [m], where there were any.
     """
 
     REBUILT = ("_order", "_samples", "_cell", "_bound", "_observable", "_distance_m", "_pending")

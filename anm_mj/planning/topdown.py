@@ -197,7 +197,7 @@ class TopDownMapper:
         known = np.where(layers.hit, 2, layers.num_free >= self._enough(grid))
         angle = np.arange(_START_DIRECTIONS) * math.tau / _START_DIRECTIONS
         reach_m = np.arange(0.0, self._start_radius_m + MAX_START_GAP_M + cell / 2, cell)
-        place = self.trajectory_xy_m[0] + reach_m[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        place = self._starts_xy_m[-1] + reach_m[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         row, col = world_to_cell(place.reshape(-1, 2), grid.origin_m[:2], cell).T.reshape(2, *place.shape[:2])
         inside = (row >= 0) & (col >= 0) & (row < known.shape[0]) & (col < known.shape[1])
         seen = np.zeros(row.shape, np.int8)

@@ -142,12 +142,14 @@ class Returning:
         if math.dist(pose.xy_m, start.xy_m) < ARRIVED_M:
             turns = abs(wrap_angle(start.yaw_rad - pose.yaw_rad)) / TURN_STEP_RAD
             return _WayBack(np.zeros((0, 2)), turns, arrives=True)
-        for safe_m in self._clearances_m:
-            routes = GridRoutes(topdown, pose, safe_m)
+        routes = GridRoutes(topdown, pose, self._clearances_m[0])
+        for safe_m in (*self._clearances_m[1:], None):
             if math.isfinite(routes.cost_at(start.xy_m)):
                 path = routes.path_to(start.xy_m)
                 path = np.concatenate([path[:-1], start.xy_m[None]]) if len(path) > 1 else path
                 return _WayBack(path, path_steps(path, pose.yaw_rad, start.yaw_rad), arrives=True)
+            if safe_m is not None:
+                routes = GridRoutes(topdown, pose, safe_m)
         nearest = routes.nearest(start.xy_m)
         if math.dist(nearest, pose.xy_m) < 2 * ARRIVED_M:
             return _WayBack(np.zeros((0, 2)), 0.0, arrives=False)
