@@ -6,8 +6,11 @@ magnitude slower, and multisampling blends depths across edges.
 
 from __future__ import annotations
 
+import atexit
+import functools
 import logging
 import os
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -58,6 +61,9 @@ class GlCamera(Camera):
         super().__init__(model, camera_name, width, height)
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._gl_context, self._mjr_context = _make_contexts(model, width, height)
+        # A camera that nobody closed is closed before EGL ends with the program, which would be an error afterwards.
+        self._at_exit = functools.partial(_close, weakref.ref(self))
+        atexit.register(self._at_exit)
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         for name in _FLAGS_OFF:
             self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{name}")] = 0
@@ -118,6 +124,7 @@ class GlCamera(Camera):
             self._mjr_context.free()
             self._gl_context.free()
             self._gl_context = None
+            atexit.unregister(self._at_exit)
 
     def _depth_m(self, buffer: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
         """Planar z [m] from the reversed-z depth buffer, which is 0 at pixels without geometry.
@@ -133,6 +140,12 @@ class GlCamera(Camera):
         depth_m = (d / (buffer.astype(np.float64) + c)).astype(np.float32)
         depth_m[buffer == 0.0] = np.nan
         return depth_m
+
+
+def _close(camera: weakref.ref[GlCamera]) -> None:
+    """Close a camera that still exists."""
+    if (open_one := camera()) is not None:
+        open_one.close()
 
 
 def _make_contexts(model: mujoco.MjModel, width: int, height: int) -> tuple[mujoco.GLContext, mujoco.MjrContext]:

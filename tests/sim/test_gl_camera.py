@@ -1,6 +1,8 @@
 """The camera against scenes whose picture can be computed by hand."""
 
 import math
+import subprocess
+import sys
 
 import mujoco
 import numpy as np
@@ -178,3 +180,9 @@ def test_a_closed_camera_says_so():
     camera.close()
     with pytest.raises(RenderError, match="is closed"):
         camera.render(data)
+
+
+def test_a_camera_that_nobody_closed_ends_silently():
+    program = "import anm_mj; robot = anm_mj.make_robot(anm_mj.load_scene('room'), image_px=16); robot.observe()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
