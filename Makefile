@@ -6,7 +6,7 @@ STEPS ?= 500
 SEED ?= 0
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all test-bench check lint format types lock setup clean
+.PHONY: help demo docs test test-all test-bench check lint format types lock setup clean
 
 help: ## List the targets.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -22,6 +22,10 @@ test-all: lint types ## The same with the slow tests.
 
 test-bench: setup ## Kill a comparison of 24 real runs, go on, compare the tables; some minutes.
 	@$(PYTHON) -m pytest -m slow -k 24_real tests/bench
+
+docs: setup ## Build the site of the documentation in build/site.
+	@$(PYTHON) -m sphinx -q -W --keep-going -d build/doctrees docs build/site
+	@echo "open build/site/index.html"
 
 lint: setup ## Check style and format.
 	@$(PYTHON) -m ruff check --quiet

@@ -27,6 +27,7 @@ from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.presets import preset_config
 from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.utils.close_names import close_name
 
 _logger = logging.getLogger(__name__)
 
@@ -224,7 +225,7 @@ def _default_config(preset: str, **options: Any) -> RunConfig:
 
 def _require_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
-        raise ConfigError(f"{option} is '{value}'; it must be one of {', '.join(choices)}.")
+        raise ConfigError(f"{option} is '{value}'{close_name(value, choices)}; it must be one of {', '.join(choices)}.")
 
 
 def _leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

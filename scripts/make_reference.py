@@ -1,19 +1,24 @@
-"""Writes docs/reference.md from the code: all settings, metrics, keys of a comparison, and what a policy is given.
+"""Writes docs/reference.md and docs/commands.md from the code.
 
     python scripts/make_reference.py
 
-The text of each field is the docstring below it in its dataclass. A test compares the page with the code.
+The first page holds all settings, metrics, keys of a comparison, and what a policy is given; the text of each field is
+the docstring below it in its dataclass. The second holds every command with its options, as ``--help`` prints them. A
+test compares both with the code.
 """
 
+import argparse
 import ast
 import inspect
 import textwrap
+from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from anm_mj.bench.sweep import FIELDS, Sweep
+from anm_mj.cli.main import make_parser
 from anm_mj.config import make_config
 from anm_mj.environments.config import ExploreConfig
 from anm_mj.evaluation.metrics import Metrics, RunSummary
@@ -32,21 +37,67 @@ from anm_mj.types import (
     VoxelGrid,
 )
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference.md"
-HEAD = """# Reference
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+HEAD = """# Settings, metrics, keys
 
 Made from the code by `python scripts/make_reference.py`; edit the docstrings, not this page. Words, units and files are
 defined in [conventions.md](conventions.md).
 """
 
 
+COMMANDS_HEAD = """# Commands
+
+Made from the code by `python scripts/make_reference.py`; it is what `--help` prints. Exit status: 0, 2 with a sentence
+for wrong input, 1 where a command says so. `-v` or `--verbose` of every command shows details.
+"""
+
+
 def main() -> None:
-    """Write the page."""
-    PAGE.write_text(page(), encoding="utf-8")
+    """Write the pages."""
+    for name, text in pages().items():
+        (DOCS / name).write_text(text, encoding="utf-8")
 
 
-def page() -> str:
-    """The whole page."""
+def pages() -> dict[str, str]:
+    """The pages by the names of their files."""
+    return {"reference.md": reference(), "commands.md": commands()}
+
+
+def commands() -> str:
+    """Every command with its options."""
+    parts = [COMMANDS_HEAD]
+    for name, summary, parser in _leaves(make_parser()):
+        rows = [
+            (f"`{' '.join(_words(action))}`", " ".join((action.help or "").split()))
+            for action in parser._actions
+            if action.help != argparse.SUPPRESS and not {"--help", "--verbose"} & set(action.option_strings)
+        ]
+        table = f"\n{_table(rows, ('argument', 'meaning'))}" if rows else ""
+        parts.append(f"## `{name}`\n\n{summary[:1].upper()}{summary[1:]}.\n{table}")
+    return "\n".join(parts)
+
+
+def _leaves(parser: argparse.ArgumentParser, summary: str = "") -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
+    """Name, summary and parser of every command that has no commands below it."""
+    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    if not below:
+        yield parser.prog, summary, parser
+    for action in below:
+        summaries = {choice.dest: choice.help or "" for choice in action._choices_actions}
+        for name, one in action.choices.items():
+            yield from _leaves(one, summaries[name])
+
+
+def _words(action: argparse.Action) -> list[str]:
+    """How an argument is written: its name, first of several, and what it takes."""
+    choices = "|".join(map(str, action.choices or ()))
+    takes = [] if action.nargs == 0 else [str(action.metavar or choices or action.dest.upper())]
+    long = [name for name in action.option_strings if name.startswith("--")]
+    return [*(long[:1] or action.option_strings[:1]), *takes] if action.option_strings else takes
+
+
+def reference() -> str:
+    """Settings, metrics, keys, and what a policy is given."""
     config = make_config("default", [], scene="home")
     groups = [
         name for name in ("planning", "mapping", "model", "sensor", "checkpoint") if is_dataclass(getattr(config, name))
@@ -79,8 +130,8 @@ def _section(title: str, text: str, rows: list[tuple[str, str, str]]) -> str:
     return f"### {title}\n\n" + (f"{text}\n\n" if text else "") + _table(rows)
 
 
-def _table(rows: list[tuple[str, str, str]]) -> str:
-    lines = ["| name | default or type | meaning |", "|---|---|---|"]
+def _table(rows: list[tuple[str, ...]], head: tuple[str, ...] = ("name", "default or type", "meaning")) -> str:
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 

@@ -7,7 +7,9 @@ that ``--help`` and a mistyped option answer at once.
 from __future__ import annotations
 
 import argparse
+import re
 import sys
+from collections.abc import Sequence
 from typing import NoReturn
 
 from anm_mj.cli.bench import add_bench
@@ -19,6 +21,7 @@ from anm_mj.cli.robot import add_robot
 from anm_mj.cli.scene import add_scene
 from anm_mj.cli.view import add_view
 from anm_mj.errors import AnmError
+from anm_mj.utils.close_names import close_name
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
@@ -28,8 +31,25 @@ INTERRUPTED = 130
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence, without the usage in front of it."""
 
+    words: Sequence[str] = ()
+    """What is being parsed."""
+
     def error(self, message: str) -> NoReturn:
-        self.exit(USAGE_ERROR, f"{self.prog}: {message}; see {self.prog} --help.\n")
+        self.exit(USAGE_ERROR, f"{self.prog}: {message}{self._hint(message)}; see {self.prog} --help.\n")
+
+    def _hint(self, message: str) -> str:
+        """The command or option that was meant, where a misspelt one is close to it."""
+        choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+        if choice:
+            return close_name(choice[1], re.findall(r"[\w-]+", choice[2]))
+        option = re.search(r"unrecognized arguments: (--[\w-]+)", message)
+        if not option:
+            return ""
+        command: argparse.ArgumentParser = self
+        for word in self.words:
+            below = [action.choices for action in command._actions if isinstance(action, argparse._SubParsersAction)]
+            command = below[0].get(word, command) if below else command
+        return close_name(option[1], command._option_string_actions)
 
 
 class _Version(argparse.Action):
@@ -51,7 +71,9 @@ class _Version(argparse.Action):
 def main(argv: list[str] | None = None) -> int:
     """Run a command line and return its exit status."""
     arguments = _with_joined_start(sys.argv[1:] if argv is None else argv)
-    parsed = _parser().parse_args(arguments)
+    parser = make_parser()
+    parser.words = arguments
+    parsed = parser.parse_args(arguments)
     from rich.console import Console
 
     from anm_mj.cli.log import log_to
@@ -78,7 +100,8 @@ def _with_joined_start(argv: list[str]) -> list[str]:
     return words
 
 
-def _parser() -> _Parser:
+def make_parser() -> _Parser:
+    """The parser of the whole command line."""
     parser = _Parser(prog="anm-mj", description="Active neural mapping of indoor scenes with a MuJoCo robot.")
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version, and the revision of a checkout")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

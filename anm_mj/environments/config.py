@@ -13,6 +13,7 @@ from anm_mj.errors import TaskError
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.sim.sensors.presets import SENSORS
 from anm_mj.types import FORWARD_STEP_M
+from anm_mj.utils.close_names import close_name
 
 REACH_M = 1000.0
 """Largest distance from the start within an episode [m]; bounds the observed position in every scene."""
@@ -70,7 +71,8 @@ class ExploreConfig:
         if not 16 <= self.image_px <= 2048:
             raise TaskError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
         if self.sensor not in SENSORS:
-            raise TaskError(f"There is no sensor '{self.sensor}'; choose one of {', '.join(SENSORS)}.")
+            hint = close_name(self.sensor, SENSORS)
+            raise TaskError(f"There is no sensor '{self.sensor}'{hint}; choose one of {', '.join(SENSORS)}.")
 
     @property
     def max_steps(self) -> int:

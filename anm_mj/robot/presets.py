@@ -16,6 +16,7 @@ from typing import Any
 
 from anm_mj.errors import RobotError
 from anm_mj.robot.config import RobotConfig
+from anm_mj.utils.close_names import close_name
 from anm_mj.utils.package_data import data_folder
 
 _logger = logging.getLogger(__name__)
@@ -148,7 +149,10 @@ def _fetched(name: str, preset: RobotPreset | None) -> Path:
         ) from err
     module = preset.description if preset else next((n for n in (name, f"{name}_mj_description") if n in known), "")
     if module not in known:
-        raise RobotError(f"There is no robot file {name}, and robot_descriptions has none of that name; {by_hand}.")
+        hint = close_name(name, _known().split(", "))
+        raise RobotError(
+            f"There is no robot file {name}{hint}, and robot_descriptions has none of that name; {by_hand}."
+        )
     _logger.info("robot_descriptions fetches %s, unless it has it already", module)
     try:
         # git's progress would run through the messages of this program.

@@ -171,7 +171,17 @@ def test_the_version_is_printed(capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "meant"), [(["explore", "hom"], "home"), (["explore", "room", "--policy", "frontir"], "frontier")]
+    ("words", "meant"),
+    [
+        (["explore", "hom"], "home"),
+        (["explore", "room", "--policy", "frontir"], "frontier"),
+        (["explore", "room", "--sensor", "d453i"], "d435i"),
+        (["explore", "room", "--preset", "qick"], "quick"),
+        (["explore", "room", "--stpes", "3"], "--steps"),
+        (["exploer", "room"], "explore"),
+        (["scene", "imprt"], "import"),
+        (["scene", "check", "--uot"], "--out"),
+    ],
 )
 def test_a_close_name_is_proposed(capsys, words, meant):
     assert f"(did you mean {meant}?)" in fails(capsys, *words)

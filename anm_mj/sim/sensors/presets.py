@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from anm_mj.errors import RobotError
 from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.utils.close_names import close_name
 
 SENSORS: dict[str, SensorConfig] = {
     "exact": SensorConfig(),
@@ -57,5 +58,5 @@ def sensor_config(name: str) -> SensorConfig:
         RobotError: there is no sensor of that name.
     """
     if name not in SENSORS:
-        raise RobotError(f"There is no sensor '{name}'; choose one of {', '.join(SENSORS)}.")
+        raise RobotError(f"There is no sensor '{name}'{close_name(name, SENSORS)}; choose one of {', '.join(SENSORS)}.")
     return SENSORS[name]

@@ -1,0 +1,22 @@
+"""How Sphinx builds the site (make docs). Neither the build nor its pages fetch anything from the network."""
+
+from importlib.metadata import version as version_of
+
+project = "anm_mj"
+copyright = "anm_mj contributors"
+release = version = version_of("anm-mj")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["templates"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+
+html_theme = "furo"
+html_title = "anm_mj"
+html_show_sphinx = False
+
+# Links to headings as GitHub makes them, so that pages read the same there and here.
+myst_heading_anchors = 4
+myst_all_links_external = False
+
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
