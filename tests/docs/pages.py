@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "models").rglob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "models").rglob("*.md")),
+]
 
 COMMAND = re.compile(r"(anm-mj|python|make|pytest|pip|apt|source|export) \S")
 SETTING = re.compile(r"(?<![\w.])([a-z]\w*(?:\.[a-z]\w*)+|image_px)=([\w()+,./-]+)")
@@ -99,7 +104,7 @@ def _parts(text: str) -> Iterator[tuple[Block | None, str]]:
             else:
                 fence.append(line)
         elif line.startswith("```"):
-            fence, language = [], line[3:].strip() or "console"
+            fence, language = [], (line[3:].split() or ["console"])[0]
         elif line.startswith("    ") and (indented or not before.strip()):
             indented.append(line[4:])
         else:
