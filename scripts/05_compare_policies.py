@@ -36,7 +36,8 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     file = out / "comparison.toml"
     file.write_text(
-        f"policies = {list(policies)}\nscenes = {list(scenes)}\nstarts = {starts}\nsteps = {steps}\n", encoding="utf-8"
+        f"policies = {list(policies)}\nscenes = {list(scenes)}\nstarts = {starts}\nsteps = {steps}\nviews = false\n",
+        encoding="utf-8",
     )
     made = run_bench(file, out, num_workers=workers, on_run=lambda done, total, last: print(f"{done}/{total} {last}"))
     for failure in made.failures:

@@ -400,12 +400,18 @@ def script_parses(script, words, monkeypatch):
         return stop
 
     real_cli, real_parse = tyro.cli, argparse.ArgumentParser.parse_args
+    real_several = tyro.extras.subcommand_cli_from_dict
 
     def parse_args(self, *args, **kwargs):
         done.append(real_parse(self, *args, **kwargs))
         raise SystemExit(0)
 
     monkeypatch.setattr(tyro, "cli", lambda function, **options: real_cli(parsed_only(function), **options))
+    monkeypatch.setattr(
+        tyro.extras,
+        "subcommand_cli_from_dict",
+        lambda several: real_several({name: parsed_only(one) for name, one in several.items()}),
+    )
     if "tyro" not in script.read_text():
         monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_args)
     monkeypatch.setattr(sys, "argv", [str(script), *(words or ["--help"])])
