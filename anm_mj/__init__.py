@@ -1,5 +1,7 @@
 """Active neural mapping of indoor scenes with a MuJoCo robot.
 
+The whole of it::
+
     import anm_mj
 
     made = anm_mj.explore_scene("home", steps=300)

@@ -20,3 +20,14 @@ myst_all_links_external = False
 
 autodoc_typehints = "description"
 autodoc_member_order = "bysource"
+
+
+def _keep_sentence(app, what, name, obj, options, lines):
+    """Napoleon takes what stands before a colon in the first line of an attribute for its type; there is none."""
+    if what in ("attribute", "data", "property"):
+        lines.insert(0, "")
+
+
+def setup(app):
+    """Have docstrings prepared before Napoleon, whose priority is 500, reads them."""
+    app.connect("autodoc-process-docstring", _keep_sentence, priority=400)
