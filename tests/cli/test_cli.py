@@ -180,7 +180,7 @@ def test_the_version_is_printed(capsys):
         (["explore", "room", "--stpes", "3"], "--steps"),
         (["exploer", "room"], "explore"),
         (["scene", "imprt"], "import"),
-        (["scene", "check", "--uot"], "--out"),
+        (["scene", "check", "room", "--uot"], "--out"),
     ],
 )
 def test_a_close_name_is_proposed(capsys, words, meant):
