@@ -82,8 +82,6 @@ _MAY_IMPORT: dict[str, set[str]] = {
     "cli.progress": _BASE | {"explore", "io.recorder", "evaluation"},
     "cli.doctor": _BASE | {"sim", "io", "viz"},
     "cli.doctor_report": _BASE | {"io", "cli.doctor"},
-    "cli.doctor_report": _BASE | {"cli.doctor", "io"},
-    "cli.doctor": _BASE | {"cli.doctor_report", "sim", "io", "viz"},
     "cli": _BASE
     | _STAGES
     | {
