@@ -35,7 +35,16 @@ def test_python(page, tmp_path, monkeypatch, capsys):
 
 
 def test_there_are_blocks_to_execute():
-    assert {page.stem for page in WITH_PYTHON} >= {"environments", "library", "planning", "policy", "robot", "scenes"}
+    assert {page.stem for page in WITH_PYTHON} >= {
+        "compare",
+        "environments",
+        "learn",
+        "library",
+        "map",
+        "policy",
+        "robot",
+        "scenes",
+    }
 
 
 def test_public_names():
