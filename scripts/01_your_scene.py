@@ -9,6 +9,7 @@ A mesh may have any unit and axis; textures and colours are kept. More sources: 
 from pathlib import Path
 
 import trimesh
+import trimesh.visual
 import tyro
 
 import anm_mj

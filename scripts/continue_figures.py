@@ -13,6 +13,7 @@ import argparse
 import itertools
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -86,14 +87,14 @@ def _moved(out: Path, house: int, preset: str) -> dict[str, object]:
     return {"house": house, "second": _numbers(second), **found, "pieces": _pieces(out)}
 
 
-def _explored(folder: Path, scene: str, **options: object) -> anm_mj.Exploration:
+def _explored(folder: Path, scene: str, **options: Any) -> anm_mj.Exploration:
     """The run in a folder, made where it is not there yet."""
     if (folder / "metrics.json").is_file():
         return anm_mj.Exploration(folder, json.loads((folder / "metrics.json").read_text()))
     return anm_mj.explore_scene(scene, out=folder, device="cpu", **options)
 
 
-def _numbers(run: anm_mj.Exploration) -> dict[str, object]:
+def _numbers(run: anm_mj.Exploration) -> dict[str, Any]:
     names = ("steps", "stop_reason", "observable_ratio_before", "observable_ratio", "observed_accuracy_cm", "wall_s")
     return {name: round(value, 2) if isinstance(value := run.metrics.get(name), float) else value for name in names} | {
         "explored_mb": round((run.folder / "explored.safetensors").stat().st_size / 1e6, 1)
