@@ -62,12 +62,14 @@ def test_your_robot(run):
     assert "seen to 5 cm" in said
 
 
+@pytest.mark.slow
 def test_your_policy(run):
     said = run("03_your_policy.py", "--scene", "room", "--steps", "6")
     assert "__main__:WallFollower" in said
     assert "gvg" in said
 
 
+@pytest.mark.slow
 def test_use_the_map(run):
     made = api.explore_scene("room", steps=6, settings=QUICK)
     run("04_use_the_map.py", "--run", str(made.folder), "--out", ".")

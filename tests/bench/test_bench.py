@@ -130,6 +130,7 @@ def test_bad_options_are_refused(file, tmp_path, options, match):
         run_bench(file, tmp_path / "out", **options)
 
 
+@pytest.mark.slow
 def test_a_comparison_locks_its_folder(file, tmp_path):
     run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
     refused = []

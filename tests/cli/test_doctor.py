@@ -101,6 +101,7 @@ sys.modules["anm_mj.mapping.backends._native"] = None
 """
 
 
+@pytest.mark.slow
 def test_native_engine_beside_a_gpu(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
         doctor, "ENGINE_PROGRAM", "import torch\ntorch.cuda.is_available = lambda: True" + doctor.ENGINE_PROGRAM

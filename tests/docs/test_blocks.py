@@ -25,7 +25,14 @@ def smaller(text):
     return text
 
 
-@pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.stem)
+LONG = ("compare", "library", "map", "scene", "start")
+"""Pages that take more than ten seconds; the numbered scripts do much of what they do."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.slow] if page.stem in LONG else [], id=page.stem) for page in WITH_PYTHON],
+)
 def test_python(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = {"__name__": "__main__"}

@@ -153,6 +153,7 @@ def test_settings_of_the_default_policy():
     assert {name for name in named if not hasattr(settings, name)} == set()
 
 
+@pytest.mark.slow
 def test_own_policy(place):
     # More steps than the turn that it begins with.
     assert main(["explore", "room", "--steps", "40", "--policy", "my_policy:MyPolicy", "--out", "own", *QUICK]) == 0

@@ -69,6 +69,7 @@ def test_odometry_noise(scene, tmp_path):
     assert 1e-4 < np.abs(noisy - truth)[:, :2].max() < 0.2
 
 
+@pytest.mark.slow
 def test_recorded_sequence(scene, tmp_path):
     said = script("record_sequence.py", str(scene), str(tmp_path / "walk"), "--steps", "40", "--image-px", "48")
     assert "41 frames" in said

@@ -141,6 +141,7 @@ def test_texels_are_blended_and_repeat():
     np.testing.assert_allclose(texels.sample(which, places, 2 * fine), np.tile([25, 50, 0], (4, 1)), atol=1)
 
 
+@pytest.mark.slow
 def test_a_run_completes_without_gl(tmp_path):
     done = subprocess.run(
         [

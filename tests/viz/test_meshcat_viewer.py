@@ -16,7 +16,7 @@ from tornado.websocket import websocket_connect
 from anm_mj.errors import RenderError
 from anm_mj.types import Pose2
 from anm_mj.viz import meshcat_viewer, page_server
-from anm_mj.viz.meshcat_viewer import MESH_EVERY_STEPS, MeshcatViewer
+from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
 from anm_mj.viz.viewer import NullViewer
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
@@ -185,7 +185,7 @@ def test_broken_map(viewer, caplog):
 
     async def look():
         page = await websocket_connect(f"ws://127.0.0.1:{port_of(viewer)}/")
-        await asyncio.to_thread(show, viewer, 3, Broken(), 1)
+        await asyncio.to_thread(show, viewer, FIRST_MESH_STEP + 3, Broken(), 1)
         await leave(page)
 
     asyncio.run(look())

@@ -78,6 +78,7 @@ def test_what_was_seen_is_guessed_as_it_was_seen():
     assert (guess == crop)[crop == OCCUPIED_CLASS].mean() > 0.8
 
 
+@pytest.mark.slow
 def test_training_writes_what_the_policy_loads(tmp_path):
     # In a process of its own: torch's optimisers load an LLVM that crashes beside a software renderer's.
     script = Path(__file__).resolve().parents[4] / "scripts" / "train_upen.py"
