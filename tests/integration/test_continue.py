@@ -106,7 +106,7 @@ def test_what_a_folder_lacks_is_said_before_anything_is_written(small, former, t
     shutil.copytree(former, copied)
     out = tmp_path / "out"
     with pytest.raises(MapError, match="continue with the policy of that run, gvg"):
-        anm_mj.run.run(make_config("default", scene=str(small), policy="anm", continue_from=str(copied)), out=out)
+        anm_mj.run.run(make_config("default", [], scene=str(small), policy="anm", continue_from=str(copied)), out=out)
     arrays = copied / "explored.safetensors"
     arrays.write_bytes(arrays.read_bytes()[:-5])
     with pytest.raises(RunFolderError, match="explore anew"):
