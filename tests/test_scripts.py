@@ -46,6 +46,7 @@ def test_explore_home(run):
     assert "of what the robot can see at all" in said
 
 
+@pytest.mark.slow
 def test_your_scene(run):
     said = run("01_your_scene.py", "--steps", "6")
     assert "96 triangles" in said

@@ -179,6 +179,7 @@ def alive(pid):
         return stat.read().rpartition(")")[2].split()[0] != "Z"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
 def test_a_killed_comparison_resumes(file, tmp_path):
     run_bench(file, tmp_path / "undisturbed", num_workers=2, function="tests.bench.fake:quick")

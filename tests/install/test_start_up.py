@@ -27,6 +27,7 @@ def test_help(tmp_path):
     assert loaded(program, tmp_path).isdisjoint({"numpy", "mujoco", "torch", "trimesh", "rich"})
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(native_fault() is not None, reason="the native engine was not built")
 def test_a_run_with_the_native_engine_loads_no_torch(tmp_path):
     words = ["explore", "room", "--steps", "2", "--out", "run", "--set", "mapping.engine=native", *QUICK]
