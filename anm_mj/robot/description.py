@@ -17,7 +17,6 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import rigid_transform
-from anm_mj.robot.base_search import HOLONOMIC, MovingParts, find_moving_parts
 from anm_mj.robot.body_tree import name_all, solid_geoms, unused_name
 from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.camera_mount import remount_camera, upright_camera
@@ -33,6 +32,7 @@ from anm_mj.robot.camera_search import (
 )
 from anm_mj.robot.casters import TOUCHES_FLOOR_M, let_casters_slide, lowest_xy_m
 from anm_mj.robot.config import RobotConfig
+from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
 from anm_mj.robot.footprint import require_size, robot_footprint
 from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.robot.isolate import give_free_joint, isolate_robot
@@ -41,7 +41,7 @@ from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
 from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
 from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
 from anm_mj.robot.servos import fit_servos
-from anm_mj.robot.wheels import base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
+from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
 
 Mount = tuple[CameraConfig, int]
@@ -136,87 +136,69 @@ def describe_robot(
         model = _compiled(spec, path)
     data, key_frame = at_key_frame(model, config.keyframe, path)
     ahead = camera_heading(model, data, config)
-    parts = find_moving_parts(model, data, config, path, ahead)
-    if parts.kind == HOLONOMIC:
+    drive = find_drive_joints(model, data, config, path, ahead)
+    if drive.kind == HOLONOMIC:
         # The key frame's place in the plane is not the robot's shape.
-        for name in parts.planar:
+        for name in drive.planar:
             data.joint(name).qpos[:] = model.qpos0[model.joint(name).qposadr]
         mujoco.mj_forward(model, data)
         ahead = camera_heading(model, data, config)
-    locked = lock_joints(spec, model, data, {*parts.left, *parts.right}, parts.root)
+    locked = lock_joints(spec, model, data, {*drive.left, *drive.right}, drive.root)
     # Joints of the planar chain are locked too, but ours take their place.
-    locked = [name for name in locked if name not in parts.planar]
-    T_world_base = planar_base_frame(model, data, parts.planar, ahead) if parts.kind == HOLONOMIC else None
-    T_world_root = rigid_transform(data.xmat[model.body(parts.root).id], data.xpos[model.body(parts.root).id])
-    isolate_robot(spec, parts.root)
-    if T_world_base is None:
-        return _wheeled(spec, parts, config, path, mount, key_frame, locked)
-    return _holonomic(spec, parts, config, path, mount, key_frame, locked, np.linalg.inv(T_world_root) @ T_world_base)
-
-
-def _wheeled(
-    spec: mujoco.MjSpec,
-    parts: MovingParts,
-    config: RobotConfig,
-    path: Path,
-    mount: Mount,
-    key_frame: str,
-    locked: list[str],
-) -> RobotDescription:
-    base_joint = give_free_joint(spec, parts.root, unused_name("base", spec.joint))
-    model, data = _at_rest(spec, path)
-    root = model.body(parts.root).id
-    lefts, rights = read_wheels(model, data, parts.left, parts.right, path)
-    T_world_base, track, signs = base_frame(lefts, rights, path)
-    radius, wheels = lefts[0].radius_m, [*lefts, *rights]
-    T_root_base = np.linalg.inv(_body_pose(data, root)) @ T_world_base
-    rolls = f"the wheels {', '.join(parts.left)} (left) and {', '.join(parts.right)} (right) roll"
-    camera, T_base_camera, fovy_deg, odd = _camera(spec, config, parts, T_root_base, T_world_base, rolls, path, mount)
-
-    on_wheels = {wheel.body for wheel in wheels}
-    shell, casters = _shell_and_casters(model, data, on_wheels, float(T_world_base[2, 3]))
-    footprint, body_radius = robot_footprint(model, data, T_world_base)
-    require_size(footprint, path)
-    motors, top_radps, notes = fit_servos(spec, model, (*parts.left, *parts.right), radius)
-    support = [wheel.centre_m[:2] for wheel in wheels] + [lowest_xy_m(model, data, g) for g in casters]
-    replace_wheel_contacts(spec, model, wheels)
-    notes += odd + let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
-    shell_names = tuple(model.geom(geom).name for geom in shell)
-    model = _compiled(spec, path)
-    mounts = tuple(
-        WheelMount(
-            name,
-            tuple(wheel.body for wheel in side),
-            np.array([0.0, sign * track / 2.0, radius]),
-            sum(_armature(model, wheel.joint) for wheel in side),
-        )
-        for name, sign, side in zip(WHEELS, (1.0, -1.0), (lefts, rights), strict=True)
+    locked = [name for name in locked if name not in drive.planar]
+    T_root_base = _planar_base(model, data, drive, ahead) if drive.kind == HOLONOMIC else None
+    isolate_robot(spec, drive.root)
+    base_joints = (
+        () if T_root_base is not None else (give_free_joint(spec, drive.root, unused_name("base", spec.joint)),)
     )
-    T_base_world = np.linalg.inv(T_world_base)
+
+    model, data = _at_rest(spec, path)
+    base = _find_base(model, data, drive, T_root_base, path)
+    camera, T_base_camera, fovy_deg, odd = _camera(spec, config, drive, base, path, mount)
+    shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.floor_z_m)
+    if not shell and not casters and not base.wheels:
+        raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
+    footprint, body_radius = robot_footprint(model, data, base.T_world_base)
+    require_size(footprint, path)
+    touching = [wheel.centre_m[:2] for wheel in base.wheels] + [lowest_xy_m(model, data, g) for g in casters]
+    support = np.array(touching).reshape(-1, 2)
+    shell_names = tuple(model.geom(geom).name for geom in shell)
+
+    notes: list[str] = []
+    if base.wheels:
+        motors, top_radps, notes = fit_servos(spec, model, (*drive.left, *drive.right), base.wheel_radius_m)
+        replace_wheel_contacts(spec, model, base.wheels)
+    else:
+        mass = float(model.body_subtreemass[base.root])
+        base_joints, motors = give_planar_joints(spec, drive.root, base.T_root_base, mass, body_radius)
+        top_radps = float("inf")
+    notes += odd + let_casters_slide(spec, model, data, casters, drive.root, base.T_world_base, path)
+    model = _compiled(spec, path)
+    T_base_world = np.linalg.inv(base.T_world_base)
     return RobotDescription(
         name=path.stem,
-        kind=parts.kind,
+        kind=drive.kind,
         spec=spec,
-        root=parts.root,
-        base_joints=(base_joint,),
-        wheel_joints=(*parts.left, *parts.right),
-        wheel_signs=signs,
+        root=drive.root,
+        base_joints=base_joints,
+        wheel_joints=(*drive.left, *drive.right),
+        wheel_signs=base.wheel_signs,
         motors=motors,
         max_wheel_radps=top_radps,
         shell=shell_names,
         camera=camera,
-        T_root_base=T_root_base,
+        T_root_base=base.T_root_base,
         T_base_camera=T_base_camera,
         fovy_deg=fovy_deg,
-        wheel_radius_m=radius,
-        track_m=track,
-        track_scale=config.track_scale,
-        mass_kg=float(model.body_subtreemass[root]),
+        wheel_radius_m=base.wheel_radius_m,
+        track_m=base.track_m,
+        track_scale=config.track_scale if base.wheels else 1.0,
+        mass_kg=float(model.body_subtreemass[base.root]),
         body_radius_m=body_radius,
         footprint=footprint,
-        support_xy_m=np.array(support) @ T_base_world[:2, :2].T + T_base_world[:2, 3],
-        centre_of_mass_m=T_base_world[:3, :3] @ data.subtree_com[root] + T_base_world[:3, 3],
-        reduced_mjcf=reduced_mjcf(model, data, root, T_world_base, T_base_camera, mounts),
+        support_xy_m=support @ T_base_world[:2, :2].T + T_base_world[:2, 3],
+        centre_of_mass_m=T_base_world[:3, :3] @ data.subtree_com[base.root] + T_base_world[:3, 3],
+        reduced_mjcf=reduced_mjcf(model, data, base.root, base.T_world_base, T_base_camera, _wheel_mounts(model, base)),
         hash=_hash(spec, model),
         key_frame=key_frame,
         locked=tuple(locked),
@@ -224,92 +206,99 @@ def _wheeled(
     )
 
 
-def _holonomic(
-    spec: mujoco.MjSpec,
-    parts: MovingParts,
-    config: RobotConfig,
+@dataclass(frozen=True, eq=False)
+class _Base:
+    """Where the base of a compiled robot is, and its wheels."""
+
+    root: int
+    T_world_base: Float[np.ndarray, "4 4"]
+    T_root_base: Float[np.ndarray, "4 4"]
+    moves: str
+    """What moves it, for messages."""
+    lefts: tuple[Wheel, ...] = ()
+    rights: tuple[Wheel, ...] = ()
+    wheel_signs: tuple[float, ...] = ()
+    track_m: float = 0.0
+
+    @property
+    def wheels(self) -> list[Wheel]:
+        return [*self.lefts, *self.rights]
+
+    @property
+    def wheel_radius_m(self) -> float:
+        return self.lefts[0].radius_m if self.lefts else 0.0
+
+    @property
+    def floor_z_m(self) -> float:
+        return float(self.T_world_base[2, 3])
+
+
+def _find_base(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    drive: DriveJoints,
+    T_root_base: Float[np.ndarray, "4 4"] | None,
     path: Path,
-    mount: Mount,
-    key_frame: str,
-    locked: list[str],
-    T_root_base: Float[np.ndarray, "4 4"],
-) -> RobotDescription:
-    model, data = _at_rest(spec, path)
-    root = model.body(parts.root).id
-    T_world_base = _body_pose(data, root) @ T_root_base
-    along = f"the base slides along {parts.planar[0]}"
-    camera, T_base_camera, fovy_deg, odd = _camera(spec, config, parts, T_root_base, T_world_base, along, path, mount)
-    shell, casters = _shell_and_casters(model, data, set(), float(T_world_base[2, 3]))
-    if not shell and not casters:
-        raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
-    footprint, body_radius = robot_footprint(model, data, T_world_base)
-    require_size(footprint, path)
-    mass = float(model.body_subtreemass[root])
-    joints, motors = give_planar_joints(spec, parts.root, T_root_base, mass, body_radius)
-    notes = odd + let_casters_slide(spec, model, data, casters, parts.root, T_world_base, path)
-    shell_names = tuple(model.geom(geom).name for geom in shell)
-    support = np.array([lowest_xy_m(model, data, g) for g in casters]).reshape(-1, 2)
-    T_base_world = np.linalg.inv(T_world_base)
-    reduced = reduced_mjcf(model, data, root, T_world_base, T_base_camera, ())
-    centre = T_base_world[:3, :3] @ data.subtree_com[root] + T_base_world[:3, 3]
-    model = _compiled(spec, path)
-    return RobotDescription(
-        name=path.stem,
-        kind=HOLONOMIC,
-        spec=spec,
-        root=parts.root,
-        base_joints=joints,
-        wheel_joints=(),
-        wheel_signs=(),
-        motors=motors,
-        max_wheel_radps=float("inf"),
-        shell=shell_names,
-        camera=camera,
-        T_root_base=T_root_base,
-        T_base_camera=T_base_camera,
-        fovy_deg=fovy_deg,
-        wheel_radius_m=0.0,
-        track_m=0.0,
-        track_scale=1.0,
-        mass_kg=mass,
-        body_radius_m=body_radius,
-        footprint=footprint,
-        support_xy_m=support @ T_base_world[:2, :2].T + T_base_world[:2, 3],
-        centre_of_mass_m=centre,
-        reduced_mjcf=reduced,
-        hash=_hash(spec, model),
-        key_frame=key_frame,
-        locked=tuple(locked),
-        notes=tuple(notes),
+) -> _Base:
+    """The base midway between the wheels, or, of a holonomic one, where ``T_root_base`` says."""
+    root = model.body(drive.root).id
+    T_world_root = _body_pose(data, root)
+    if T_root_base is not None:
+        return _Base(root, T_world_root @ T_root_base, T_root_base, f"the base slides along {drive.planar[0]}")
+    lefts, rights = read_wheels(model, data, drive.left, drive.right, path)
+    T_world_base, track_m, signs = base_frame(lefts, rights, path)
+    rolls = f"the wheels {', '.join(drive.left)} (left) and {', '.join(drive.right)} (right) roll"
+    T_root_base = np.linalg.inv(T_world_root) @ T_world_base
+    return _Base(root, T_world_base, T_root_base, rolls, tuple(lefts), tuple(rights), signs, track_m)
+
+
+def _planar_base(
+    model: mujoco.MjModel, data: mujoco.MjData, drive: DriveJoints, ahead: Float[np.ndarray, "3"] | None
+) -> Float[np.ndarray, "4 4"]:
+    """``T_root_base`` of a holonomic base, before its joints are replaced."""
+    T_world_root = _body_pose(data, model.body(drive.root).id)
+    return np.linalg.inv(T_world_root) @ planar_base_frame(model, data, drive.planar, ahead)
+
+
+def _wheel_mounts(model: mujoco.MjModel, base: _Base) -> tuple[WheelMount, ...]:
+    """The wheels of each side as one; none for a holonomic base."""
+    if not base.wheels:
+        return ()
+    return tuple(
+        WheelMount(
+            name,
+            tuple(wheel.body for wheel in side),
+            np.array([0.0, sign * base.track_m / 2.0, base.wheel_radius_m]),
+            sum(_armature(model, wheel.joint) for wheel in side),
+        )
+        for name, sign, side in zip(WHEELS, (1.0, -1.0), (base.lefts, base.rights), strict=True)
     )
 
 
 def _camera(
     spec: mujoco.MjSpec,
     config: RobotConfig,
-    parts: MovingParts,
-    T_root_base: Float[np.ndarray, "4 4"],
-    T_world_base: Float[np.ndarray, "4 4"],
-    rolls: str,
+    drive: DriveJoints,
+    base: _Base,
     path: Path,
     mount: Mount,
 ) -> tuple[str, Float[np.ndarray, "4 4"], float, list[str]]:
     """Find or mount the camera: its name, its pose in the base, its vertical field of view [deg], and what is odd."""
     note = ""
     if config.mounted_camera is not None:
-        camera = mount_camera(spec, parts.root, T_root_base, config.mounted_camera)
+        camera = mount_camera(spec, drive.root, base.T_root_base, config.mounted_camera)
     else:
         model, data = _at_rest(spec, path)
-        camera = find_camera(model, data, config, parts.root, T_world_base, path)
-        if hangs_on_joint(model, int(model.camera(camera).bodyid[0]), {*parts.left, *parts.right}):
+        camera = find_camera(model, data, config, drive.root, base.T_world_base, path)
+        if hangs_on_joint(model, int(model.camera(camera).bodyid[0]), {*drive.left, *drive.right}):
             raise RobotError(f"The camera {camera} of {path} turns with a wheel; mount it on the base rigidly.")
         use_field_of_view(spec, model, camera)
-        note = upright_camera(spec, model, data, camera, T_world_base)
+        note = upright_camera(spec, model, data, camera, base.T_world_base)
     model, data = _at_rest(spec, path)
-    remount_camera(spec, model, data, camera, T_world_base, *mount)
+    remount_camera(spec, model, data, camera, base.T_world_base, *mount)
     model, data = _at_rest(spec, path)
-    T_base_camera = np.linalg.inv(T_world_base) @ T_world_camera(model, data, camera)
-    require_view_ahead(T_base_camera, camera, rolls, path)
+    T_base_camera = np.linalg.inv(base.T_world_base) @ T_world_camera(model, data, camera)
+    require_view_ahead(T_base_camera, camera, base.moves, path)
     require_outside(spec, camera, "mounted" if config.mounted_camera else "file", path)
     fovy_deg = float(model.cam_fovy[model.camera(camera).id])
     require_field_of_view(fovy_deg, camera, path)

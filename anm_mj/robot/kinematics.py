@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, pose_matrix
-from anm_mj.robot.base_search import HOLONOMIC
 from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.drive_joints import HOLONOMIC
 from anm_mj.types import Pose2, WheelSpeeds
 
 BASE_JOINT = "base"

@@ -1,4 +1,4 @@
-"""Finds what moves a robot: two driven wheels, the wheels of a skid-steered base, or planar joints."""
+"""Finds the joints that drive a robot: two wheels, the wheels of a skid-steered base, or planar joints."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 
 @dataclass(frozen=True)
-class MovingParts:
-    """What moves a robot."""
+class DriveJoints:
+    """The joints that drive a robot."""
 
     kind: str
     """``differential``, ``skid steer`` or ``holonomic``."""
@@ -41,9 +41,9 @@ class MovingParts:
     """Joints of a holonomic base: two slides and a hinge."""
 
 
-def find_moving_parts(
+def find_drive_joints(
     model: mujoco.MjModel, data: mujoco.MjData, config: RobotConfig, path: Path, ahead: Float[np.ndarray, "3"] | None
-) -> MovingParts:
+) -> DriveJoints:
     """Find the driven wheels, or the planar joints.
 
     Names given in the configuration count first, then the names of the joints, then which actuated hinges stand on the
@@ -68,8 +68,13 @@ def find_moving_parts(
     if not any(given):
         planar = _planar_joints(model, data)
         if planar and not driven:
+            if config.skid_steer:
+                raise RobotError(
+                    f"model.skid_steer is set, but {path} moves by planar joints ({_listed(joints, planar)}); leave it "
+                    "out."
+                )
             root = root_of(model, int(model.jnt_bodyid[planar[0]]))
-            return MovingParts(HOLONOMIC, model.body(root).name, planar=tuple(joints[j] for j in planar))
+            return DriveJoints(HOLONOMIC, model.body(root).name, planar=tuple(joints[j] for j in planar))
         steered = _steering_joints(model, data)
         if steered:
             raise RobotError(
@@ -115,7 +120,7 @@ def find_moving_parts(
             "Files made from a URDF lack that body where the base was fused with the world."
         )
     kind = SKID_STEER if len(left) > 1 else DIFFERENTIAL
-    return MovingParts(
+    return DriveJoints(
         kind, model.body(roots.pop()).name, tuple(joints[j] for j in left), tuple(joints[j] for j in right)
     )
 
