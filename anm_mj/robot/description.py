@@ -154,7 +154,7 @@ def describe_robot(
 
     model, data = _at_rest(spec, path)
     base = _find_base(model, data, drive, T_root_base, path)
-    camera, T_base_camera, fovy_deg, odd = _camera(spec, config, drive, base, path, mount)
+    camera_name, T_base_camera, fovy_deg, odd = _camera(spec, config, drive, base, path, mount)
     shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.floor_z_m)
     if not shell and not casters and not base.wheels:
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
@@ -186,7 +186,7 @@ def describe_robot(
         motors=motors,
         max_wheel_radps=top_radps,
         shell=shell_names,
-        camera=camera,
+        camera=camera_name,
         T_root_base=base.T_root_base,
         T_base_camera=T_base_camera,
         fovy_deg=fovy_deg,
