@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import wrap_angle
-from anm_mj.robot.drive_joints import HOLONOMIC
 from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.drive_joints import HOLONOMIC
 from anm_mj.robot.kinematics import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.types import Pose2
 
