@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 from anm_mj.bench.engine import RESULT
-from anm_mj.bench.results_table import OBSERVABLE, Result, read_result
+from anm_mj.bench.result import OBSERVABLE, Result, read_result
 from anm_mj.errors import AnmError
 from anm_mj.io.jsonl import read_jsonl
 

@@ -16,9 +16,12 @@ from anm_mj.bench.curves import draw_curves
 from anm_mj.bench.engine import run_jobs
 from anm_mj.bench.job import Job
 from anm_mj.bench.report import markdown
-from anm_mj.bench.results_table import finished, read_result, tidy_rows, write_csv
+from anm_mj.bench.result import finished, read_result, revision_text
+from anm_mj.bench.results_table import tidy_rows, write_csv
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.worker import EXPLORE
+from anm_mj.io.manifest import git_revision
+from anm_mj.utils.package_data import checkout
 from anm_mj.viz.figure_file import KINDS, PICTURE
 
 TABLES_EVERY_S = 60.0
@@ -48,6 +51,8 @@ def run_bench(
     engine: str = "local",
     command: Sequence[str] = (),
     function: str = EXPLORE,
+    policies: Sequence[str] = (),
+    one_revision: bool = False,
     on_run: Callable[[int, int, str], None] = lambda done, total, last: None,
 ) -> Bench:
     """Make the missing runs, then write tables and pictures of all.
@@ -62,6 +67,8 @@ def run_bench(
         engine: ``local`` or ``ray``.
         command: The command line, for the record.
         function: Function that makes a run, as ``module:function`` (see :func:`anm_mj.bench.engine.execute`).
+        policies: Policies beside those of the file, in all sweeps without settings of their own.
+        one_revision: Whether to refuse a folder that holds runs of another revision of this program.
         on_run: Called after every run with done and total runs and the last one's name or error.
 
     Raises:
@@ -73,9 +80,27 @@ def run_bench(
     # Policies of the user's own lie where the command is given, or beside the file.
     modules = tuple(dict.fromkeys((str(Path.cwd()), str(file.resolve().parent))))
     sys.path[:0] = [folder for folder in modules if folder not in sys.path]
-    jobs = read_jobs(file)
+    jobs = read_jobs(file, policies)
     with _only_writer(out):
+        if one_revision:
+            _check_revision(finished(jobs, out / "runs"), out)
         return _make_missing(jobs, file, out, num_workers, engine, command, function, modules, on_run)
+
+
+def _check_revision(there: Sequence[Job], out: Path) -> None:
+    """Raise unless the runs that a folder holds were made by the program as it is now.
+
+    Raises:
+        BenchError: They were not.
+    """
+    source = checkout()
+    own = revision_text(None if source is None else git_revision(source))
+    other = sorted({read_result(out / "runs" / job.name).revision for job in there} - {own})
+    if other:
+        raise BenchError(
+            f"{out} holds runs of revision {', '.join(other)}, and this program is {own}; rows of one table must be "
+            "of one revision. Give another --out, or delete the folder."
+        )
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from anm_mj.bench.results_table import COMPLETION, OBSERVABLE, Result
+from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result
 from anm_mj.viz.figure_file import PICTURE, save_figure
 
 CURVE_POINTS = 201
@@ -61,6 +61,9 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
             axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0.0)
             # Where bands overlap, only their edges tell them apart.
             axes.plot(steps, np.stack([low, high], axis=1), ls=line, lw=0.6, color=colour, alpha=0.6)
+    for name, steps_cut in sorted({(name, cut) for r in results for name, cut in r.job.get("cuts") or ()}):
+        axes.axvline(steps_cut, color="0.5", lw=0.8, ls=":")
+        axes.annotate(f"budget by {name}", (steps_cut, 2.0), rotation=90, ha="right", fontsize=7, color="0.35")
     axes.set(xlabel="step", ylabel=label, xlim=(0.0, budget), ylim=(0.0, 100.0))
     axes.set_title(_title(scene, counts))
     axes.grid(alpha=0.3)

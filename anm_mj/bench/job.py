@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,15 @@ class Job:
     """What the run is for: coverage, reconstruction, or both in this order."""
     views: bool = True
     """Whether the finished map is judged by held-out and by fixed views."""
+    cuts: tuple[tuple[str, int], ...] = ()
+    """Budgets by name that the tables cut the run at [steps]; empty = none but ``steps``."""
+
+    @classmethod
+    def from_facts(cls, facts: Mapping[str, Any]) -> Job:
+        """A job from its fields as JSON has them."""
+        lists = {key: tuple(facts[key]) for key in ("start_pose", "settings")}
+        cuts = tuple((name, steps) for name, steps in facts.get("cuts", ()))
+        return cls(**{**facts, **lists, "cuts": cuts})
 
     @property
     def name(self) -> str:

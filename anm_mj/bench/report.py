@@ -1,4 +1,4 @@
-"""The report of a comparison: Markdown tables of means and deviations."""
+"""The tables of a comparison in Markdown: means, deviations and intervals."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.bench.results_table import variant
-from anm_mj.bench.statistics import PairedDifference, paired_difference
+from anm_mj.bench.result import USUAL, variant
+from anm_mj.bench.statistics import LEAST_SCENES, PairedDifference, bootstrap_interval, paired_difference
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
 COLUMNS = (
@@ -19,6 +19,7 @@ COLUMNS = (
     ("observable_ratio", "final ratio, observable [%]", 1),
     ("completion_ratio_auc", "AUC [%]", 1),
     ("restricted_steps_to_90", "steps to 90 %, at most the budget", 0),
+    ("path_m_to_90", "path to 90 % [m], at most the budget's", 1),
     ("steps_to_90", "steps to 90 % where reached", 0),
     ("restricted_steps_to_95", "steps to 95 %, at most the budget", 0),
     ("steps_to_95", "steps to 95 % where reached", 0),
@@ -43,45 +44,97 @@ DIFFERENCES = (
     ("observable_ratio_auc", "AUC, observable [points]", 1),
     ("observable_ratio", "final ratio, observable [points]", 1),
     ("restricted_steps_to_90", "steps to 90 %", 0),
+    ("path_m_to_90", "path to 90 % [m]", 1),
     ("path_m", "path [m]", 1),
 )
 """Columns of the table of paired differences."""
+_LEGEND = (
+    "Numbers of a scene are mean ± standard deviation over starts and seeds; means over scenes have the 95 % interval "
+    "of a bootstrap over scenes (three at least). (n/m): only n of m runs have it."
+)
 
 
 def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
-    """One table per scene, and one of means over the scenes that every policy has run in.
+    """Tables of means over scenes, of paired differences, and one per scene; each for every budget of the comparison.
 
-    Entries are mean ± standard deviation over starts and seeds. (n/m) marks entries that only n of m runs have, such as
-    the steps to a ratio that not all runs reached.
+    Entries of a scene are mean ± standard deviation over starts and seeds; means over scenes have the 95 % interval of
+    a bootstrap over them. (n/m) marks entries that only n of m runs have, such as the steps to a ratio that not all
+    runs reached.
+
+    Args:
+        rows: Of :func:`~anm_mj.bench.results_table.tidy_rows`.
+        command: The command that made them.
     """
-    scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    variants = list(dict.fromkeys(variant(row) for row in rows))
-    revisions = ", ".join(sorted({row["revision"] or "unknown" for row in rows}))
-    parts = [
-        f"Made by `{command}`, revision {revisions}, from {len(rows)} runs. Numbers are mean ± standard deviation over "
-        "starts and seeds; (n/m): only n of m runs have it."
-    ]
-    for scene in scenes:
-        here = [row for row in rows if row["scene"] == scene]
-        budget = ", ".join(str(steps) for steps in sorted({row["budget"] for row in here}))
-        parts.append(f"## {scene}\n\nScene hash {here[0]['scene_hash'][:12]}, budget {budget} steps.")
-        parts.append(_table([(name, [r for r in here if variant(r) == name]) for name in variants]))
-    common = [s for s in scenes if {variant(r) for r in rows if r["scene"] == s} == set(variants)]
-    if len(common) > 1:
-        # The mean over scenes of each scene's mean, as in the paper's tables.
-        groups = [(name, [_mean_row(rows, scene, name) for scene in common]) for name in variants]
-        parts.append(f"## Mean over {len(common)} scenes\n\nDeviation between scenes: {', '.join(common)}.")
-        parts.append(_table(groups))
-    if len(variants) > 1:
-        reference = next((name for name in variants if name == DEFAULT_POLICY), variants[0])
-        parts.append(_differences(rows, variants, reference))
+    parts = [f"Made by `{command}`, revision {_revisions(rows)}, from {_num_runs(rows)} runs. {_LEGEND}"]
+    parts += [part for by in _budgets(rows) for part in _overall([row for row in rows if row["budget_by"] == by], by)]
+    parts += [part for scene in _unique(rows, "scene") for part in _scene([r for r in rows if r["scene"] == scene])]
     return "\n\n".join(parts) + "\n"
 
 
-def _differences(rows: Sequence[dict[str, Any]], variants: Sequence[str], reference: str) -> str:
+def _unique(rows: Sequence[dict[str, Any]], key: str) -> list[Any]:
+    return list(dict.fromkeys(row[key] for row in rows))
+
+
+def _budgets(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Names of the budgets; one empty name where there is one budget only."""
+    return _unique(rows, "budget_by")
+
+
+def _num_runs(rows: Sequence[dict[str, Any]]) -> int:
+    """Number of runs; one that is cut at two budgets has two rows."""
+    keys = ("scene", "policy", "start", "seed", "revision", *USUAL, "settings")
+    return len({tuple(row[key] for key in keys) for row in rows})
+
+
+def _revisions(rows: Sequence[dict[str, Any]]) -> str:
+    """The revision of all rows, or a warning that they have several."""
+    revisions = sorted({row["revision"] for row in rows})
+    if len(revisions) == 1:
+        return revisions[0]
+    return f"{', '.join(revisions)} (**rows of several revisions do not compare**)"
+
+
+def _title(text: str, by: str) -> str:
+    return f"## {text}, budget by {by}" if by else f"## {text}"
+
+
+def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
+    """Means over the scenes that variants have in common, and the differences between variants."""
+    variants = list(dict.fromkeys(variant(row) for row in rows))
+    scenes = {name: frozenset(row["scene"] for row in rows if variant(row) == name) for name in variants}
+    parts = []
+    # One table for every set of scenes that some variant has run in: the more variants, the fewer scenes they share.
+    for common in sorted(dict.fromkeys(scenes.values()), key=lambda some: -len(some)):
+        names = [name for name in variants if scenes[name] >= common]
+        if len(common) > 1:
+            # The mean over scenes of each scene's mean, as in the paper's tables.
+            ordered = [scene for scene in _unique(rows, "scene") if scene in common]
+            groups = [(name, [_mean_row(rows, scene, name) for scene in ordered]) for name in names]
+            text = f"Over {', '.join(ordered)}."
+            parts += [_title(f"Mean over {len(ordered)} scenes", by), text, _table(groups, over_scenes=True)]
+    if len(variants) > 1:
+        reference = next((name for name in variants if name == DEFAULT_POLICY), variants[0])
+        parts.append(_differences(rows, variants, reference, by))
+    return parts
+
+
+def _scene(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The tables of one scene."""
+    variants = list(dict.fromkeys(variant(row) for row in rows))
+    parts = [f"## {rows[0]['scene']}"]
+    for by in _budgets(rows):
+        here = [row for row in rows if row["budget_by"] == by]
+        budget = ", ".join(str(steps) for steps in sorted({row["budget"] for row in here}))
+        reason = f" (by {by})" if by else ""
+        parts.append(f"Scene hash {rows[0]['scene_hash'][:12]}, budget {budget} steps{reason}.")
+        parts.append(_table([(name, [r for r in here if variant(r) == name]) for name in variants]))
+    return parts
+
+
+def _differences(rows: Sequence[dict[str, Any]], variants: Sequence[str], reference: str, by: str) -> str:
     """How much larger the numbers of one variant are than those of every other, pair by pair."""
     lines = [
-        f"## {reference} against the others",
+        _title(f"{reference} against the others", by),
         "",
         f"{reference} minus the other, over pairs of runs with the same scene, start, seed and budget: means of each "
         "scene's mean, with the 95 % interval of a bootstrap over scenes (three at least). A run that never reaches "
@@ -120,7 +173,8 @@ def _mean_row(rows: Sequence[dict[str, Any]], scene: str, name: str) -> dict[str
     return means
 
 
-def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]]) -> str:
+def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]], over_scenes: bool = False) -> str:
+    """A row for each group; entries are means with deviations, or with intervals over scenes."""
     used = [column for column in COLUMNS if any(len(_numbers(rows, column[0])) for _, rows in groups)]
     lines = [
         "| policy | " + " | ".join(heading for _, heading, _ in used) + " |",
@@ -128,16 +182,19 @@ def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]]) -> str:
     ]
     for name, rows in groups:
         if rows:
-            cells = [_cell(_numbers(rows, column), len(rows), decimals) for column, _, decimals in used]
+            cells = [_cell(_numbers(rows, column), len(rows), decimals, over_scenes) for column, _, decimals in used]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int) -> str:
+def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int, over_scenes: bool) -> str:
     if len(values) == 0:
         return "–"
     text = f"{values.mean():.{decimals}f}"
-    if len(values) > 1:
+    if over_scenes and len(values) >= LEAST_SCENES:
+        low, high = bootstrap_interval(values)
+        text += f" [{low:.{decimals}f}, {high:.{decimals}f}]"
+    elif not over_scenes and len(values) > 1:
         text += f" ± {values.std(ddof=1):.{decimals}f}"
     return text if len(values) == num_runs else f"{text} ({len(values)}/{num_runs})"
 

@@ -18,6 +18,8 @@ from jaxtyping import Float
 NUM_RESAMPLES = 10_000
 LEVEL = 0.95
 """Confidence of the intervals."""
+LEAST_SCENES = 3
+"""With fewer scenes there is no interval."""
 _PAIR = ("scene", "start", "seed", "budget")
 """What two runs share that are compared."""
 
@@ -65,7 +67,7 @@ def paired_difference(
     means = np.array([np.mean(values) for values in per_scene.values()])
     return PairedDifference(
         float(means.mean()),
-        bootstrap_interval(means) if len(means) >= 3 else None,
+        bootstrap_interval(means) if len(means) >= LEAST_SCENES else None,
         len(means),
         sum(map(len, per_scene.values())),
     )

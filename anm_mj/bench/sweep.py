@@ -22,17 +22,28 @@ Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench
     rooms = 12
     seed = 3
     kind = "office"
+
+Those of others are named with where they come from (:mod:`anm_mj.bench.imported`):
+
+    [[imported]]
+    name = "house"
+    repository = "https://github.com/owner/repository"
+    commit = "0123456789abcdef0123456789abcdef01234567"
+    file = "worlds/house.world"
+    licence = "MIT"
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from anm_mj.bench.generated import GeneratedScene, area_budget, provide
+from anm_mj.bench.imported import ImportedScene, find_imported
 from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
@@ -62,7 +73,8 @@ class Sweep:
     steps: int | None = None
     """Budget of each run; None = the one that ``budget`` names."""
     budget: str = "rooms"
-    """``rooms``: the scene's own, which depends on its number of rooms as in the paper; ``area``: by its floor."""
+    """``rooms``: the scene's own, which depends on its number of rooms as in the paper; ``area``: by its floor;
+    ``both``: the longer of the area's and the paper's, and the tables have each run cut at both."""
     preset: str = "default"
     """Of the map, as ``anm-mj explore --preset`` has it."""
     sensor: tuple[str, ...] = ("exact",)
@@ -99,10 +111,15 @@ FIELDS: dict[str, type | tuple[type, ...]] = {
     "settings": list,
 }
 """Keys of a sweep and their types."""
+BUDGETS = ("rooms", "area", "both")
 
 
-def read_jobs(path: Path) -> list[Job]:
+def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
     """The runs of a file, scene by scene, each once.
+
+    Args:
+        path: The file.
+        more_policies: Policies beside those that each sweep names; sweeps with settings of their own go without.
 
     Raises:
         BenchError: The file cannot be read, or asks for something that does not exist.
@@ -112,14 +129,12 @@ def read_jobs(path: Path) -> list[Job]:
         RobotError: There is no such robot or sensor.
     """
     jobs: dict[str, Job] = {}
-    sweeps, generated = read_sweeps(path)
+    sweeps, provided = read_sweeps(path)
     for sweep in sweeps:
+        if not sweep.settings:
+            sweep = replace(sweep, policies=list(dict.fromkeys((*sweep.policies, *more_policies))))
         for name in sweep.scenes:
-            beside = path.parent / name
-            if name in generated:
-                scene = provide(generated[name])
-            else:
-                scene = load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
+            scene = _scene(path, name, provided.get(name))
             robots = [_beside(path, robot) for robot in sweep.robot]
             for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
@@ -128,13 +143,23 @@ def read_jobs(path: Path) -> list[Job]:
     return list(jobs.values())
 
 
+def _scene(path: Path, name: str, entry: GeneratedScene | ImportedScene | None) -> Scene:
+    """The scene of a name: generated, imported, beside the comparison's file, or of the catalogue."""
+    if isinstance(entry, GeneratedScene):
+        return provide(entry)
+    if isinstance(entry, ImportedScene):
+        return find_imported(entry)
+    beside = path.parent / name
+    return load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
+
+
 def _beside(path: Path, name: str) -> str:
     """The file of this name beside the comparison's file, if there is one, else the name."""
     return str((path.parent / name).resolve()) if (path.parent / name).is_file() else name
 
 
-def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene]]:
-    """The sweeps of a file, and the scenes to generate for them, by name.
+def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | ImportedScene]]:
+    """The sweeps of a file, and the scenes that it says how to make, by name.
 
     Raises:
         BenchError: The file cannot be read, or an entry is not what it should be.
@@ -143,15 +168,22 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene]]:
         content = read_toml(path)
     except (OSError, ValueError) as err:
         raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
+    provided: dict[str, GeneratedScene | ImportedScene] = {}
     try:
-        generated = {scene.name: scene for scene in convert(content.pop("generated", []), list[GeneratedScene])}
+        provided |= {scene.name: scene for scene in convert(content.pop("generated", []), list[GeneratedScene])}
     except ValueError as err:
         raise BenchError(f"{path}: generated{err}; give name, rooms and seed of each scene.") from err
+    try:
+        provided |= {scene.name: scene for scene in convert(content.pop("imported", []), list[ImportedScene])}
+    except ValueError as err:
+        raise BenchError(
+            f"{path}: imported{err}; give name, repository, commit, file and licence of each scene."
+        ) from err
     common = {key: value for key, value in content.items() if key != "sweep"}
     sweeps = content.get("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(sweep, dict) for sweep in sweeps):
         raise BenchError(f"{path}: sweep must be a list of tables; write [[sweep]] above each.")
-    return [_sweep(path, {**common, **sweep}) for sweep in sweeps], generated
+    return [_sweep(path, {**common, **sweep}) for sweep in sweeps], provided
 
 
 def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
@@ -191,10 +223,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
         raise BenchError(
             f"starts is {sweep.starts}, but scene {scene.name} names {len(scene.starts)} start poses; give 1 to that."
         )
-    if sweep.budget not in ("rooms", "area"):
-        raise BenchError(f"budget is {sweep.budget!r}; give rooms or area.")
-    own = area_budget(scene) if sweep.budget == "area" else scene.budget_steps or default_steps(scene.rooms)
-    steps = sweep.steps or own
+    steps, cuts = _budget(sweep, scene)
     return [
         Job(
             scene=where,
@@ -205,6 +234,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             start_pose=(pose.x_m, pose.y_m, math.degrees(pose.yaw_rad)),
             seed=seed,
             steps=steps,
+            cuts=cuts,
             preset=sweep.preset,
             sensor=sensor,
             robot=robot,
@@ -221,3 +251,23 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
         )
         for seed in sweep.seeds
     ]
+
+
+def _budget(sweep: Sweep, scene: Scene) -> tuple[int, tuple[tuple[str, int], ...]]:
+    """Steps of the runs in a scene, and the budgets by name that the tables cut them at, if there are several.
+
+    Raises:
+        BenchError: There is no such budget.
+    """
+    if sweep.budget not in BUDGETS:
+        raise BenchError(f"budget is {sweep.budget!r}; give {', '.join(BUDGETS[:-1])} or {BUDGETS[-1]}.")
+    if sweep.steps is not None:
+        return sweep.steps, ()
+    if sweep.budget == "area":
+        steps = area_budget(scene)
+        return steps, (("area", steps),)
+    if sweep.budget == "both":
+        # Generated scenes have a budget of their own; the paper's depends on the rooms alone.
+        cuts = (("area", area_budget(scene)), ("rooms", default_steps(scene.rooms)))
+        return max(steps for _, steps in cuts), cuts
+    return scene.budget_steps or default_steps(scene.rooms), ()

@@ -63,9 +63,7 @@ def explore(job: Job, folder: Path) -> None:
 def main(function: str) -> int:
     """Read a job from the standard input, execute it, and return the exit status."""
     line = json.loads(sys.stdin.readline())
-    job = Job(
-        **{**line["job"], "start_pose": tuple(line["job"]["start_pose"]), "settings": tuple(line["job"]["settings"])}
-    )
+    job = Job.from_facts(line["job"])
     threading.Thread(target=_end_with_parent, daemon=True).start()
     module, _, name = function.partition(":")
     try:

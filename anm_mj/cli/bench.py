@@ -25,7 +25,14 @@ def add_bench(commands: Any) -> None:
     what.add_argument(
         "--suite",
         metavar="NAME",
-        help="a comparison of the package, on generated scenes: smoke (minutes), tune, test (hours), large",
+        help="a comparison of the package: smoke (minutes), tune, test (hours), large, open (scenes of others)",
+    )
+    bench.add_argument(
+        "--policy",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="compare this policy too, as module:Class your own; may be given several times",
     )
     bench.add_argument("--out", type=Path, metavar="DIR", help="folder (default: bench/<name of FILE or suite>)")
     bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs in parallel (default: 1)")
@@ -57,6 +64,8 @@ def _bench(parsed: argparse.Namespace) -> int:
             out,
             num_workers=parsed.workers,
             engine=parsed.engine,
+            policies=parsed.policy,
+            one_revision=parsed.suite is not None,
             command=["anm-mj", *sys.argv[1:]],
             on_run=show,
         )

@@ -60,6 +60,12 @@ def write_run(job: Job, folder: Path) -> None:
         "stop_reason": "BUDGET",
     }
     (folder / "metrics.json").write_text(json.dumps(metrics))
+    actions = ["MOVE_FORWARD" if step % 3 else "TURN_LEFT" for step in range(job.steps)]
+    log = [
+        {"step": k + 1, "action": name, "collided": False, "moved_m": 0.065 * (name == "MOVE_FORWARD")}
+        for k, name in enumerate(actions)
+    ]
+    (folder / "steps.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))
     plans = [{"step": 0, "ms": {}}, {"step": 27, "ms": {"graph": 8.0, "gain": 4.0}}]
     (folder / "plans.jsonl").write_text("".join(json.dumps(plan) + "\n" for plan in plans))
     (folder / "manifest.json").write_text(json.dumps({"git": {"revision": "0123456789abcdef", "changed": False}}))

@@ -63,7 +63,7 @@ def test_a_policy_with_other_settings_is_another_row(tmp_path):
 
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
 
-    text = (tmp_path / "out" / "table.md").read_text()
+    text = (tmp_path / "out" / "table.md").read_text().partition("## home")[2]
     names = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| anm-s")][:4]
     assert names == ["anm-s", "anm-s (planning.target=random)", "anm-s (paper)", "anm-s (d435i)"]
 
@@ -128,6 +128,47 @@ def test_errors_of_runs_are_reported(file, tmp_path):
 def test_bad_options_are_refused(file, tmp_path, options, match):
     with pytest.raises(BenchError, match=match):
         run_bench(file, tmp_path / "out", **options)
+
+
+def test_a_folder_of_another_revision_is_refused_where_rows_must_compare(file, tmp_path):
+    file.write_text('scenes = ["home"]\npolicies = ["gvg", "random"]\nsteps = 30\n')
+    run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
+
+    with pytest.raises(BenchError, match="0123456789ab, and this program is"):
+        run_bench(file, tmp_path / "out", function="tests.bench.fake:quick", one_revision=True)
+
+    (changed,) = (tmp_path / "out" / "runs").glob("*_gvg_*/manifest.json")
+    changed.write_text(changed.read_text().replace("0123", "4567"))
+    run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
+    assert "rows of several revisions do not compare" in (tmp_path / "out" / "table.md").read_text()
+
+
+def test_a_run_is_cut_at_both_budgets(file, tmp_path):
+    file.write_text('scenes = ["home"]\npolicies = ["gvg", "random"]\nbudget = "both"\n')
+    (job, *_) = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick").jobs
+
+    (_, by_area), (_, by_rooms) = job.cuts
+    rows = table(tmp_path / "out")
+    assert {(row["budget_by"], row["budget"]) for row in rows} == {("area", str(by_area)), ("rooms", str(by_rooms))}
+    assert job.steps == max(by_area, by_rooms) > min(by_area, by_rooms)
+    short, long = sorted((row for row in rows if row["policy"] == "gvg"), key=lambda r: int(r["budget"]))
+    assert int(short["steps"]) == int(short["turns"]) + int(short["forwards"]) == min(by_area, by_rooms)
+    assert float(short["path_m"]) == pytest.approx(0.04 * int(short["budget"]))
+    assert float(short["observable_ratio_auc"]) < float(long["observable_ratio_auc"])
+    assert short["stop_reason"] == "BUDGET"
+    text = (tmp_path / "out" / "table.md").read_text()
+    assert text.count("gvg against the others, budget by") == 2
+
+
+def test_another_policy_joins_all_sweeps_without_settings(file, tmp_path):
+    text = '[[sweep]]\nscenes = ["home"]\npolicies = ["gvg"]\nsteps = 30\n'
+    file.write_text(f'{text}{text}settings = ["planning.margin_m=0.06"]\n')
+    bench = run_bench(file, tmp_path / "out", function="tests.bench.fake:quick", policies=["gvg", "random"])
+    assert [(job.policy, job.settings) for job in bench.jobs] == [
+        ("gvg", ()),
+        ("random", ()),
+        ("gvg", ("planning.margin_m=0.06",)),
+    ]
 
 
 @pytest.mark.slow

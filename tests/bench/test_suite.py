@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from anm_mj.bench.generated import BASE_STEPS, STEPS_PER_M2, GeneratedScene, area_budget, provide
+from anm_mj.bench.imported import ImportedScene, find_imported
 from anm_mj.bench.suite import suite_file, suite_names
 from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
 from anm_mj.errors import SceneError
+from tests.scene.small import make_small_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -18,15 +20,57 @@ def cache(tmp_path, monkeypatch):
 
 
 def test_every_suite_has_scenes_with_hashes():
-    assert set(suite_names()) >= {"smoke", "tune", "test", "large"}
+    assert set(suite_names()) == {"smoke", "tune", "test", "large", "open"}
     seeds = []
-    for name in suite_names():
+    for name in set(suite_names()) - {"open"}:
         sweeps, generated = read_sweeps(suite_file(name))
         used = {scene for sweep in sweeps for scene in sweep.scenes}
         assert used == set(generated)
         assert all(len(scene.hash) == 64 for scene in generated.values())
         seeds += [scene.seed for scene in generated.values()]
     assert len(seeds) == len(set(seeds))
+
+
+def test_scenes_of_others_say_where_they_come_from():
+    sweeps, imported = read_sweeps(suite_file("open"))
+    assert {scene for sweep in sweeps for scene in sweep.scenes} == set(imported)
+    assert all(isinstance(scene, ImportedScene) and len(scene.hash) == 64 for scene in imported.values())
+
+
+OTHERS = {
+    "name": "house_of_others",
+    "repository": "https://github.com/owner/houses",
+    "commit": "0" * 40,
+    "file": "worlds/house.world",
+    "licence": "MIT",
+}
+
+
+def test_a_scene_of_others_that_is_missing_or_another_is_explained(tmp_path, monkeypatch):
+    monkeypatch.setenv("ANM_MJ_SCENES", str(tmp_path))
+    wanted = ImportedScene(**OTHERS, hash="0" * 64)
+    with pytest.raises(SceneError, match=r"git checkout 0{40}\nanm-mj scene import worlds/house\.world"):
+        find_imported(wanted)
+
+    make_small_scene(tmp_path / "house_of_others")
+    with pytest.raises(SceneError, match="the comparison's file says 000000000000"):
+        find_imported(wanted)
+    assert find_imported(ImportedScene(**OTHERS)).folder == tmp_path / "house_of_others"
+
+
+def test_an_entry_of_a_scene_of_others_is_checked(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text('scenes = ["x"]\npolicies = ["random"]\n[[imported]]\nname = "x"\nrepository = "ftp://x"\n')
+    with pytest.raises(BenchError, match="repository, commit"):
+        read_jobs(file)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["smoke", "tune", "test", "large"])
+def test_all_published_scenes_come_out_again(name, cache):
+    _, generated = read_sweeps(suite_file(name))
+    for wanted in generated.values():
+        provide(wanted)
 
 
 def test_an_unknown_suite_is_named():
@@ -85,5 +129,5 @@ def test_a_wrong_entry_is_named(text, says, tmp_path):
 
 def test_a_wrong_budget_is_named(tmp_path):
     (tmp_path / "own.toml").write_text('scenes = ["home"]\npolicies = ["random"]\nbudget = "money"\n')
-    with pytest.raises(BenchError, match="rooms or area"):
+    with pytest.raises(BenchError, match="rooms, area or both"):
         read_jobs(tmp_path / "own.toml")

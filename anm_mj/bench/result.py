@@ -1,0 +1,157 @@
+"""A finished run of a comparison, whole or cut at a shorter budget."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.bench.engine import RESULT
+from anm_mj.bench.job import Job
+from anm_mj.bench.statistics import restricted_steps
+from anm_mj.bench.sweep import BenchError
+from anm_mj.evaluation.metrics import EpisodeStatistics, read_metrics
+from anm_mj.io.jsonl import read_jsonl
+from anm_mj.io.read_run import read_json
+from anm_mj.planning.policies.context import DEFAULT_GOAL
+from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.types import Action
+
+USUAL = {
+    "preset": "default",
+    "robot": DEFAULT_ROBOT,
+    "drive": "kinematic",
+    "pose": "true",
+    "sensor": "exact",
+    "goal": DEFAULT_GOAL,
+}
+"""What variant names leave out, and what runs had before there was a choice."""
+COMPLETION, OBSERVABLE, PATH = 1, 3, 4
+"""Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
+NUM_COLUMNS = 5
+UNKNOWN_REVISION = "unknown"
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished run."""
+
+    job: dict[str, Any]
+    """Fields of :class:`~anm_mj.bench.job.Job`."""
+    metrics: dict[str, Any]
+    revision: str
+    """Git revision; ends in ``+`` if the checkout had changes; ``unknown`` where the program was no checkout."""
+    curve: Float[np.ndarray, "n 5"]
+    """Step, completion ratio [%], completion [cm], observable ratio [%] (NaN where unknown), driven distance [m]."""
+    folder: Path = Path()
+    """Where it lies."""
+    budget_by: str = ""
+    """Name of the budget that the run is cut at, ``area`` or ``rooms``; empty where it has one budget only."""
+
+    @property
+    def variant(self) -> str:
+        """Policy, with preset, robot, drive, pose, sensor, goal and settings if these are not the defaults."""
+        return variant({**self.job, **self.apparatus, "settings": " ".join(self.job["settings"])})
+
+    @property
+    def apparatus(self) -> dict[str, str]:
+        """Preset, robot, drive, pose, sensor and goal."""
+        return {key: self.job.get(key, usual) for key, usual in USUAL.items()}
+
+    @property
+    def budget(self) -> int:
+        """Budget of the run, or the shorter one that it is cut at [steps]."""
+        return self.job["steps"]
+
+    def steps_to(self, level: float) -> float:
+        """First step of the curve at which the observable completion ratio reaches a level [%]; NaN if none."""
+        reached = np.flatnonzero(self.curve[:, OBSERVABLE] >= level)
+        return float(self.curve[reached[0], 0]) if len(reached) else float("nan")
+
+    def path_m_to(self, level: float) -> float:
+        """Distance driven until then [m]; where the level is never reached, all of it (restricted to the budget)."""
+        return float(np.interp(restricted_steps(self.steps_to(level), self.budget), *self.curve[:, [0, PATH]].T))
+
+    def area_under_curve(self, column: int) -> float:
+        """Mean of a column of the curve over the budget; a run that ends early keeps its final value."""
+        steps = np.append(self.curve[:, 0], self.budget)
+        values = np.append(self.curve[:, column], self.curve[-1, column])
+        return float(np.trapezoid(values, steps) / self.budget)
+
+    def at_budgets(self) -> list[Result]:
+        """The run at each budget of its comparison; itself if there is one only.
+
+        Raises:
+            RunFolderError: The log of its steps is damaged.
+        """
+        cuts = self.job.get("cuts") or ()
+        return [self._cut(name, steps) for name, steps in cuts] or [self]
+
+    def _cut(self, name: str, steps: int) -> Result:
+        """The run as if it had ended after so many steps; what only its end tells is left out."""
+        job = {**self.job, "steps": steps}
+        if self.curve[-1, 0] <= steps:
+            return replace(self, job=job, budget_by=name)
+        curve = self.curve[self.curve[:, 0] <= steps]
+        log = EpisodeStatistics()
+        for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
+            log = log.after(Action[line["action"]], line["collided"], line["moved_m"], {})
+        metrics = {key: None for key in self.metrics if key != "stage_hz"} | {
+            "completion_ratio": curve[-1, COMPLETION],
+            "completion_cm": curve[-1, 2],
+            "observable_ratio": curve[-1, OBSERVABLE],
+            "observable_share": self.metrics.get("observable_share"),
+            "path_m": curve[-1, PATH],
+            "steps": log.steps,
+            "stop_reason": "BUDGET",
+            **{key: getattr(log, key) for key in ("forwards", "turns", "blocked", "full_rotations", "collisions")},
+        }
+        return replace(self, job=job, metrics=metrics, curve=curve, budget_by=name)
+
+
+def variant(row: Mapping[str, Any]) -> str:
+    """Name of a variant, such as ``anm-s (policy.target=random)``; its runs differ by start and seed.
+
+    Args:
+        row: Of the results table: ``policy``, the keys of ``USUAL``, and ``settings`` as one text.
+    """
+    special = [row[key] for key, usual in USUAL.items() if row[key] != usual]
+    text = " ".join(text for text in (*special, row["settings"]) if text)
+    return f"{row['policy']} ({text})" if text else row["policy"]
+
+
+def read_result(folder: Path) -> Result:
+    """A finished run of a comparison.
+
+    Raises:
+        RunFolderError: A file is damaged.
+        BenchError: The curve holds no rows.
+    """
+    manifest = read_json(folder / "manifest.json") if (folder / "manifest.json").is_file() else {}
+    lines = (folder / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+    if not lines:
+        raise BenchError(f"{folder / 'curve.csv'} holds no rows; delete {folder} and start again.")
+    cells = [[float(cell) if cell else float("nan") for cell in line.split(",")[:NUM_COLUMNS]] for line in lines]
+    return Result(
+        folder=folder,
+        job=read_json(folder / RESULT),
+        metrics=read_metrics(folder / "metrics.json"),
+        revision=revision_text(manifest.get("git")),
+        curve=np.array(cells),
+    )
+
+
+def revision_text(git: Mapping[str, Any] | None) -> str:
+    """The entry ``git`` of a manifest in a few characters; ends in ``+`` if the checkout had changes."""
+    if not git or not git.get("revision"):
+        return UNKNOWN_REVISION
+    return git["revision"][:12] + ("+" if git.get("changed") else "")
+
+
+def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
+    """The jobs whose runs exist."""
+    return [job for job in jobs if (runs / job.name / RESULT).is_file()]
