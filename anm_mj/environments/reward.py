@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
-from scipy.spatial import KDTree
 
-from anm_mj.evaluation.completion import BOUND_SLACK, COVERED_M
+from anm_mj.evaluation.completion import COVERED_M
 from anm_mj.evaluation.depth import back_project_reduced, reduce_depth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
+from anm_mj.evaluation.nearest import nearest_search
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
-from anm_mj.mapping.native_functions import native_function
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Observation, Pose2
 
@@ -30,31 +28,6 @@ _PAD_CELLS = 2
 _RUN_PX = 256
 """Width and height of a run's images: visibility is computed for these, whatever the size of an episode's images, so
 that runs and episodes count the same samples."""
-
-
-Search = Callable[
-    [Float[np.ndarray, "n 3"], Int64[np.ndarray, " k"], Float[np.ndarray, "m 3"]], Int64[np.ndarray, " c"]
-]
-"""Samples, which of them to look at, and points -> places in the second of samples within ``COVERED_M`` of a point."""
-
-
-def numpy_search(
-    samples: Float[np.ndarray, "n 3"], which: Int64[np.ndarray, " k"], points: Float[np.ndarray, "m 3"]
-) -> Int64[np.ndarray, " c"]:
-    """The samples within ``COVERED_M`` of a point, by a tree; the reference of the native function."""
-    tree = KDTree(points, balanced_tree=False, compact_nodes=False)
-    distance_m, _ = tree.query(samples[which], distance_upper_bound=COVERED_M * BOUND_SLACK)
-    return np.flatnonzero(distance_m < COVERED_M)
-
-
-def native_search(
-    samples: Float[np.ndarray, "n 3"], which: Int64[np.ndarray, " k"], points: Float[np.ndarray, "m 3"]
-) -> Int64[np.ndarray, " c"]:
-    """The same in C++ (``native/coverage.h``)."""
-    function = native_function("samples_within")
-    assert function is not None  # Who chose it has looked.
-    out = np.empty(len(which), np.int64)
-    return out[: function(points, samples, which, COVERED_M, out)]
 
 
 class SampleGrid:
@@ -91,16 +64,9 @@ class SampleGrid:
 class IncrementalCoverage:
     """Covered samples of a surface since the start of an episode."""
 
-    def __init__(self, grid: SampleGrid, search: Search | None = None) -> None:
-        """Start without coverage.
-
-        Args:
-            grid: the samples; episodes may share it.
-            search: finds samples near points: :func:`numpy_search`, or :func:`native_search`, which finds the same;
-                None = the second where the native engine was built.
-        """
+    def __init__(self, grid: SampleGrid) -> None:
+        """Start without coverage of the samples; episodes may share them."""
         self._grid = grid
-        self._search = search or (numpy_search if native_function("samples_within") is None else native_search)
         self._uncovered = np.arange(len(grid.samples))
         self._uncovered_cells = grid.cell
 
@@ -126,10 +92,12 @@ class IncrementalCoverage:
             Fraction of the samples that this frame is the first to cover within 5 cm, in [0, 1].
         """
         points, cells = self._grid.near(back_project_reduced(reduce_depth(depth_m), intrinsics, T_world_camera))
-        if not len(points):
-            return 0.0
         candidates = np.flatnonzero(self._grid.dilated(cells)[self._uncovered_cells])
-        covered = candidates[self._search(self._grid.samples, self._uncovered[candidates], points)]
+        if not len(candidates):
+            return 0.0
+        distance_m = np.full(len(candidates), COVERED_M)
+        nearest_search(self._grid.samples[self._uncovered[candidates]]).lower(distance_m, points)
+        covered = candidates[distance_m < COVERED_M]
         kept = np.ones(len(self._uncovered), np.bool_)
         kept[covered] = False
         self._uncovered, self._uncovered_cells = self._uncovered[kept], self._uncovered_cells[kept]

@@ -4,9 +4,7 @@ Every sample of the true surface keeps its distance to the nearest back-projecte
 completion ratio is the share of samples nearer than 5 cm; completion is the mean distance, each capped at 1 m.
 
 Frames are searched in batches, because the minimum over frames of the distance to a frame is the distance to their
-union. A batch can only change samples that lie nearer to it than their present distance. A coarse grid around the batch
-bounds that distance from below for all samples at once, so only few samples need a nearest-neighbour search, and their
-present distance bounds each search. The distances equal those of a full search to the last digit.
+union. The distances equal those of a full search to the last digit (:mod:`anm_mj.evaluation.nearest`).
 """
 
 from __future__ import annotations
@@ -17,13 +15,11 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, UInt16
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import KDTree
+from jaxtyping import Bool, Float, Float32, UInt16
 
 from anm_mj.evaluation.depth import back_project_reduced
+from anm_mj.evaluation.nearest import nearest_search, spatial_order
 from anm_mj.types import Intrinsics
-from anm_mj.utils.threads import usual_num_threads
 
 COVERED_M = 0.05
 """A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
@@ -31,16 +27,6 @@ CAP_M = 1.0
 """Cap of each sample's distance in the mean [m] (paper's protocol)."""
 BATCH_FRAMES = 10
 """Frames per batch; larger batches delay results, smaller ones build more trees."""
-GRID_CELL_M = 0.25
-"""Cell of the pruning grid [m]; finer prunes more and costs more to fill."""
-SEARCH_BOUNDS_M = (0.005, 0.01, 0.02, 0.05, 0.2, CAP_M)
-"""Upper bounds of the present distances in each group of samples [m]; the tree takes one bound per search."""
-LEAF_SIZE = 40
-"""Points per leaf of the tree; a tree serves few searches, so its construction counts as well."""
-MANY_SAMPLES = 3000
-"""From so many on a search is worth the start of threads."""
-BOUND_SLACK = 1.0 + 1e-9
-"""Relative slack of search bounds: the tree compares squares, and rounding must not hide a neighbour at the bound."""
 
 
 @dataclass(frozen=True)
@@ -55,27 +41,6 @@ class Completion:
     """The ratio among the observable samples alone [%]; None if these are not known."""
 
 
-class DistanceBound:
-    """Lower bounds on the distances of fixed samples to any cloud of points, from a coarse grid."""
-
-    def __init__(self, samples: Float[np.ndarray, "n 3"]) -> None:
-        self._low = samples.min(axis=0)
-        self._shape = tuple(np.floor((samples.max(axis=0) - self._low) / GRID_CELL_M).astype(int) + 1)
-        self.cell = self._cells(samples)
-
-    def _cells(self, points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
-        # Moving a point to the grid's border brings it nearer to every sample, so the bound stays a lower bound.
-        index = np.floor((points - self._low) / GRID_CELL_M).astype(np.int64)
-        return np.asarray(np.ravel_multi_index(tuple(index.T), self._shape, mode="clip"))
-
-    def per_cell(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " cells"]:
-        """Lower bound on the distance between anything in a cell and the points, for every cell [m]."""
-        empty = np.ones(self._shape, dtype=bool)
-        empty.ravel()[self._cells(points)] = False
-        between_centres = distance_transform_edt(empty, sampling=GRID_CELL_M)
-        return np.maximum(np.asarray(between_centres).ravel() - np.sqrt(3.0) * GRID_CELL_M, 0.0)
-
-
 class Coverage:
     """Running completion of a true surface by depth frames.
 
@@ -85,7 +50,7 @@ class Coverage:
         before_m: Distance of each to the nearest point of earlier frames [m], where there were any.
     """
 
-    REBUILT = ("_order", "_samples", "_cell", "_bound", "_observable", "_distance_m", "_pending")
+    REBUILT = ("_order", "_nearest", "_observable", "_distance_m", "_pending")
 
     def __init__(
         self,
@@ -94,12 +59,8 @@ class Coverage:
         before_m: Float32[np.ndarray, " n"] | None = None,
     ) -> None:
         exact = samples.astype(np.float64)
-        bound = DistanceBound(exact)
-        # Neighbouring samples are searched in a row, so that the tree's nodes stay in the processor's cache.
-        self._order = np.argsort(bound.cell, kind="stable")
-        self._samples = exact[self._order]
-        self._cell = bound.cell[self._order]
-        self._bound = bound
+        self._order = spatial_order(exact)
+        self._nearest = nearest_search(exact[self._order])
         self._observable = observable
         self._distance_m = np.full(len(samples), np.inf)
         if before_m is not None:
@@ -159,22 +120,9 @@ class Coverage:
         self._pending = []
         if len(points) == 0:
             return
-        present_m = np.minimum(self._distance_m, CAP_M)
-        improvable = self._bound.per_cell(points)[self._cell] < present_m
-        tree: KDTree | None = None
-        lower_m = 0.0
-        for upper_m in SEARCH_BOUNDS_M:
-            group = np.flatnonzero(improvable & (present_m > lower_m) & (present_m <= upper_m))
-            lower_m = upper_m
-            if len(group) == 0:
-                continue
-            if tree is None:
-                tree = KDTree(points, leafsize=LEAF_SIZE, balanced_tree=False, compact_nodes=False)
-            # Samples are searched one by one, so that the distances do not depend on the number of threads.
-            threads = usual_num_threads() if len(group) >= MANY_SAMPLES else 1
-            bound_m = upper_m * BOUND_SLACK
-            found_m, _ = tree.query(self._samples[group], distance_upper_bound=bound_m, workers=threads)
-            self._distance_m[group] = np.minimum(self._distance_m[group], np.where(found_m < CAP_M, found_m, np.inf))
+        capped_m = np.minimum(self._distance_m, CAP_M)
+        self._nearest.lower(capped_m, points)
+        self._distance_m = np.where(capped_m < CAP_M, capped_m, np.inf)
 
 
 def _percent(flags: Bool[np.ndarray, " n"]) -> float:
@@ -208,16 +156,12 @@ def uncapped_completion_cm(
 
 def nearest_m(points: Float[np.ndarray, "n 3"], clouds: Iterable[Float[np.ndarray, "m 3"]]) -> Float[np.ndarray, " n"]:
     """Distance of points to the nearest point of any cloud [m]; infinite where there is none."""
-    bound = DistanceBound(points)
-    nearest = np.full(len(points), np.inf)
+    order = spatial_order(points)
+    search = nearest_search(points[order])
+    found_m = np.full(len(points), np.inf)
     remaining = iter(clouds)
     while batch := list(islice(remaining, BATCH_FRAMES)):
-        seen = np.concatenate(batch)
-        if len(seen) == 0:
-            continue
-        improvable = np.flatnonzero(bound.per_cell(seen)[bound.cell] < nearest)
-        if len(improvable):
-            tree = KDTree(seen, balanced_tree=False, compact_nodes=False)
-            found_m, _ = tree.query(points[improvable], workers=usual_num_threads())
-            nearest[improvable] = np.minimum(nearest[improvable], found_m)
+        search.lower(found_m, np.concatenate(batch))
+    nearest = np.empty_like(found_m)
+    nearest[order] = found_m
     return nearest

@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.completion import COVERED_M, DistanceBound
+from anm_mj.evaluation.completion import COVERED_M
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
+from anm_mj.evaluation.nearest import spatial_order
 
 ANCHOR_SPACING_M = 0.05
 """Spacing of anchors [m]."""
@@ -120,8 +121,7 @@ def surface_distance(
     near = min(NUM_NEAR, len(anchors))
     tree = KDTree(anchors)
     distance_m = np.empty(len(points))
-    # Neighbouring points are searched in a row, so that the tree's nodes stay in the processor's cache.
-    order = np.argsort(DistanceBound(points).cell, kind="stable")
+    order = spatial_order(points)
     for start in range(0, len(points), CHUNK):
         chunk = points[order[start : start + CHUNK]]
         _, found = tree.query(chunk, k=near)

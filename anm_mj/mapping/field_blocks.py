@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int8, Int64, Shaped
 
-from anm_mj.mapping.native_functions import native_function
 from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.types import OCCUPIED, UNKNOWN
 from anm_mj.utils.arrays import dilate_mask
+from anm_mj.utils.native_functions import native_function
 
 
 class NumpyBlocks:

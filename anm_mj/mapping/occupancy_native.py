@@ -6,7 +6,6 @@ They are part of the native engine, but an engine that was built before they wer
 from __future__ import annotations
 
 import importlib
-import os
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from anm_mj.mapping.occupancy_fusion import (
     VoxelArrays,
     to_voxels,
 )
+from anm_mj.utils.threads import usual_num_threads
 
 
 class NativeFusion:
@@ -110,14 +110,7 @@ def native_fusion(num_threads: int | None = None, kernel: str = "") -> NativeFus
         return None
     if not hasattr(native, "Occupancy") or not native.kernel_names():
         return None
-    return NativeFusion(native.Occupancy(num_threads or _num_threads(), kernel))
-
-
-def _num_threads() -> int:
-    asked = os.environ.get("OMP_NUM_THREADS", "")
-    if asked.isdecimal() and int(asked) > 0:
-        return int(asked)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return NativeFusion(native.Occupancy(num_threads or usual_num_threads(), kernel))
 
 
 def _rays(

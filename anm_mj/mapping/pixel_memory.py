@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float32, Int64, Shaped, UInt16
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.native_functions import native_function
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, concatenate, part, rays_of_pixels
 from anm_mj.types import Observation
+from anm_mj.utils.native_functions import native_function
 
 DEPTH_UNIT_M = 2e-4
 """Depth is stored in multiples of this [m]; 16 bits reach 13.1 m."""

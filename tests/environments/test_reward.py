@@ -4,13 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from anm_mj.environments.reward import IncrementalCoverage, SampleGrid, native_search, numpy_search
-from anm_mj.evaluation.completion import COVERED_M, Coverage
+from anm_mj.environments.reward import IncrementalCoverage, SampleGrid
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.mapping.native_functions import native_function
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import CAMERA, observe, room_truth
 
@@ -74,41 +71,3 @@ def test_frames_without_coverage():
     assert covered.add(nothing, CAMERA, np.eye(4)) == 0.0
     assert covered.add(np.ones_like(nothing), CAMERA, far) == 0.0
     assert covered.fraction == 0.0
-
-
-needs_native = pytest.mark.skipif(native_function("samples_within") is None, reason="the native engine was not built")
-
-
-@needs_native
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 1 << 30), st.integers(0, 60), st.integers(1, 300), st.sampled_from([0.1, 0.5, 3.0]))
-def test_the_native_search_finds_what_the_tree_finds(seed, num_samples, num_points, size_m):
-    rng = np.random.default_rng(seed)
-    samples, points = rng.uniform(-size_m, size_m, (num_samples, 3)), rng.uniform(-size_m, size_m, (num_points, 3))
-    which = rng.permutation(num_samples)[: num_samples // 2]
-    assert np.array_equal(native_search(samples, which, points), numpy_search(samples, which, points))
-
-
-@needs_native
-@pytest.mark.parametrize("axis", range(3))
-def test_at_the_radius_both_agree_to_the_last_bit(axis):
-    at = np.array([[0.3, -0.7, 1.1]])
-    beside = [at.copy() for _ in range(9)]
-    for step, point in zip(range(-4, 5), beside, strict=True):
-        point[0, axis] += COVERED_M
-        for _ in range(abs(step)):
-            point[0, axis] = np.nextafter(point[0, axis], np.inf * step)
-    found = [len(native_search(at, np.zeros(1, np.int64), point)) for point in beside]
-    assert found == [len(numpy_search(at, np.zeros(1, np.int64), point)) for point in beside]
-    assert len(set(found)) == 2  # The radius lies between them.
-
-
-@needs_native
-def test_both_searches_cover_the_same_of_a_room():
-    grid = SampleGrid(room_truth().samples)
-    runs = [IncrementalCoverage(grid, search) for search in (numpy_search, native_search)]
-    for yaw in (0.0, 0.9, 2.5):
-        seen = observe(0, Pose2(0.3, 0.2, yaw))
-        new = [run.add(seen.depth_m, seen.intrinsics, seen.T_world_camera) for run in runs]
-        assert new[0] == new[1]
-    assert runs[0].fraction == runs[1].fraction > 0.2

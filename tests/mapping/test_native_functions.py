@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from anm_mj.mapping.config import default_mapping
 from anm_mj.mapping.field_blocks import NumpyBlocks, field_blocks
-from anm_mj.mapping.native_functions import native_function
 from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.mapping.pixel_memory import PIXEL, native_batches, numpy_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
+from anm_mj.utils.native_functions import native_function
 
 if native_function("ray_batches") is None:
     pytest.skip("the native engine was not built", allow_module_level=True)

@@ -1,4 +1,4 @@
-"""Types of the compiled engine, whose source is native/module.cpp; arrays are C-contiguous."""
+"""Types of the compiled engine, whose source is native/; arrays are C-contiguous."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,13 +157,9 @@ def ray_batches(
     rgb: _Floats,
     depth: _Floats,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
-def samples_within(
-    points: NDArray[np.float64],
-    samples: NDArray[np.float64],
-    which: NDArray[np.int64],
-    radius: float,
-    out: NDArray[np.int64],
-) -> int: ...
+def lower_distances(
+    points: NDArray[np.float64], places: NDArray[np.float64], distance: NDArray[np.float64], num_threads: int
+) -> None: ...
 def lend_cores(cores: int) -> None: ...
 def kernel_names() -> list[str]: ...
 def roofline(table_bytes: int, kernel: str) -> dict[str, float]: ...

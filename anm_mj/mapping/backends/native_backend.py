@@ -14,7 +14,6 @@ from anm_mj.mapping.backends import _native
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.grid_layout import bins_per_m, cells_per_m, index_factors
-from anm_mj.mapping.native_functions import native_function
 from anm_mj.mapping.parameters import (
     DECODER_NAMES,
     check_state,
@@ -26,6 +25,7 @@ from anm_mj.mapping.parameters import (
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.spaced_depths import spaced_depths
 from anm_mj.utils.cores import tell_lent
+from anm_mj.utils.native_functions import native_function
 from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024

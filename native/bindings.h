@@ -1,0 +1,45 @@
+// What the bindings share: arrays, checks, and which kernel this processor runs. Compiled for the oldest processor of
+// the platform.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "kernel.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+template <class T, std::size_t N>
+using Array = nb::ndarray<T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+using In = Array<const float, 2>;
+using InFlat = Array<const float, 1>;
+using InFlags = Array<const std::uint8_t, 1>;
+using Out = nb::ndarray<nb::numpy, float>;
+using Flags = nb::ndarray<nb::numpy, std::uint8_t>;
+
+inline void require(bool ok, const char* message) {
+    if (!ok) throw nb::value_error(message);
+}
+
+template <std::size_t N>
+Out make_array(const std::size_t (&shape)[N], float*& data) {
+    std::size_t size = 1;
+    for (std::size_t extent : shape) size *= extent;
+    data = new float[size > 0 ? size : 1];
+    return Out(data, N, shape, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<float*>(p); }));
+}
+
+// Names of the kernels that this processor can run, best first.
+std::vector<std::string> kernel_names();
+// The kernel of that name; the best one for an empty name.
+const anm::Kernel& find_kernel(const std::string& name);
+
+// Each adds its classes or functions to the module.
+void bind_engine(nb::module_& m);
+void bind_occupancy(nb::module_& m);
+void bind_functions(nb::module_& m);

@@ -1,0 +1,128 @@
+// Functions that stand beside the engine, as Python sees them.
+#include <nanobind/stl/string.h>
+
+#include "bindings.h"
+#include "field_blocks.h"
+#include "nearest.h"
+#include "pixels.h"
+#include "thread_pool.h"
+
+namespace {
+
+using Grid = Array<std::int8_t, 3>;
+using ConstGrid = Array<const std::int8_t, 3>;
+using Indices = Array<const std::int64_t, 1>;
+using Table = Array<const std::int64_t, 2>;
+
+constexpr std::int64_t kPlacesPerTask = 4096;
+
+anm::Extent extent_of(const ConstGrid& grid, const Table& blocks) {
+    const anm::Extent size{static_cast<std::int64_t>(grid.shape(0)), static_cast<std::int64_t>(grid.shape(1)),
+                           static_cast<std::int64_t>(grid.shape(2))};
+    require(blocks.shape(1) == 3, "a block has a layer, a row and a column");
+    const std::int64_t most[3] = {size.layers / anm::kBlock, size.rows / anm::kBlock, size.cols / anm::kBlock};
+    for (std::size_t i = 0; i < blocks.shape(0); ++i) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            require(blocks(i, axis) >= 0 && blocks(i, axis) < most[axis], "blocks lie outside the grid");
+        }
+    }
+    return size;
+}
+
+std::int64_t voxels_to_read(ConstGrid state, Table blocks, Array<std::int64_t, 1> out) {
+    const anm::Extent size = extent_of(state, blocks);
+    return anm::voxels_to_read(state.data(), size, blocks.data(), static_cast<std::int64_t>(blocks.shape(0)),
+                               out.data(), static_cast<std::int64_t>(out.size()));
+}
+
+void write_blocks(ConstGrid state, Table blocks, Indices voxels, Array<const std::int8_t, 1> read, Grid out,
+                  Array<std::uint8_t, 1> moved) {
+    const anm::Extent size = extent_of(state, blocks);
+    require(out.shape(0) == state.shape(0) && out.shape(1) == state.shape(1) && out.shape(2) == state.shape(2) &&
+                read.size() == voxels.size() && moved.size() == blocks.shape(0),
+            "the arrays differ in size");
+    anm::write_blocks(state.data(), size, blocks.data(), static_cast<std::int64_t>(blocks.shape(0)), voxels.data(),
+                      read.data(), static_cast<std::int64_t>(voxels.size()), out.data(), moved.data());
+}
+
+// Rays of `batches` batches, each of stored pixels and of a share of other rays; see pixels.h.
+nb::tuple ray_batches(InFlags pixels, In cameras, Table place, Table keyframe, float depth_unit, In origin,
+                      In direction, In rgb, InFlat depth) {
+    const auto batches = static_cast<std::int64_t>(place.shape(0)), stored = static_cast<std::int64_t>(place.shape(1));
+    const auto others = static_cast<std::int64_t>(depth.size());
+    require(keyframe.shape(0) == place.shape(0) && keyframe.shape(1) == place.shape(1),
+            "each pixel was seen in one keyframe");
+    require(batches > 0 && others % batches == 0 && origin.shape(0) == depth.size() && origin.shape(1) == 3 &&
+                direction.shape(0) == depth.size() && direction.shape(1) == 3 && rgb.shape(0) == depth.size() &&
+                rgb.shape(1) == 3,
+            "each batch gets as many of the other rays");
+    require(cameras.shape(1) == anm::kCameraNumbers, "a camera has 17 numbers");
+    const auto num_pixels = static_cast<std::int64_t>(pixels.size()) / anm::kPixelBytes;
+    const auto num_cameras = static_cast<std::int64_t>(cameras.shape(0));
+    for (std::int64_t i = 0; i < batches * stored; ++i) {
+        require(place.data()[i] >= 0 && place.data()[i] < num_pixels && keyframe.data()[i] >= 0 &&
+                    keyframe.data()[i] < num_cameras && cameras.data()[keyframe.data()[i] * anm::kCameraNumbers] >= 1.0F,
+                "pixels or keyframes are not among those stored");
+    }
+    const auto count = static_cast<std::size_t>(batches * stored + others);
+    anm::RayArrays from, to;
+    from.origin = const_cast<float*>(origin.data());
+    from.direction = const_cast<float*>(direction.data());
+    from.rgb = const_cast<float*>(rgb.data());
+    from.depth = const_cast<float*>(depth.data());
+    Out to_origin = make_array({count, std::size_t{3}}, to.origin);
+    Out to_direction = make_array({count, std::size_t{3}}, to.direction);
+    Out to_rgb = make_array({count, std::size_t{3}}, to.rgb);
+    Out to_depth = make_array({count}, to.depth);
+    anm::ray_batches(pixels.data(), cameras.data(), place.data(), keyframe.data(), batches, stored, depth_unit, from,
+                     others / batches, to);
+    return nb::make_tuple(to_origin, to_direction, to_rgb, to_depth);
+}
+
+// Lowers the distance of each place to that of the nearest point; see nearest.h.
+void lower_distances(Array<const double, 2> points, Array<const double, 2> places, Array<double, 1> distance,
+                     int num_threads) {
+    require(points.shape(1) == 3 && places.shape(1) == 3, "a point has three coordinates");
+    require(points.shape(0) < std::size_t{1} << 31, "these are too many points");
+    require(places.shape(0) == distance.size(), "each place has a distance");
+    require(num_threads >= 1, "at least one thread is needed");
+    nb::gil_scoped_release release;
+    struct Call {
+        const anm::PointTree tree;
+        const double* places;
+        double* distance;
+        std::int64_t count;
+    };
+    const Call call{{points.data(), static_cast<std::int64_t>(points.shape(0))}, places.data(), distance.data(),
+                    static_cast<std::int64_t>(distance.size())};
+    const auto search = [](void* arg, int task, int) {
+        const Call& of = *static_cast<const Call*>(arg);
+        const std::int64_t begin = task * kPlacesPerTask;
+        of.tree.lower(of.places + 3 * begin, of.distance + begin, std::min(of.count - begin, kPlacesPerTask));
+    };
+    const auto tasks = static_cast<int>((call.count + kPlacesPerTask - 1) / kPlacesPerTask);
+    anm::thread_pool().run(num_threads, tasks, search, const_cast<Call*>(&call));
+}
+
+nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
+    anm::Roofline best{};
+    find_kernel(kernel).roofline(table_bytes, best);
+    nb::dict out;
+    out["fma_gflops"] = best.fma_gflops;
+    out["load_ns"] = best.load_ns;
+    out["update_ns"] = best.update_ns;
+    out["stream_gb_per_s"] = best.stream_gb_per_s;
+    return out;
+}
+
+}  // namespace
+
+void bind_functions(nb::module_& m) {
+    m.def("voxels_to_read", &voxels_to_read, "state"_a, "blocks"_a, "out"_a);
+    m.def("write_blocks", &write_blocks, "state"_a, "blocks"_a, "voxels"_a, "read"_a, "out"_a, "moved"_a);
+    m.def("ray_batches", &ray_batches, "pixels"_a, "cameras"_a, "place"_a, "keyframe"_a, "depth_unit"_a, "origin"_a,
+          "direction"_a, "rgb"_a, "depth"_a);
+    m.def("lower_distances", &lower_distances, "points"_a, "places"_a, "distance"_a, "num_threads"_a);
+    m.def("lend_cores", [](int cores) { anm::thread_pool().lend(cores); }, "cores"_a);
+    m.def("roofline", &roofline, "table_bytes"_a, "kernel"_a);
+}
