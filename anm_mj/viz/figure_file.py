@@ -24,7 +24,7 @@ METADATA: dict[str, dict[str, Any] | None] = {PICTURE: None, PRINT: {"CreationDa
 """Without dates."""
 
 
-def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE, PRINT)) -> list[Path]:
+def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
     """Write a figure once per kind, beside each other, each file whole or not at all.
 
     Args:

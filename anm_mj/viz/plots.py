@@ -22,7 +22,7 @@ from matplotlib.transforms import Transform
 
 from anm_mj.types import UNKNOWN, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import PICTURE, PRINT, save_figure
+from anm_mj.viz.figure_file import PICTURE, save_figure
 from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
 
 DOTS_PER_INCH = 150
@@ -48,7 +48,7 @@ def draw_topdown(
     *,
     target_xy_m: Float[np.ndarray, "2"] | None,
     title: str,
-    kinds: Sequence[str] = (PICTURE, PRINT),
+    kinds: Sequence[str] = (PICTURE,),
     changes: Sequence[SurfaceChange] = (),
 ) -> list[Path]:
     """Draw the top-down map with the Voronoi graph, the regions of interest and the trajectory.
@@ -111,7 +111,7 @@ def draw_curve(
     completion_cm: Float[np.ndarray, " n"],
     *,
     title: str,
-    kinds: Sequence[str] = (PICTURE, PRINT),
+    kinds: Sequence[str] = (PICTURE,),
     before_ratio: float | None = None,
 ) -> list[Path]:
     """Draw completion over steps.
