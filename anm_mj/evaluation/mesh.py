@@ -22,6 +22,7 @@ from scipy.spatial import KDTree
 from anm_mj.evaluation.completion import COVERED_M
 from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.evaluation.nearest import spatial_order
+from anm_mj.utils.threads import usual_num_threads
 
 ANCHOR_SPACING_M = 0.05
 """Spacing of anchors [m]."""
@@ -87,7 +88,7 @@ def mesh_quality(
     samples, _ = sample_triangles(vertices, faces, num_samples, SAMPLE_SEED)
     to_truth_m = surface_distance(samples, truth.vertices.astype(np.float64), truth.faces)
     to_mesh_m = surface_distance(truth.samples.astype(np.float64), vertices.astype(np.float64), faces)
-    _, nearest = KDTree(truth.samples).query(samples)
+    _, nearest = KDTree(truth.samples).query(samples, workers=usual_num_threads())
     kept = covered[nearest]
     culled = _quality(to_truth_m[kept], to_mesh_m[covered]) if kept.any() else None
     return _quality(to_truth_m, to_mesh_m), culled
@@ -124,7 +125,7 @@ def surface_distance(
     order = spatial_order(points)
     for start in range(0, len(points), CHUNK):
         chunk = points[order[start : start + CHUNK]]
-        _, found = tree.query(chunk, k=near)
+        _, found = tree.query(chunk, k=near, workers=usual_num_threads())
         candidates = corners[anchor_face[found.reshape(len(chunk), near)]].reshape(-1, 3, 3)
         squared = triangle_distance_squared(np.repeat(chunk, near, axis=0), candidates)
         distance_m[order[start : start + CHUNK]] = np.sqrt(squared.reshape(len(chunk), near).min(axis=1))
