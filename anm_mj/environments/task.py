@@ -17,8 +17,9 @@ from anm_mj.environments.actions import action_spec, read_action
 from anm_mj.environments.config import REACH_M, ExploreConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
-from anm_mj.environments.reward import IncrementalCoverage, SampleGrid, observable_surface
+from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.starts import sample_start
+from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
 from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.frames import wrap_angle
 from anm_mj.scene.folder import Scene
@@ -40,7 +41,7 @@ def relative_pose(start: Pose2, pose: Pose2) -> Float32[np.ndarray, "3"]:
 
 
 class ExploreTask(control.Task):
-    """Rewards newly covered surface; STOP terminates an episode, the number of steps truncates it."""
+    """Rewards what every view brings; STOP terminates an episode, the number of steps truncates it."""
 
     def __init__(self, scenes: Sequence[Scene], config: ExploreConfig, footprint: Footprint, seed: int) -> None:
         """Set up the task.
@@ -132,7 +133,8 @@ class ExploreTask(control.Task):
         config = self._config
         needs_map = config.topdown or config.distance or config.reward != "surface"
         self._map = LocalMap(self._footprint) if needs_map else None
-        self._known = 0.0
+        self.reward = Reward(config.reward, self._map)
+        """Of the present episode."""
         self._add_view(physics)
 
     def before_step(self, action: Any, physics: RobotPhysics) -> None:
@@ -152,22 +154,13 @@ class ExploreTask(control.Task):
         self._add_view(physics)
 
     def get_reward(self, physics: RobotPhysics) -> float:
-        """What the last step brought, by the ``reward`` of the configuration.
-
-        ``surface``: the newly covered fraction of the observable surface, in [0, 1]. ``area``: newly observed area of
-        the top-down map [m2]. ``information``: what the occupancy grid gained [bits]; less than zero where a view
-        contradicts it.
-        """
+        """What the last step brought; see :class:`anm_mj.environments.reward.Reward`."""
         del physics
-        return self._reward
+        return self._last_reward
 
     def reward_spec(self) -> specs.Array:
         """Bounds of the reward."""
-        if self._config.reward == "surface":
-            return specs.BoundedArray((), float, 0.0, 1.0, name="reward")
-        if self._config.reward == "area":
-            return specs.BoundedArray((), float, 0.0, np.inf, name="reward")
-        return specs.Array((), float, name="reward")
+        return reward_spec(self._config.reward)
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
         """Discount 0 after STOP, 1 at truncation, None within an episode."""
@@ -224,8 +217,4 @@ class ExploreTask(control.Task):
         new = self._covered.add(true.depth_m, view.intrinsics, true.T_world_camera)
         if self._map is not None:
             self._map.add(view)
-        if self._config.reward == "surface" or self._map is None:
-            self._reward = new
-            return
-        known = self._map.area_m2 if self._config.reward == "area" else self._map.information_bits
-        self._reward, self._known = known - self._known, known
+        self._last_reward = self.reward.of_view(new)

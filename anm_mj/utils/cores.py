@@ -18,6 +18,11 @@ def tell_lent(listener: Callable[[int], None]) -> None:
         listener(_lent)
 
 
+def num_lent() -> int:
+    """How many cores are lent by now."""
+    return _lent
+
+
 @contextmanager
 def lent_core() -> Iterator[None]:
     """While this goes on, another thread computes on one of the cores; what else is computed does with one less."""

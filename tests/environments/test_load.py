@@ -12,7 +12,7 @@ from dm_env.test_utils import EnvironmentTestMixin
 import anm_mj
 from anm_mj.config import DRIVES
 from anm_mj.environments.load import ExploreEnvironment
-from anm_mj.environments.reward import SampleGrid
+from anm_mj.environments.surface_coverage import SampleGrid
 from anm_mj.environments.task import sensed_depth
 from anm_mj.errors import SceneError, TaskError
 from anm_mj.evaluation.completion import Coverage
@@ -239,10 +239,10 @@ def test_velocities():
 def test_other_rewards(reward):
     environment = anm_mj.load_environment("room", image_px=64, reward=reward)
     environment.reset()
-    begun = environment.task._known
+    begun = environment.task.reward.known
     rewards = [environment.step(Action.TURN_LEFT).reward for _ in range(8)]
     assert begun > 0.0
-    assert sum(rewards) == pytest.approx(environment.task._known - begun)
+    assert sum(rewards) == pytest.approx(environment.task.reward.known - begun)
     assert sum(rewards) > 0.0
     environment.close()
 

@@ -92,10 +92,10 @@ def test_pixels_that_are_contradicted_are_not_replayed(former, tiny_config):
 def test_a_few_views_change_what_many_have_found(former, tiny_config):
     now = continued(former, tiny_config)
     top = np.array([[3.0, 1.2, 0.7]])
-    assert now._occupancy.state_at(top) == OCCUPIED
+    assert now.observed.state_at(top) == OCCUPIED
     for _ in range(6):
         now.integrate(Room(()).observe(1.5, 1.4, 0.0))
-    assert now._occupancy.state_at(top) == FREE
+    assert now.observed.state_at(top) == FREE
 
 
 def grid(state, version=1):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.environments.reward import IncrementalCoverage, SampleGrid
+from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.types import Intrinsics, Pose2
