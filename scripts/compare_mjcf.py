@@ -2,9 +2,10 @@
 
 python scripts/compare_mjcf.py house.xml office.xml   # files
 python scripts/compare_mjcf.py --mazes 10 --arenas    # of dm_control
-python scripts/compare_mjcf.py --builtin              # the project's own scenes as MJCF
+python scripts/compare_mjcf.py --builtin --house      # the project's own scenes as MJCF, and a house of the tests
 
-Each world is imported, checked, explored for --steps steps, and drawn from its starts in four directions at 1 m.
+Each world is imported, checked, explored for --steps steps, and drawn from its starts in four directions at 1 m. Robots
+in a world are left out on both sides.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ select_backend()
 from anm_mj.cli.main import main as anm_mj  # noqa: E402 (MuJoCo is bound to a GL back-end when it is imported.)
 from anm_mj.scene.folder import load_scene  # noqa: E402
 from tests.scene.importing.mjcf.compare import agreement, eyes_in  # noqa: E402
+from tests.scene.importing.mjcf.house import write_house  # noqa: E402
 
 BUILTIN = ("room", "flat", "home", "office", "residence")
 EYE_M = 1.0
@@ -36,7 +38,7 @@ def main(
     mazes: int = 0,
     arenas: bool = False,
     builtin: bool = False,
-    hidden: tuple[str, ...] = (),
+    house: bool = False,
     steps: int = 200,
     starts: int = 2,
 ) -> None:
@@ -47,18 +49,18 @@ def main(
         mazes: so many random mazes of dm_control, with seeds from 0 on.
         arenas: a corridor with walls and a bowl of dm_control.
         builtin: the project's own scenes.
-        hidden: bodies of the files that are robots, and not compared.
+        house: a house with every feature of MJCF, which the tests write.
         steps: of the exploration; 0 for none.
         starts: from so many starts the depth is compared.
     """
     print(f"| world | import | check | rooms | collisions in {steps} steps | pixels within 1 mm |")
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        for name, src in _sources(Path(folder), files, mazes, arenas=arenas, builtin=builtin):
-            print(_row(name, src, Path(folder) / name, steps, starts, hidden), flush=True)
+        for name, src in _sources(Path(folder), files, mazes, arenas=arenas, builtin=builtin, house=house):
+            print(_row(name, src, Path(folder) / name, steps, starts), flush=True)
 
 
-def _row(name: str, src: Path, out: Path, steps: int, starts: int, hidden: tuple[str, ...]) -> str:
+def _row(name: str, src: Path, out: Path, steps: int, starts: int) -> str:
     imported = _run(["scene", "import", str(src), str(out), "--name", name])
     if imported:
         return f"| {name} | refused ({imported}) | | | | |"
@@ -70,7 +72,7 @@ def _row(name: str, src: Path, out: Path, steps: int, starts: int, hidden: tuple
         _run(["explore", str(out), "--steps", str(steps), "--preset", "quick", "--out", str(run)])
         lines = (run / "steps.jsonl").read_text().splitlines()
         collisions = f"{sum(json.loads(line)['collided'] for line in lines)} of {len(lines)}"
-    share = agreement(src, scene, eyes_in(scene, starts, EYE_M), hidden=hidden, least_seen=0.1)
+    share = agreement(src, scene, eyes_in(scene, starts, EYE_M), hide_robots=True, least_seen=0.1)
     return f"| {name} | good | {'good' if not checked else 'bad'} | {scene.rooms} | {collisions} | {share:.4%} |"
 
 
@@ -80,10 +82,12 @@ def _run(arguments: list[str]) -> int:
 
 
 def _sources(
-    folder: Path, files: tuple[Path, ...], mazes: int, *, arenas: bool, builtin: bool
+    folder: Path, files: tuple[Path, ...], mazes: int, *, arenas: bool, builtin: bool, house: bool
 ) -> Iterator[tuple[str, Path]]:
     for src in files:
         yield src.stem, src
+    if house:
+        yield "house", write_house(folder / "house_source")
     if builtin:
         for name in BUILTIN:
             yield f"{name}_again", load_scene(name).xml

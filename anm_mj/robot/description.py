@@ -156,7 +156,7 @@ def describe_robot(
     base = _find_base(model, data, drive, T_root_base, path)
     camera_name, T_base_camera, fovy_deg, odd = _camera(spec, config, drive, base, path, mount)
     shell, casters = _shell_and_casters(model, data, {wheel.body for wheel in base.wheels}, base.floor_z_m)
-    if not shell and not casters and not base.wheels:
+    if not solid_geoms(model):
         raise RobotError(f"The robot {path} has no solid geom, so nothing shows its size; give its body one.")
     footprint, body_radius = robot_footprint(model, data, base.T_world_base)
     require_size(footprint, path)
@@ -172,6 +172,8 @@ def describe_robot(
         mass = float(model.body_subtreemass[base.root])
         base_joints, motors = give_planar_joints(spec, drive.root, base.T_root_base, mass, body_radius)
         top_radps = float("inf")
+    if base.wheels and not shell and not casters:
+        notes.append("nothing but its wheels is solid: the body meets no obstacle, and the footprint is the wheels'")
     notes += odd + let_casters_slide(spec, model, data, casters, drive.root, base.T_world_base, path)
     model = _compiled(spec, path)
     T_base_world = np.linalg.inv(base.T_world_base)

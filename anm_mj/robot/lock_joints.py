@@ -64,7 +64,8 @@ def _uncouple(spec: mujoco.MjSpec) -> None:
         of_tendons = [a for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON]
         for element in [*of_tendons, *[s for s in spec.sensors if s.objtype == mujoco.mjtObj.mjOBJ_TENDON]]:
             spec.delete(element)
-    for element in [*spec.equalities, *tendons]:
+    # What bends hangs on equalities, and belongs to no body that drives.
+    for element in [*spec.equalities, *tendons, *spec.flexes, *spec.skins]:
         spec.delete(element)
     for body in spec.bodies:
         body.gravcomp = 0.0

@@ -18,6 +18,8 @@ ALIKE_M = 1e-3
 """Largest difference between the radii of the wheels and between the heights of their axles [m]."""
 _ENDLESS_RAD = 20.0 * math.tau
 """A hinge with a wider range than this turns without end; converters write ranges of 1e5 degrees [rad]."""
+_LEAST_TRACK_M = 0.02
+"""Wheels that are nearer to each other belong to a file that is not in metres, or share no axle [m]."""
 _MIN_ARMATURE = 0.04
 """Least motor inertia per mass and squared wheel radius; with less, wheels of light robots chatter at 2 ms."""
 
@@ -89,7 +91,11 @@ def base_frame(
     y_axis = across / max(track_m, 1e-9)
     wheels = (*lefts, *rights)
     signs = np.array([wheel.axis @ y_axis for wheel in wheels])
-    if track_m < 0.02 or uneven > ALIKE_M or np.abs(signs).min() < 1.0 - 1e-4:
+    if 0.0 < track_m < _LEAST_TRACK_M and np.abs(signs).min() > 0.9:
+        raise RobotError(
+            f"The wheels of {path} are {1000.0 * track_m:.2g} mm apart; MuJoCo's unit is the metre: scale the file."
+        )
+    if track_m < _LEAST_TRACK_M or uneven > ALIKE_M or np.abs(signs).min() < 1.0 - 1e-4:
         turn = " and about ".join(f"{wheel.axis.round(3)} at {wheel.centre_m.round(3)}" for wheel in wheels)
         shared = "share one level axle" if len(wheels) == 2 else "have parallel level axles, as far on either side"
         raise RobotError(f"The wheels of {path} turn about {turn}; they must {shared}.")

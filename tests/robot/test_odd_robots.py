@@ -49,8 +49,10 @@ def written(tmp_path, *changes):
         [("<actuator>", '<tendon><fixed name="t"><joint joint="wheel_left" coef="1"/></fixed></tendon><actuator>'),
          ('<velocity joint="wheel_left" kv="1"/>', '<motor tendon="t"/>')],
         [('name="chassis"', 'name="chassis" gravcomp="1"')],
+        [('<camera name="eye"', '<flexcomp name="flag" type="grid" count="3 3 1" spacing="0.02 0.02 0.02" dim="2" '
+          'pos="0 0 0.2" radius="0.005" mass="0.1"><edge equality="true"/></flexcomp><camera name="eye"')],
     ],
-    ids=["endless range", "defaults without contact", "coupled wheels", "tendon", "weightless"],
+    ids=["endless range", "defaults without contact", "coupled wheels", "tendon", "weightless", "a flag"],
 )  # fmt: skip
 def test_it_drives(tmp_path, changes):
     robot = describe_robot(written(tmp_path, *changes))
@@ -94,3 +96,28 @@ def test_cars_are_refused_unless_their_driven_wheels_are_named(tmp_path):
         describe_robot(path)
     named = describe_robot(path, RobotConfig(left_wheel="wheel_left", right_wheel="wheel_right"))
     assert {"steer_a", "steer_b"} <= set(named.locked)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ([("<worldbody>", '<default><geom contype="0" conaffinity="0"/></default><worldbody>')], "no solid geom"),
+        ([(f'pos="0 {y} -0.04"', f'pos="0 {y / 100} -0.04"') for y in (0.15, -0.15)], "are 3 mm apart"),
+    ],
+    ids=["nothing solid", "tiny"],
+)
+def test_it_is_refused_in_a_sentence(tmp_path, changes, said):
+    with pytest.raises(RobotError, match=said):
+        describe_robot(written(tmp_path, *changes))
+
+
+def test_a_body_that_meets_nothing_is_noted(tmp_path):
+    path = written(tmp_path, ("<geom ", '<geom contype="0" conaffinity="0" '))
+    path.write_text(
+        path.read_text()
+        .replace('zaxis="0 1 0"', 'zaxis="0 1 0" contype="1"')
+        .replace('contype="0" conaffinity="0" type="cylinder"', 'type="cylinder"')
+    )
+    robot = describe_robot(path)
+    assert any("nothing but its wheels is solid" in note for note in robot.notes)
+    assert robot.footprint.z_max_m < 0.13

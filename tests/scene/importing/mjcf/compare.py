@@ -47,16 +47,25 @@ def with_eyes(spec, eyes):
 
 
 def agreement(
-    src: Path, scene: Scene, eyes, *, settle: bool = False, hidden: tuple[str, ...] = (), least_seen: float = 0.5
+    src: Path,
+    scene: Scene,
+    eyes,
+    *,
+    settle: bool = False,
+    hidden: tuple[str, ...] = (),
+    hide_robots: bool = False,
+    least_seen: float = 0.5,
 ) -> float:
     """Share of pixels whose depth differs by less than 1 mm, over all eyes (x, y, z [m] in the scene, yaw).
 
-    The source is rendered without the bodies of ``hidden`` and what hangs on them. At least ``least_seen`` of the
+    The source is rendered without the bodies of ``hidden`` and what hangs on them, with ``hide_robots`` also without
+    what the import takes for robots. At least ``least_seen`` of the
     pixels must show something: a comparison of nothing with nothing says nothing.
     """
     import mujoco
 
     from anm_mj.scene.build import build_spec
+    from anm_mj.scene.importing.readers.mjcf.bodies import robot_bodies
     from anm_mj.scene.importing.readers.mjcf.model import initial_state
 
     entries = tomllib.loads((scene.folder / "scene.toml").read_text())
@@ -68,7 +77,12 @@ def agreement(
     for name in hidden:
         root = source.body(name).id
         source.geom_group[source.body_rootid[source.geom_bodyid] == root] = 5
-    expected = depth_images(source, initial_state(source, settle), there)
+    state = initial_state(source, settle)
+    for stage in (mujoco.mj_comPos, mujoco.mj_camlight, mujoco.mj_flex, mujoco.mj_tendon):
+        stage(source, state)
+    if hide_robots:
+        source.geom_group[robot_bodies(source, state)[source.geom_bodyid]] = 5
+    expected = depth_images(source, state, there)
     model = with_eyes(build_spec(scene), eyes)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

@@ -11,6 +11,8 @@ from anm_mj.scene.collision import SLICE_Z_MAX_M
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.formats import find_format
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.mjcf.read import read_mjcf
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear
 from anm_mj.types import Pose2
 from tests.scene.importing.mjcf.compare import agreement, eyes_in
@@ -143,6 +145,58 @@ def test_endless_and_wide_grounds_are_cut_to_the_building(tmp_path):
     thing = '<geom type="plane" size="0 0 1"/><geom type="box" size="0.2 0.2 0.5" pos="1 0 0.5"/>'
     scene = import_scene(write_world(tmp_path / "c.xml", thing), tmp_path / "c")
     assert np.allclose(scene.bounds_m[:, :2], [[-3, -4], [5, 4]], atol=1e-4)
+
+
+def test_a_wide_box_is_a_ground_and_keeps_its_texture_where_it_is_cut(tmp_path):
+    slab = '<geom type="box" size="900 600 0.5" pos="40 -30 -0.5" euler="0 0 20" material="board"/>'
+    board = (
+        '<asset><texture name="board" type="2d" builtin="checker" rgb1="1 0 0" rgb2="0 0 1" width="64" height="64"/>'
+        '<material name="board" texture="board" texrepeat="600 400"/></asset>'
+    )
+    walls = room_xml().partition("/>")[2]
+    src = write_world(tmp_path / "a.xml", slab + walls, board)
+    scene = import_scene(src, tmp_path / "a")
+    assert np.ptp(scene.bounds_m[:, 0]) < 12.0
+    assert agreement(src, scene, EYES[:4]) > 0.9999
+    ground = next(own for own in read_mjcf(src, [], ImportReport()).submeshes if own.texture is not None)
+    assert ground.uv is not None
+    # A square of the texture is 1.5 m long both ways, on whatever part of the ground.
+    top = ground.faces[(ground.vertices_m[ground.faces][:, :, 2] > -0.01).all(axis=1)]
+    for corners, uv in zip(ground.vertices_m[top], ground.uv[top], strict=True):
+        metres = np.linalg.norm(np.roll(corners, 1, axis=0) - corners, axis=1)
+        squares = np.linalg.norm((np.roll(uv, 1, axis=0) - uv) * (3.0, 3.0), axis=1)
+        np.testing.assert_allclose(squares, metres, rtol=1e-3)
+    # A floor that is as large as the hall on it stays whole.
+    hall = '<geom type="box" size="11 11 0.1" pos="0 0 -0.1"/><geom type="box" size="5 5 1" pos="0 0 1"/>'
+    scene = import_scene(write_world(tmp_path / "b.xml", hall), tmp_path / "b")
+    assert np.allclose(scene.bounds_m[:, :2], [[-11, -11], [11, 11]], atol=1e-4)
+
+
+def test_up_is_against_gravity(tmp_path):
+    turned = '<option gravity="0 -9.81 0"/>'
+    room = f'<body euler="-90 0 0">{room_xml()}<geom type="box" size="0.2 0.3 0.4" pos="1 2 0.4"/></body>'
+    scene = import_scene(write_world(tmp_path / "a.xml", room, turned), tmp_path / "a")
+    assert tomllib.loads((scene.folder / "scene.toml").read_text())["up"] == "y"
+    assert np.allclose(scene.bounds_m, [[-3.05, -3.05, 0.0], [3.05, 3.05, 2.5]], atol=1e-3)
+
+
+def test_worlds_with_more_contacts_than_memory_and_places_that_are_no_numbers(tmp_path):
+    boxes = "".join(
+        f'<body pos="{1 + 0.05 * (i % 20)} {1 + 0.05 * (i // 20)} 0.1"><geom type="box" size="0.02 0.02 0.1"/></body>'
+        for i in range(200)
+    )
+    small = '<size memory="30K"/>'
+    src = write_world(tmp_path / "many.xml", room_xml() + boxes, small)
+    model = mujoco.MjModel.from_xml_path(str(src))
+    with pytest.raises(mujoco.FatalError):
+        mujoco.mj_forward(model, mujoco.MjData(model))
+    assert len(import_scene(src, tmp_path / "many").geometry().faces) > 200 * 12
+    src = write_world(tmp_path / "nan.xml", room_xml() + '<geom name="lost" size="0.1" pos="nan 0 0"/>')
+    with pytest.raises(SceneError, match="place of the geom lost is no number"):
+        import_scene(src, tmp_path / "nan")
+    src = write_world(tmp_path / "falls.xml", room_xml() + boxes.replace("<geom", "<freejoint/><geom", 1), small)
+    with pytest.raises(SceneError, match=r"cannot simulate the world.*--settle"):
+        import_scene(src, tmp_path / "falls", settle=True)
 
 
 def test_a_movable_object_keeps_its_mass_and_may_be_pushed(house, tmp_path):

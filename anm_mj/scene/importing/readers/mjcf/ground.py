@@ -1,4 +1,4 @@
-"""Cuts endless and very wide grounds to the building that stands on them."""
+"""Cuts endless and very wide grounds, planes, height fields or flat boxes, to the building that stands on them."""
 
 from __future__ import annotations
 
@@ -97,3 +97,58 @@ def cut_height_field(
     beside = (corners.max(axis=1) < box_m[0, :2]) | (corners.min(axis=1) > box_m[1, :2])
     faces = shape.faces[~beside.any(axis=1)]
     return Shape(shape.vertices_m, faces, shape.unit) if len(faces) else None
+
+
+def is_wide_slab(half_m: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray, "3 3"]) -> bool:
+    """Whether a box lies flat and is as wide as a ground.
+
+    Args:
+        half_m: half its lengths [m].
+        rotation: of its frame in the world.
+    """
+    upright = int(np.argmax(np.abs(rotation[2])))
+    aside = np.delete(half_m, upright)
+    return bool(abs(rotation[2, upright]) > 0.999 and aside.max() > _WIDE_M / 2.0 and half_m[upright] < aside.min())
+
+
+def cut_slab(
+    shape: Shape,
+    rotation: Float64[np.ndarray, "3 3"],
+    position_m: Float64[np.ndarray, "3"],
+    box_m: Float64[np.ndarray, "2 3"],
+) -> Shape:
+    """A box that lies flat, cut to what stands on it where it is a ground; whole where it is a floor or lies aside.
+
+    Args:
+        shape: the box; its vertices are its corners.
+        rotation: of its frame in the world.
+        position_m: of its middle in the world.
+        box_m: as :func:`ground_box`.
+    """
+    corners = np.array(np.meshgrid(*box_m.T)).reshape(3, -1).T
+    local = (corners - position_m) @ rotation
+    low, high = local.min(axis=0), local.max(axis=0)
+    half = shape.vertices_m.max(axis=0)
+    upright = int(np.argmax(np.abs(rotation[2])))
+    cut = half > np.maximum(_WIDE_M, _FLOOR_RATIO * (high - low)) / 2.0
+    cut[upright] = False
+    low, high = np.where(cut, np.maximum(low, -half), -half), np.where(cut, np.minimum(high, half), half)
+    if (high <= low).any():
+        return shape
+    unit = np.clip(shape.unit, low / half, high / half)
+    # Texture coordinates of a face are linear in the two coordinates that change along it.
+    return Shape(unit * half, shape.faces, unit, _slid(shape, unit), shape.repeats)
+
+
+def _slid(shape: Shape, unit: Float64[np.ndarray, "v 3"]) -> Float64[np.ndarray, "v 2"] | None:
+    """Texture coordinates of the corners of a box that have moved on its faces."""
+    if shape.texcoord is None:
+        return None
+    after = np.empty_like(shape.texcoord)
+    for face in range(0, len(unit), 4):
+        corner, uv = shape.unit[face : face + 4], shape.texcoord[face : face + 4]
+        across, up = corner[1] - corner[0], corner[3] - corner[0]
+        moved = unit[face : face + 4] - corner[0]
+        share = np.stack([moved @ across / (across @ across), moved @ up / (up @ up)], axis=1)
+        after[face : face + 4] = uv[0] + share @ np.stack([uv[1] - uv[0], uv[3] - uv[0]])
+    return after

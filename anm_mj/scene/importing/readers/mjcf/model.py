@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from anm_mj.errors import SceneError
 
@@ -43,12 +46,14 @@ def is_mjcf(src: Path) -> bool:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings to MUJOCO_LOG.TXT in the current folder."""
+    """Keep MuJoCo's warnings from the terminal, and from MUJOCO_LOG.TXT in the current folder."""
     import mujoco
 
     mujoco.set_mju_user_warning(lambda text: _logger.debug("MuJoCo: %s", text))
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
     finally:
         mujoco.set_mju_user_warning(None)
 
@@ -82,19 +87,39 @@ def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
     """The model at its first key frame, or else as it is written; dropped until everything rests if asked.
 
     Raises:
-        SceneError: if the simulation diverges.
+        SceneError: if the simulation diverges or needs more memory than the file gives it, or a geom is nowhere.
     """
     import mujoco
 
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_forward(model, data)
-    if not settle or not model.nv:
-        return data
+    if settle and model.nv:
+        _settle(model, data)
+    # Poses only: contacts of thousands of geoms may need more memory than the file gives.
+    mujoco.mj_kinematics(model, data)
+    lost = np.flatnonzero(~(np.isfinite(data.geom_xpos).all(axis=1) & np.isfinite(data.geom_xmat).all(axis=1)))
+    if len(lost):
+        geom = int(lost[0])
+        named = model.geom(geom).name or f"of the body {model.body(int(model.geom_bodyid[geom])).name!r}"
+        raise SceneError(f"The place of the geom {named} is no number: repair the file.")
+    return data
+
+
+def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Drop everything until it rests."""
+    import mujoco
+
     while data.time < _SETTLE_S:
-        with quiet():
-            mujoco.mj_step(model, data, nstep=max(1, round(0.1 / model.opt.timestep)))
+        try:
+            with quiet():
+                mujoco.mj_step(model, data, nstep=max(1, round(0.1 / model.opt.timestep)))
+        except mujoco.FatalError as err:
+            said = " ".join(str(err).split())
+            raise SceneError(
+                f"MuJoCo cannot simulate the world ({said}): give it more memory by <size memory=.../> in the file, or "
+                "import it without --settle."
+            ) from err
         # MuJoCo resets a simulation that diverges.
         if data.time < 0.05 or any(warning.number for warning in _divergences(data)):
             raise SceneError(
@@ -103,8 +128,16 @@ def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
             )
         if abs(data.qvel).max() < _REST:
             break
-    mujoco.mj_forward(model, data)
-    return data
+
+
+def up_axis(model: mujoco.MjModel) -> Literal["x", "y", "z"]:
+    """The axis that gravity points against; z where there is none, or where it is none of the three."""
+    up = -np.asarray(model.opt.gravity, dtype=np.float64)
+    strength = float(np.linalg.norm(up))
+    axis = int(np.argmax(up))
+    if strength == 0.0 or up[axis] < 0.9 * strength:
+        return "z"
+    return ("x", "y", "z")[axis]
 
 
 def _divergences(data: mujoco.MjData) -> list:

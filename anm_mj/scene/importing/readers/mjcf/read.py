@@ -17,9 +17,9 @@ from jaxtyping import Bool, Float64
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mjcf.bodies import joints_of, part_names, robot_bodies
-from anm_mj.scene.importing.readers.mjcf.ground import cut_height_field, cut_plane, ground_box
+from anm_mj.scene.importing.readers.mjcf.ground import cut_height_field, cut_plane, cut_slab, ground_box, is_wide_slab
 from anm_mj.scene.importing.readers.mjcf.looks import Looks, geom_rgba
-from anm_mj.scene.importing.readers.mjcf.model import compiled, initial_state
+from anm_mj.scene.importing.readers.mjcf.model import compiled, initial_state, up_axis
 from anm_mj.scene.importing.readers.mjcf.movables import free_bodies, movable_of
 from anm_mj.scene.importing.readers.mjcf.shapes import Shape, geom_shape
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
@@ -82,7 +82,7 @@ def read_mjcf(
     return ParsedScene(
         drawn,
         f"MuJoCo world {src.name}",
-        up="z",
+        up=up_axis(model),
         up_certainty=float("inf"),
         scale=1.0,
         obstacles=solid,
@@ -108,7 +108,10 @@ class _Reader:
         kinds = mujoco.mjtGeom
         self._is_plane = model.geom_type == kinds.mjGEOM_PLANE
         self._is_field = model.geom_type == kinds.mjGEOM_HFIELD
-        self.solid_walls = self.solid & ~self._is_plane & ~self._is_field
+        is_box = model.geom_type == kinds.mjGEOM_BOX
+        wide = [is_wide_slab(model.geom_size[geom], self._placement(geom)[0]) for geom in range(model.ngeom)]
+        self._is_slab: Bool[np.ndarray, " g"] = is_box & np.array(wide, dtype=bool)
+        self.solid_walls = self.solid & ~self._is_plane & ~self._is_field & ~self._is_slab
         """What collides and is no ground."""
 
     def read(self) -> tuple[list[Submesh], list[Submesh]]:
@@ -133,8 +136,9 @@ class _Reader:
         return drawn, solid
 
     def _add_grounds(self, shapes: dict[int, Shape], grounds: list[int]) -> None:
-        """Cut planes and height fields to everything else."""
+        """Cut planes, height fields and wide flat boxes to everything else."""
         fields = {geom: shapes.pop(geom) for geom in grounds if geom in shapes}
+        slabs = {geom: shapes.pop(geom) for geom in list(shapes) if self._is_slab[geom]}
         standing = {geom: self._in_world(geom, shape) for geom, shape in shapes.items()}
         points = np.concatenate([*standing.values(), np.zeros((0, 3))])
         obstacles = [standing[geom][shapes[geom].faces] for geom in shapes if self.solid[geom]]
@@ -148,6 +152,8 @@ class _Reader:
                 cut = cut_plane(half, rotation, position, box)
             if cut is not None:
                 shapes[geom] = cut
+        for geom, shape in slabs.items():
+            shapes[geom] = cut_slab(shape, *self._placement(geom), box)
 
     def _in_world(self, geom: int, shape: Shape) -> Float64[np.ndarray, "v 3"]:
         rotation, position = self._placement(geom)
@@ -184,8 +190,18 @@ def _report_left_out(
         (sites, "marker (site)"),
         (model.nflex, "deformable body"),
         (model.nskin, "skin"),
+        (_drawn_tendons(model), "tendon"),
     )
     for number, word in counted:
         if number:
             plural = word.replace("body", "bodie").replace(" (", "s (") if number > 1 else word
             report.add(_OTHERS, f"{number} {plural}{'s' if number > 1 and '(' not in word else ''}")
+
+
+def _drawn_tendons(model: mujoco.MjModel) -> int:
+    """Number of the tendons that MuJoCo draws: those through places, not those that add up joints."""
+    import mujoco
+
+    first = model.wrap_type[model.tendon_adr] if model.ntendon else np.zeros(0)
+    seen = (model.tendon_group <= max(DRAWN_GROUPS)) & (model.tendon_rgba[:, 3] > 0.0)
+    return int(np.count_nonzero(seen & (first != mujoco.mjtWrap.mjWRAP_JOINT)))
