@@ -21,13 +21,13 @@ from anm_mj.evaluation.metrics import Metrics
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.explore import LoopState, Outcome, StepReport, explore
-from anm_mj.former import Former
+from anm_mj.former_run import Former
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import Before, RunRecorder, WayBack
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.former import LookingAround
-from anm_mj.planning.policies.guard import GuardedPolicy
+from anm_mj.planning.policies.continued_run import LookingAround
+from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
 from anm_mj.planning.policies.returning import Returning
 from anm_mj.planning.stages import PlanningState, Stages

@@ -23,7 +23,7 @@ from anm_mj.config import make_config
 from anm_mj.explore import explore
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.planning.lookahead import lookahead_radius_m
+from anm_mj.planning.blocked_path import lookahead_radius_m
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene

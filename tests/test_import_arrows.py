@@ -67,9 +67,9 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # Puts everything together for one run.
     "run": _BASE
     | _STAGES
-    | {"config", "sim.make_robot", "explore", "io", "io.recorder", "viz", "evaluation", "checkpoint", "former"},
+    | {"config", "sim.make_robot", "explore", "io", "io.recorder", "viz", "evaluation", "checkpoint", "former_run"},
     # A finished run as what another one goes on from.
-    "former": _BASE | {"config", "io", "mapping", "evaluation"},
+    "former_run": _BASE | {"config", "io", "mapping", "evaluation"},
     # The same run, from where it was stored.
     "resume": _BASE | _STAGES | {"config", "run", "explore", "io", "io.recorder", "viz", "evaluation", "checkpoint"},
     # What users import: runs, maps and their parts.

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.distance import capped_distance_cells
+from anm_mj.planning.distance_transform import capped_distance_cells
 from anm_mj.types import UNKNOWN, TopDownMap, VoronoiGraph
 
 BORDER_WIDTH_M = 0.15

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.former import remembered
+from anm_mj.planning.policies.continued_run import remembered
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.protocols import Mapper
 from anm_mj.types import Action, FormerRun, Observation, Pose2

@@ -18,7 +18,7 @@ from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
 from anm_mj.scene.generation.lamps import lamps, lights
 from anm_mj.scene.generation.layout import Style, plan_building
-from anm_mj.scene.generation.move import Move, move_furniture
+from anm_mj.scene.generation.move_furniture import Move, move_furniture
 from anm_mj.scene.generation.quads import Quads, join
 from anm_mj.scene.generation.shell import Surface, add_passage, add_room_shell
 from anm_mj.scene.generation.voxel_light import VOXEL_M, VoxelLighting

@@ -12,7 +12,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.generation.furnish import furnish
 from anm_mj.scene.generation.layout import plan_building
-from anm_mj.scene.generation.move import move_furniture
+from anm_mj.scene.generation.move_furniture import move_furniture
 from anm_mj.scene.generation.scene import generate_scene
 from anm_mj.scene.generation.topdown import topdown
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear, navigable_area

@@ -41,7 +41,7 @@ from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.visited import within
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.former import is_known_place, remembered
+from anm_mj.planning.policies.continued_run import is_known_place, remembered
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.protocols import Mapper

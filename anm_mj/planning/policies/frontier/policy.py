@@ -30,7 +30,7 @@ from skimage.graph import MCP
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.former import remembered
+from anm_mj.planning.policies.continued_run import remembered
 from anm_mj.planning.policies.frontier.config import FrontierConfig
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper

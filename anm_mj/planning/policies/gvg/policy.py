@@ -24,7 +24,7 @@ from anm_mj.frames import wrap_angle
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.former import is_known_place
+from anm_mj.planning.policies.continued_run import is_known_place
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
 from anm_mj.planning.policies.gvg.candidates import CandidatePlaces, candidate_places
 from anm_mj.planning.policies.gvg.config import AS_MANY_AS_NEEDED, GvgConfig

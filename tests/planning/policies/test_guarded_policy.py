@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError, PlanError
-from anm_mj.planning.policies.guard import GuardedPolicy
+from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.types import Action, Plan, Pose2, StopReason
 from tests.box_room import observe
 
@@ -100,7 +100,7 @@ def test_what_a_policy_raises_stops_the_run_at_the_next_decision(where, error):
     stopped = policy.plan(Mock(), observe(3, HERE))
     assert stopped.stop is StopReason.POLICY_ERROR
     assert f"policy my:Own failed in {where}" in stopped.reason
-    assert f"{type(error).__name__}: {error} (test_guard.py, line " in stopped.reason
+    assert f"{type(error).__name__}: {error} (test_guarded_policy.py, line " in stopped.reason
     calls = fake.calls
     policy.observe(observe(4, HERE))
     assert fake.calls == calls  # It is not asked again.

@@ -9,8 +9,8 @@ import pytest
 from anm_mj.errors import PlanError
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.former import LookingAround, is_known_place, remembered
-from anm_mj.planning.policies.guard import GuardedPolicy
+from anm_mj.planning.policies.continued_run import LookingAround, is_known_place, remembered
+from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import POLICIES, default_settings, make_policy, needs_truth
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.planning.topdown import TopDownMapper

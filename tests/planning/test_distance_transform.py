@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from anm_mj.planning.distance import capped_distance_cells
+from anm_mj.planning.distance_transform import capped_distance_cells
 
 
 @settings(max_examples=40, deadline=None)
