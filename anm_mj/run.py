@@ -136,7 +136,7 @@ def make_parts(
     if former is not None:
         former.begin(mapper)
     with _make_robot(config, scene) as robot:
-        truth = functools.cache(lambda: _true_scene(scene, robot, on_survey))
+        truth = functools.cache(lambda: _true_scene(scene, robot, config.steps, on_survey))
         explorer = _make_policy(config, robot, truth)
         if former is not None:
             explorer.continue_from(former.found(config.policy), mapper)
@@ -281,12 +281,14 @@ def _start_pose(config: RunConfig) -> Pose2 | None:
     return Pose2(x, y, math.radians(yaw_deg))
 
 
-def _true_scene(scene: Scene, robot: SimRobot, on_survey: Callable[[int, int], None]) -> SceneTruth:
+def _true_scene(
+    scene: Scene, robot: SimRobot, budget_steps: int | None, on_survey: Callable[[int, int], None]
+) -> SceneTruth:
     """The true surface with its observable part; the search for that part takes minutes at the first run in a scene."""
     first = robot.observe()
     camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose, first.range_m)
     surface = cached_ground_truth(scene, robot.footprint, camera, first.pose, on_survey)
-    return SceneTruth(surface, reachable_area(scene, robot.footprint, first.pose), camera)
+    return SceneTruth(surface, reachable_area(scene, robot.footprint, first.pose), camera, budget_steps)
 
 
 def _make_policy(config: RunConfig, robot: SimRobot, truth: Callable[[], SceneTruth]) -> GuardedPolicy:

@@ -21,6 +21,7 @@ from anm_mj.bench.results_table import tidy_rows, write_csv
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.worker import EXPLORE
 from anm_mj.io.manifest import git_revision
+from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.utils.package_data import checkout
 from anm_mj.viz.figure_file import KINDS, PICTURE
 
@@ -151,14 +152,17 @@ def _make_missing(
     failures = []
     done, written_s = len(there), time.monotonic()
     on_run(done, len(jobs), "")
-    for job, error in run_jobs(missing, runs, engine, min(num_workers, max(len(missing), 1)), function, modules):
-        done += error is None
-        if error is not None:
-            failures.append(error)
-        elif time.monotonic() - written_s > TABLES_EVERY_S:
-            write_tables(jobs, out, text, (PICTURE,))
-            written_s = time.monotonic()
-        on_run(done, len(jobs), error or job.name)
+    # Oracles come last, because they begin from what the others have found.
+    for stage in (False, True):
+        now = [job for job in missing if needs_truth(job.policy) is stage]
+        for job, error in run_jobs(now, runs, engine, min(num_workers, max(len(now), 1)), function, modules):
+            done += error is None
+            if error is not None:
+                failures.append(error)
+            elif time.monotonic() - written_s > TABLES_EVERY_S:
+                write_tables(jobs, out, text, (PICTURE,))
+                written_s = time.monotonic()
+            on_run(done, len(jobs), error or job.name)
     write_tables(jobs, out, text)
     return Bench(out, jobs, len(there), failures)
 

@@ -96,8 +96,9 @@ def run_jobs(
     Raises:
         BenchError: There is no such engine, or Ray is not installed.
     """
+    if not jobs and engine in ENGINES:
+        return
     threads = max(1, (os.cpu_count() or 1) // num_workers)
-
     if engine == "local":
         yield from _local(jobs, num_workers, lambda job: execute(job, str(runs), function, threads, modules))
     elif engine == "ray":

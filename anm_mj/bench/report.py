@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.bench.best_known import BEST
 from anm_mj.bench.result import USUAL, variant
 from anm_mj.bench.statistics import LEAST_SCENES, PairedDifference, bootstrap_interval, paired_difference
-from anm_mj.planning.policies.registry import DEFAULT_POLICY
+from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 
 COLUMNS = (
     ("observable_ratio_auc", "AUC, observable [%]", 1),
+    ("share_of_best_auc", "AUC of the best known [%]", 1),
     ("completion_ratio", "final ratio [%]", 1),
     ("completion_cm", "final completion [cm]", 2),
     ("observable_ratio", "final ratio, observable [%]", 1),
@@ -112,10 +114,40 @@ def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
             groups = [(name, [_mean_row(rows, scene, name) for scene in ordered]) for name in names]
             text = f"Over {', '.join(ordered)}."
             parts += [_title(f"Mean over {len(ordered)} scenes", by), text, _table(groups, over_scenes=True)]
+    if any(row["best_known_auc"] is not None for row in rows):
+        parts.append(_bounds(rows, by))
     if len(variants) > 1:
         reference = next((name for name in variants if name == DEFAULT_POLICY), variants[0])
         parts.append(_differences(rows, variants, reference, by))
     return parts
+
+
+def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
+    """Between what the optimum lies in each scene."""
+    lines = [
+        _title("What is possible", by),
+        "",
+        "Share of the observable surface: the best of all runs from the same start, the oracle's among them, and what "
+        "no tour can exceed. Means over starts; in how many of them a policy's run was better than the oracle's tours.",
+        "",
+        "| scene | AUC, best known [%] | AUC, at most [%] | by a policy | final, best known [%] | final, at most [%] | "
+        "by a policy |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for scene in _unique(rows, "scene"):
+        known = [row for row in rows if row["scene"] == scene and row["best_known_auc"] is not None]
+        # One of the rows of every start and apparatus: all say the same about it.
+        here = list(
+            {tuple(row[key] for key in ("start", "robot", "drive", "pose", "sensor")): row for row in known}.values()
+        )
+        cells = [scene]
+        for name in BEST:
+            best, most = (_numbers(here, f"{kind}_{name}") for kind in ("best_known", "upper_bound"))
+            by_policy = sum(not needs_truth(row[f"best_known_{name}_by"].partition(" ")[0]) for row in here)
+            cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
+        if here:
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 def _scene(rows: Sequence[dict[str, Any]]) -> list[str]:

@@ -14,6 +14,7 @@ from anm_mj.bench.engine import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.statistics import restricted_steps
 from anm_mj.bench.sweep import BenchError
+from anm_mj.bench.worker import BOUND
 from anm_mj.evaluation.metrics import EpisodeStatistics, read_metrics
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
@@ -81,6 +82,11 @@ class Result:
         steps = np.append(self.curve[:, 0], self.budget)
         values = np.append(self.curve[:, column], self.curve[-1, column])
         return float(np.trapezoid(values, steps) / self.budget)
+
+    def bound(self) -> Float[np.ndarray, "n 2"] | None:
+        """Step, and the most that any tour can have covered by then [%]; None for runs that no oracle made."""
+        path = self.folder / BOUND
+        return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2) if path.is_file() else None
 
     def at_budgets(self) -> list[Result]:
         """The run at each budget of its comparison; itself if there is one only.

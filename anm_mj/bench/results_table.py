@@ -10,30 +10,21 @@ from typing import Any
 
 import numpy as np
 
+from anm_mj.bench.best_known import BEST, LEVELS, best_known, situation
 from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result
 from anm_mj.bench.statistics import restricted_steps
 from anm_mj.io.to_json import to_json
-from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.utils.files import atomic_write
-
-LEVELS = (90, 95, 99)
-"""Levels of the observable completion ratio; the table has the steps to each [%]."""
 
 
 def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
     """A row per run and budget, in the order of the results; every row has every column."""
     results = [cut for result in results for cut in result.at_budgets()]
-    oracle_steps = {
-        (r.job["scene_name"], r.job["start"], r.budget, *_seen_by(r), level): restricted_steps(
-            r.steps_to(level), r.budget
-        )
-        for r in results
-        if needs_truth(r.job["policy"])
-        for level in LEVELS
-    }
+    known = best_known(results)
     rows = []
     for result in results:
         job, metrics = result.job, dict(result.metrics)
+        best = known.get(situation(result), {})
         stage_hz = metrics.pop("stage_hz", None) or {}
         row = {
             "scene": job["scene_name"],
@@ -55,19 +46,16 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             row[f"steps_to_{level}"] = steps
             row[f"restricted_steps_to_{level}"] = restricted = restricted_steps(steps, result.budget)
             row[f"path_m_to_{level}"] = result.path_m_to(level)
-            oracle = oracle_steps.get(
-                (job["scene_name"], job["start"], result.budget, *_seen_by(result), level), np.nan
-            )
-            row[f"oracle_ratio_{level}"] = restricted / oracle
+            row[f"oracle_ratio_{level}"] = restricted / best.get(f"steps_to_{level}", np.nan)
+        for key in BEST:
+            row[f"best_known_{key}"] = best.get(key)
+            row[f"best_known_{key}_by"] = best.get(f"{key}_by")
+            row[f"upper_bound_{key}"] = best.get(f"bound_{key}")
+        row["share_of_best_auc"] = 100.0 * row["observable_ratio_auc"] / best.get("auc", np.nan)
         row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
         rows.append(row)
     columns = list(dict.fromkeys(key for row in rows for key in row))
     return [{column: row.get(column) for column in columns} for row in rows]
-
-
-def _seen_by(result: Result) -> tuple[str, ...]:
-    """What a run must share with the oracle's to be compared with it: all but what only concerns the map."""
-    return tuple(value for key, value in result.apparatus.items() if key not in ("preset", "goal"))
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:

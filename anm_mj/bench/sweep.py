@@ -47,7 +47,9 @@ from anm_mj.bench.imported import ImportedScene, find_imported
 from anm_mj.bench.job import Job
 from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
+from anm_mj.evaluation.oracle.measure import MEASURES
 from anm_mj.planning.policies.context import DEFAULT_GOAL
+from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.robot.presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
@@ -224,7 +226,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             f"starts is {sweep.starts}, but scene {scene.name} names {len(scene.starts)} start poses; give 1 to that."
         )
     steps, cuts = _budget(sweep, scene)
-    return [
+    jobs = [
         Job(
             scene=where,
             scene_name=scene.name,
@@ -250,6 +252,18 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             sweep.robot, sweep.drive, sweep.pose, sweep.sensor, sweep.goal
         )
         for seed in sweep.seeds
+    ]
+    return [one for job in jobs for one in (_tours(job) if needs_truth(job.policy) else [job])]
+
+
+def _tours(job: Job) -> list[Job]:
+    """The runs of an oracle: a tour for each budget and each measure, because it knows what it is judged by."""
+    cuts = job.cuts or (("", job.steps),)
+    by_budget = [replace(job, steps=steps, cuts=((name, steps),) if name else ()) for name, steps in cuts]
+    if any(setting.startswith("policy.measure=") for setting in job.settings):
+        return by_budget
+    return [
+        replace(one, settings=(*one.settings, f"policy.measure={measure}")) for one in by_budget for measure in MEASURES
     ]
 
 

@@ -16,9 +16,12 @@ from pathlib import Path
 
 from anm_mj.bench.job import Job
 from anm_mj.errors import AnmError
+from anm_mj.planning.policies.registry import needs_truth
 
 EXPLORE = "anm_mj.bench.worker:explore"
 """Default function that makes a run."""
+BOUND = "upper_bound.csv"
+"""File of an oracle's run: ``step,observable_ratio``, the most that a tour can have covered by then [%]."""
 KEPT = (
     "config.json",
     "curve.csv",
@@ -29,6 +32,7 @@ KEPT = (
     "plans.jsonl",
     "steps.jsonl",
     "topdown.png",
+    BOUND,
 )
 """Files kept of a run folder: metrics and logs, without frames, map and mesh."""
 WITHOUT_PICTURES = "mlp"
@@ -42,17 +46,22 @@ def explore(job: Job, folder: Path) -> None:
     Raises:
         AnmError: The run cannot be made.
     """
+    from anm_mj.bench.hindsight import with_hindsight, write_bound
     from anm_mj.evaluation.evaluate import add_views
     from anm_mj.evaluation.fixed_views import evaluate_fixed_views
     from anm_mj.evaluation.novel_views import evaluate_novel_views
     from anm_mj.run import run
 
     config = job.config()
+    if needs_truth(job.policy):
+        config = with_hindsight(config, job, folder.parent.parent)
     # What is for replay and exports would be deleted below.
     config = replace(config, record=replace(config.record, images="none", plans=False, replay_bytes=0))
     made, _ = run(config, out=folder)
     if job.views and config.mapping.engine != WITHOUT_PICTURES:
         add_views(made.path, evaluate_novel_views(made.path), evaluate_fixed_views(made.path))
+    if needs_truth(job.policy):
+        write_bound(config, made.path / BOUND)
     for path in sorted(made.path.rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()

@@ -17,13 +17,15 @@ COMFORT_M = 0.2
 class GridRoutes:
     """The shortest paths from the robot to all cells of a map that it can reach."""
 
-    def __init__(self, topdown: TopDownMap, pose: Pose2, safe_m: float):
+    def __init__(self, topdown: TopDownMap, pose: Pose2, safe_m: float, slack_m: float = 0.0):
         """Search the whole map once.
 
         Args:
             topdown: the map; paths cross free cells only.
             pose: the robot's pose; within ``NEAR_ROBOT_M`` of it paths need no more clearance than it has now.
             safe_m: least clearance of a path [m].
+            slack_m: so much less is enough at the centres of cells [m]: half a cell where clearance is that to
+                surfaces, because another point of the cell may keep ``safe_m``.
         """
         self.topdown = topdown
         self.pose = pose
@@ -32,7 +34,8 @@ class GridRoutes:
         clearance = topdown.clearance_m
         rows, cols = np.ogrid[: clearance.shape[0], : clearance.shape[1]]
         near = np.hypot(rows - start[0], cols - start[1]) * topdown.resolution_m < NEAR_ROBOT_M
-        needed = np.where(near, min(safe_m, float(clearance[tuple(start)])), safe_m)
+        least_m = safe_m - slack_m
+        needed = np.where(near, min(least_m, float(clearance[tuple(start)])), least_m)
         passable = (clearance >= needed) & (topdown.state == FREE)
         passable[tuple(start)] = True
         crowding = np.clip((safe_m + COMFORT_M - clearance) / COMFORT_M, 0.0, 1.0)

@@ -3,6 +3,10 @@
 Every image column is one beam of a scan. It ends at the nearest surface within the heights of the robot's body, and the
 cells before that are free (Moravec and Elfes, ICRA 1985; Yamauchi, CIRA 1997). Its range can be limited, as in the
 published configurations of the baselines; that of the neural map's occupancy grid cannot.
+
+An occupied cell remembers where in it the beams ended, so clearance is measured to surfaces and not to cells. The graph
+of the other policies measures it to zero-crossings of the field; without this rule a policy with a grid would not fit
+through passages that they pass.
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from skimage.draw import polygon
 
@@ -38,6 +42,11 @@ LEVEL_SINE = 0.01
 """A camera counts as level when the elevation of its axis has a smaller sine."""
 JOINED_M = 0.25
 """Ends of neighbouring beams that are nearer to each other than this lie on one surface [m]."""
+NEAR_CELLS = 12
+"""Clearance is measured to surfaces in cells that are no farther than this from an occupied one; farther ones keep the
+distance between cells."""
+RENEWAL = 0.5
+"""Weight of the newest scan in where the surface of a cell lies."""
 MOST, LEAST = 3.5, -2.0
 """Bounds of a cell's log-odds, so that later scans can still change its state."""
 MOST_FORMER, LEAST_FORMER = 1.1, -0.8
@@ -60,12 +69,15 @@ class ScanGrid:
         """World x, y of the outer corner of cell [0, 0]."""
         self.log_odds = np.zeros((0, 0), np.float32)
         """NaN in cells that no beam has touched."""
+        self.surface_m = np.zeros((2, 0, 0), np.float32)
+        """Where in each cell the beams ended: x and y from its centre [m]; NaN where none did."""
 
     def continue_from(self, log_odds: Float[np.ndarray, "rows cols"], origin_xy_m: Float[np.ndarray, "2"]) -> None:
         """Begin with the grid of a former run, of which a few scans change what has changed since."""
         # The grid grows in whole blocks from a corner of theirs.
         self.origin_xy_m = np.rint(origin_xy_m / RESOLUTION_M) * RESOLUTION_M
         self.log_odds = np.clip(log_odds.astype(np.float32), LEAST_FORMER, MOST_FORMER)
+        self.surface_m = np.full((2, *self.log_odds.shape), np.nan, np.float32)
 
     def read_occupancy(self, grid: VoxelGrid, poses: Float[np.ndarray, "n 3"]) -> None:
         """Begin with what a voxel grid says of the heights of the body, and with where the robot was.
@@ -103,7 +115,9 @@ class ScanGrid:
         columns = pixel_directions(_middle_row(observation.intrinsics))[0] @ level.T
         directions = columns[:, :2] / np.linalg.norm(columns[:, :2], axis=1, keepdims=True)
         ends_xy_m = camera_xy_m + directions * end_m[:, None]
-        struck = self._mask(_between_hits(ends_xy_m, hit))
+        hits_xy_m = _between_hits(ends_xy_m, hit)
+        struck = self._mask(hits_xy_m)
+        self._remember_surface(hits_xy_m)
         free = self._inside(np.concatenate([camera_xy_m[None], ends_xy_m])) & ~struck
         free |= self._under(observation.pose)
         self.log_odds[free] = np.maximum(np.nan_to_num(self.log_odds[free]) + PASS, LEAST)
@@ -119,8 +133,48 @@ class ScanGrid:
         """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""
         state = np.where(self.log_odds > 0, np.int8(OCCUPIED), np.int8(FREE))
         state[np.isnan(self.log_odds)] = UNKNOWN
-        clear = np.asarray(ndimage.distance_transform_edt(state != OCCUPIED)) - 0.5
-        return TopDownMap((clear * RESOLUTION_M).astype(np.float32), state, RESOLUTION_M, self.origin_xy_m.copy())
+        cells, nearest = ndimage.distance_transform_edt(state != OCCUPIED, return_indices=True)
+        clear_m = (np.asarray(cells) - 0.5) * RESOLUTION_M
+        near = (np.asarray(cells) > 0) & (np.asarray(cells) <= NEAR_CELLS) & (state == OCCUPIED).any()
+        clear_m[near] = self._to_surfaces_m(state == OCCUPIED, np.argwhere(near), np.asarray(nearest)[:, near].T)
+        return TopDownMap(clear_m.astype(np.float32), state, RESOLUTION_M, self.origin_xy_m.copy())
+
+    def _to_surfaces_m(
+        self, occupied: Bool[np.ndarray, "rows cols"], cells: Int[np.ndarray, "n 2"], nearest: Int[np.ndarray, "n 2"]
+    ) -> Float[np.ndarray, " n"]:
+        """Distance of cells' centres to the nearest surface, in the nearest occupied cell or one around it [m].
+
+        Args:
+            occupied: which cells hold a surface; in one that no beam ended in it may be anywhere.
+            cells: row and column of each cell.
+            nearest: row and column of the occupied cell nearest to each.
+        """
+        surface_m = np.where(occupied, np.nan_to_num(self.surface_m), np.inf)
+        surface_m = np.pad(surface_m, ((0, 0), (1, 1), (1, 1)), constant_values=np.inf)
+        unsure_m = np.pad(np.where(np.isnan(self.surface_m[0]), RESOLUTION_M / 2, 0.0), 1)
+        least = np.full(len(cells), np.inf)
+        for row, col in np.ndindex(3, 3):
+            at = nearest + np.array([row, col])  # In the padded grid.
+            dx, dy = surface_m[:, at[:, 0], at[:, 1]]
+            between = (at - 1 - cells) * RESOLUTION_M
+            away_m = np.hypot(between[:, 1] + dx, between[:, 0] + dy) - unsure_m[at[:, 0], at[:, 1]]
+            least = np.minimum(least, away_m)
+        return least
+
+    def _remember_surface(self, hits_xy_m: Float[np.ndarray, "n 2"]) -> None:
+        """Take in where the beams of a scan ended: the mean of each cell."""
+        cells = world_to_cell(hits_xy_m, self.origin_xy_m, RESOLUTION_M)
+        inside = ((cells >= 0) & (cells < self.log_odds.shape)).all(axis=1)
+        cells, hits_xy_m = cells[inside], hits_xy_m[inside]
+        from_centre_m = hits_xy_m - self.origin_xy_m - (cells[:, ::-1] + 0.5) * RESOLUTION_M
+        struck, which, count = np.unique(
+            np.ravel_multi_index(tuple(cells.T), self.log_odds.shape), return_inverse=True, return_counts=True
+        )
+        for axis in range(2):
+            mean_m = np.bincount(which, from_centre_m[:, axis], minlength=len(struck)) / count
+            flat = self.surface_m[axis].reshape(-1)
+            before = np.where(np.isnan(flat[struck]), mean_m, flat[struck])
+            flat[struck] = before + RENEWAL * (mean_m - before)
 
     def _beams(self, observation: Observation) -> tuple[Float[np.ndarray, " w"], Bool[np.ndarray, " w"]]:
         """Where the beam of each column ends [m], and whether it hits a surface there.
@@ -178,6 +232,7 @@ class ScanGrid:
             return
         start = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)[::-1] if old.size else np.zeros(2, int)
         self.log_odds = embed(old, (rows, cols), start, np.nan)
+        self.surface_m = np.stack([embed(one, (rows, cols), start, np.nan) for one in self.surface_m])
         self.origin_xy_m = low
 
 

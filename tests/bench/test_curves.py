@@ -2,7 +2,7 @@ import numpy as np
 from PIL import Image
 
 from anm_mj.bench.curves import COLOURS, LINES, MARKS, draw_curves
-from anm_mj.bench.results_table import Result
+from anm_mj.bench.result import Result
 from anm_mj.viz.figure_file import KINDS
 
 
@@ -13,7 +13,9 @@ def results(num_policies, num_runs):
         for run in range(num_runs):
             ratio = 90.0 * (1.0 - np.exp(-steps * 0.01 * (1 + k + 0.8 * run)))
             job = {"steps": 200, "settings": [], "policy": f"policy-{k}", "scene_name": "room"}
-            found.append(Result(job, {}, "x", np.stack([steps, ratio, 100.0 - ratio, ratio + 5.0], axis=1)))
+            found.append(
+                Result(job, {}, "x", np.stack([steps, ratio, 100.0 - ratio, ratio + 5.0, 0.04 * steps], axis=1))
+            )
     return found
 
 

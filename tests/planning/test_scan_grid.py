@@ -81,3 +81,28 @@ def test_a_refused_step_puts_an_obstacle_before_the_robot():
     grid.block_ahead(Pose2(0.5, 0.2, 0.0))
 
     assert state_at(grid, 0.5 + 0.18 + 0.065, 0.2) == OCCUPIED
+
+
+def test_clearance_is_measured_to_surfaces_and_not_to_cells():
+    """The wall at x = 2 m stands at the edge of a cell: to the cell's near side clearance would be half a cell off."""
+    grid = ScanGrid(FOOTPRINT, 10.0)
+    grid.integrate(look(Pose2(0.3, 0.0, 0.0)))
+
+    topdown = grid.topdown()
+    for x in (1.4, 1.52, 1.61, 1.77, 1.88):
+        row, col = world_to_cell(np.array([[x, 0.0]]), topdown.origin_xy_m, RESOLUTION_M)[0]
+        (centre,) = cell_to_world(np.array([[row, col]]), topdown.origin_xy_m, RESOLUTION_M)
+        assert abs(float(topdown.clearance_m[row, col]) - (ROOM_HIGH_M[0] - centre[0])) < 0.005
+
+
+def test_a_growing_grid_keeps_its_surfaces():
+    grid = ScanGrid(FOOTPRINT, 3.0)
+    grid.integrate(look(Pose2(0.0, 0.0, 0.0)))
+    known = np.sort(grid.surface_m[np.isfinite(grid.surface_m)])
+    far = look(Pose2(0.0, 0.0, math.pi))
+    far.depth_m[:] = np.nan
+    far.T_world_camera[:2, 3] -= 20.0
+    grid.integrate(far)
+
+    assert grid.surface_m.shape[1:] == grid.log_odds.shape
+    np.testing.assert_array_equal(np.sort(grid.surface_m[np.isfinite(grid.surface_m)]), known)

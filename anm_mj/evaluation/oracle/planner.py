@@ -9,6 +9,7 @@ import hashlib
 import json
 import logging
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,13 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt64
 
 from anm_mj.evaluation.oracle.discretize import DiscretePath, discretize
+from anm_mj.evaluation.oracle.hindsight import stops_along
+from anm_mj.evaluation.oracle.measure import MEASURES, Measure
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
 from anm_mj.evaluation.oracle.roadmap import Roadmap, num_places
 from anm_mj.evaluation.oracle.segments import Segments
 from anm_mj.evaluation.oracle.tour import MISSING_STEPS, WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
 from anm_mj.evaluation.pixel_rays import PixelRays
 from anm_mj.evaluation.scene_truth import SceneTruth
@@ -30,7 +34,7 @@ from anm_mj.utils.raycast import RayCaster
 
 _logger = logging.getLogger(__name__)
 
-METHOD = 3
+METHOD = 4
 """Version of the search; a higher one ignores tours that older versions cached."""
 LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.5))
 """Shares of the observable surface and the weight of the steps to each. One tour serves all of them; the lower levels
@@ -55,6 +59,8 @@ MAX_FAILURES = 2
 MAX_TOURS = 8
 NUM_STARTS = 4
 """Tours that share half of the rounds; the best of them gets the other half."""
+NUM_HINDSIGHT = 2
+"""Best tours of finished runs that are improved beside them."""
 RESIDUAL_ROUNDS = 20_000
 """Annealing rounds of each residual tour."""
 SEED = 0
@@ -69,10 +75,21 @@ class TourPlanner:
         scene: The true scene, with its observable surface.
         rounds: Annealing rounds of the first tour.
         start: Pose at the beginning; its yaw is heading 0.
+        measure: What the first tour is for where the scene's budget is known: one of ``MEASURES``.
+        trajectories: Poses of finished runs from which the search for the first tour also begins.
     """
 
-    def __init__(self, scene: SceneTruth, rounds: int, start: Pose2) -> None:
+    def __init__(
+        self,
+        scene: SceneTruth,
+        rounds: int,
+        start: Pose2,
+        measure: str = MEASURES[0],
+        trajectories: Sequence[list[Pose2]] = (),
+    ) -> None:
         self._scene = scene
+        self._measure = measure
+        self._trajectories = trajectories
         self._rounds = rounds
         self._yaw_rad = start.yaw_rad
         samples = scene.surface.samples[scene.surface.observable]
@@ -103,6 +120,23 @@ class TourPlanner:
         self._failures[self._expected[left[self._expected]]] += 1
         stops = self._first_tour(pose, left) if self._tours == 1 else []
         return stops if stops or self._tours > MAX_TOURS else self._residual_tour(pose, left)
+
+    def upper_bound(self, pose: Pose2) -> Float[np.ndarray, " steps"]:
+        """The most of the planned samples that a tour from a pose can have covered after each step of the budget [%].
+
+        Raises:
+            ValueError: The scene's budget is not known.
+        """
+        if self._scene.budget_steps is None:
+            raise ValueError("a bound needs the budget")
+        area, places_m = self._scene.reachable, self._roadmap.places_m
+        earliest = earliest_steps(area, places_m, pose.xy_m, self.yaw_at(pose), self._spacing_m)
+        bound = coverage_bound(self._first_bits(), earliest, self._scene.budget_steps)
+        return 100.0 * bound / len(self._planned)
+
+    def _first_bits(self) -> UInt64[np.ndarray, "p yaws words"]:
+        """What each frame covers of the planned samples."""
+        return frame_bits(self._planned, self._roadmap.places_m, self._rays)
 
     def place_at(self, pose: Pose2) -> int:
         """The place nearest to a pose."""
@@ -141,15 +175,18 @@ class TourPlanner:
     def _first_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
         """A tour through all planned samples."""
         total = len(self._planned)
-        bits = frame_bits(self._planned, self._roadmap.places_m, self._rays)
+        bits = self._first_bits()
         seen = pack(~left[None, :total])[0]
         have, most = int(count(seen)), int(count(_union(bits) | seen))
         wanted = [(min(math.ceil((share + SLACK) * total), most), weight) for share, weight in LEVELS]
         levels = tuple(Level(samples, weight) for samples, weight in wanted if samples > have)
         # A sample costs more steps in a large scene, and to miss a level must not be cheaper than to reach it.
         missing_steps = MISSING_STEPS * self._spacing_m / PLACE_SPACING_M
-        task = Task(self.place_at(pose), self.yaw_at(pose), seen, levels)
-        return self._search(task, bits, self._rounds, missing_steps)
+        budget = self._scene.budget_steps
+        measure = None if budget is None else Measure(self._measure, budget, total)
+        task = Task(self.place_at(pose), self.yaw_at(pose), seen, levels, measure)
+        known = [stops_along(poses, self.place_at, self.yaw_at, budget or len(poses)) for poses in self._trajectories]
+        return self._search(task, bits, self._rounds, missing_steps, known)
 
     def _residual_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
         """A tour through what other tours left, by places selected for it."""
@@ -177,13 +214,18 @@ class TourPlanner:
         return self._search(task, bits, min(self._rounds, RESIDUAL_ROUNDS), RESIDUAL_MISSING_STEPS)
 
     def _search(
-        self, task: Task, bits: UInt64[np.ndarray, "p yaws words"], rounds: int, missing_steps: float
+        self,
+        task: Task,
+        bits: UInt64[np.ndarray, "p yaws words"],
+        rounds: int,
+        missing_steps: float,
+        others: Sequence[list[Stop]] = (),
     ) -> list[Stop]:
-        """A tour for a task: the cached one, or the best that the search finds."""
+        """A tour for a task: the cached one, or the best that the search finds, also from tours of others."""
         if not task.levels:
             return []
         digest = hashlib.sha256(self._roadmap.places_m.tobytes() + bits.tobytes()).hexdigest()
-        text = f"{self._key}\0{digest}\0{task.place}\0{task.yaw}\0{task.levels}\0{rounds}"
+        text = f"{self._key}\0{digest}\0{task.place}\0{task.yaw}\0{task.levels}\0{task.measure}\0{rounds}\0{others}"
         key = hashlib.sha256(text.encode() + task.seen.tobytes()).hexdigest()[:32]
         path = cache_folder("oracle") / f"{key}.json"
         known = _read_tour(path)
@@ -193,7 +235,8 @@ class TourPlanner:
         search = TourSearch(segments, self._roadmap, task, SEED, missing_steps)
         begin = greedy_tour(segments, self._roadmap, task, self._yaw_rad)
         each = rounds // (2 * NUM_STARTS)
-        tours = [search.anneal(begin, each) for _ in range(NUM_STARTS)]
+        begins = [begin] * NUM_STARTS + sorted(others, key=search.cost)[:NUM_HINDSIGHT]
+        tours = [search.anneal(one, each) for one in begins]
         found = search.anneal(min(tours, key=search.cost), rounds - NUM_STARTS * each, WARM_STEPS)
         coverage = search.coverage(found)
         _logger.info(

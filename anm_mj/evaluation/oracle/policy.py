@@ -1,10 +1,11 @@
 """The oracle: a policy that knows the scene, as a reference for all others.
 
-It knows the true surface, its observable part and the reachable area. Before its first step it searches for a short
-tour that covers the observable surface (:mod:`anm_mj.evaluation.oracle.tour`). It drives the tour in the simulator like
+It knows the true surface, its observable part, the reachable area and the budget. Before its first step it searches for
+a tour that covers as much of the observable surface as it can within the budget
+(:mod:`anm_mj.evaluation.oracle.tour`), also from the poses of finished runs. It drives the tour in the simulator like
 every other policy and tracks what the frames cover. At the end of a tour it plans another one through the residual
-samples (:mod:`anm_mj.evaluation.oracle.residual_tour`). Its steps are an upper bound on the fewest possible: no shorter
-tour is known, but none is ruled out.
+samples (:mod:`anm_mj.evaluation.oracle.residual_tour`). What it covers is a lower bound on the most possible: no better
+tour is known, but none is ruled out. :mod:`anm_mj.evaluation.oracle.upper_bound` bounds it from above.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from anm_mj.errors import PlanError
 from anm_mj.evaluation.completion import COVERED_M, Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.oracle.discretize import shorter_side, turn
+from anm_mj.evaluation.oracle.hindsight import read_trajectories
+from anm_mj.evaluation.oracle.measure import MEASURES
 from anm_mj.evaluation.oracle.planner import TourPlanner
 from anm_mj.evaluation.oracle.segments import NO_YAW
 from anm_mj.evaluation.oracle.tour import Stop
@@ -26,6 +29,7 @@ from anm_mj.frames import move_pose
 from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.protocols import Mapper
 from anm_mj.types import OCCUPIED, Action, FormerRun, Observation, Plan, Pose2, StopReason
+from anm_mj.utils.settings import setting
 
 AHEAD_M = 0.1
 """Distance of an obstacle from the robot's axis after a collision [m]."""
@@ -37,26 +41,32 @@ class OracleConfig(PolicyConfig):
 
     rounds: int = 100_000
     """Annealing rounds of the first tour."""
+    measure: str = setting("auc", choices=MEASURES)
+    """What the first tour makes as large as it can: the area under the coverage curve over the run's budget (``auc``),
+    or the coverage at its end (``end``)."""
+    hindsight: str = ""
+    """Folders of finished runs from whose poses the search also begins, separated as the system separates paths."""
 
 
 class Oracle:
     """Drives tours that a planner with full knowledge of the scene makes."""
 
     Config = OracleConfig
-    REBUILT = ("_scene", "_planner", "_coverage")
+    REBUILT = ("_scene", "_planner", "_coverage", "_trajectories")
 
     def __init__(self, context: PolicyContext[OracleConfig]) -> None:
         """Take the scene's truth in.
 
         Raises:
-            PlanError: The truth or the observable part of the surface is not known.
+            PlanError: The truth or the observable part of the surface is not known, or a folder holds no run.
         """
         if not isinstance(context.truth, SceneTruth):
             raise PlanError("This policy needs the true scene, and the context does not hold it.")
         if context.truth.surface.observable is None:
             raise PlanError("This policy needs the observable surface; pip install 'anm-mj[embree]' computes it.")
         self._scene = context.truth
-        self._rounds = context.settings.rounds
+        self._settings = context.settings
+        self._trajectories = read_trajectories(context.settings.hindsight)
         self._planner: TourPlanner | None = None
         self._first_pose: Pose2 | None = None
         self._stops = list[Stop]()
@@ -89,7 +99,9 @@ class Oracle:
 
     def _start(self, pose: Pose2) -> None:
         self._first_pose = pose
-        self._planner = TourPlanner(self._scene, self._rounds, pose)
+        self._planner = TourPlanner(
+            self._scene, self._settings.rounds, pose, self._settings.measure, self._trajectories
+        )
         self._coverage = Coverage(self._planner.samples)
         self._coverage.add_points(self._former_m)
 

@@ -2,8 +2,9 @@
 
 Set cover, the order of views and the paths between them are one problem, because a tour sees most of what it sees on
 its way: a camera that passes a door shows the room behind it. So the cost of a tour depends on nothing but its coverage
-curve: the samples covered by the frames after each of its actions, in order. The cost is a weighted mean of the steps
-at which the curve reaches certain levels, such as 90 % of the observable samples.
+curve: the samples covered by the frames after each of its actions, in order. With a budget the cost is the area above
+the curve or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.measure`). Without one it is a
+weighted mean of the steps at which the curve reaches certain levels, such as 90 % of the observable samples.
 
 A tour is a list of stops. A stop is a place and, if need be, a yaw to turn to there and the side to turn by. Simulated
 annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983) adds, removes, moves
@@ -20,6 +21,7 @@ import numpy as np
 from jaxtyping import Int, UInt64
 
 from anm_mj.evaluation.oracle.discretize import shorter_side
+from anm_mj.evaluation.oracle.measure import Measure
 from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
 from anm_mj.evaluation.oracle.visibility import WORD, count, unpack
@@ -70,6 +72,8 @@ class Task:
     """Samples covered already."""
     levels: tuple[Level, ...]
     """Samples to cover, those covered already included."""
+    measure: Measure | None = None
+    """What the tour is for instead of the levels, where it has a budget."""
 
 
 class TourCoverage(NamedTuple):
@@ -113,6 +117,8 @@ class TourSearch:
 
     def _cost(self, coverage: TourCoverage) -> float:
         steps, covered, _ = coverage
+        if self._task.measure is not None:
+            return self._task.measure.cost(steps, covered)
         total = LENGTH_WEIGHT * float(steps[-1])
         at = np.searchsorted(covered, self._needs).tolist()
         for k, level in zip(at, self._task.levels, strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import remembered
-from anm_mj.planning.scan_grid import ScanGrid
+from anm_mj.planning.scan_grid import RESOLUTION_M, ScanGrid
 from anm_mj.protocols import Mapper
 from anm_mj.types import Action, FormerRun, Observation, Pose2
 
@@ -23,6 +23,8 @@ class ScanPolicy:
         """
         self.grid = ScanGrid(context.footprint, range_m)
         self._safe_m = context.footprint.radius_m + context.planning.margin_m
+        self._slack_m = RESOLUTION_M / 2
+        """A cell is passable if any point of it may keep the clearance [m]; vertices of a graph lie anywhere, too."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """The grid."""

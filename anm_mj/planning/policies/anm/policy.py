@@ -62,7 +62,7 @@ class Anm(ScanPolicy):
         with watch.stage("topdown"):
             topdown = self.grid.topdown()
         with watch.stage("paths"):
-            routes = GridRoutes(topdown, pose, self._safe_m)
+            routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m)
         with watch.stage("regions"):
             found = self._candidates(mapper.surface(pose.xy_m, self.config.near_m), routes)
             where = f"within {self.config.near_m:g} m"

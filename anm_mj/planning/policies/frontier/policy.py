@@ -96,7 +96,7 @@ class Frontier(ScanPolicy):
             hops = _border_hops(topdown, pose)
             found = _connected(topdown, hops)
         with watch.stage("paths"):
-            routes = GridRoutes(topdown, pose, self._safe_m)
+            routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m)
             kept = self._keep(topdown, hops, routes)
             left = self._within_reach(found, routes)
             if kept is None and not left:

@@ -114,7 +114,7 @@ class Upen(ScanPolicy):
         xy = topdown.origin_xy_m + (np.stack([cols, rows], axis=-1) + 0.5) * RESOLUTION_M
         near = np.hypot(*np.moveaxis(xy - pose.xy_m, -1, 0)) < NEAR_ROBOT_M
         window = (np.abs(xy - pose.xy_m) < CROP_CELLS * CELL_M / 2).all(axis=-1)
-        passable = window & (topdown.clearance_m >= np.where(near, 0.0, self._safe_m))
+        passable = window & (topdown.clearance_m >= np.where(near, 0.0, self._safe_m - self._slack_m))
         guessed = passable & (topdown.state == UNKNOWN)
         passable[guessed] = value_along(occupied, xy[guessed], pose) < self.config.max_occupied_probability
         return grow_tree(

@@ -1,0 +1,60 @@
+"""The best that is known to be possible, and what is known to be impossible, from each start of a comparison.
+
+The oracle's tours are good, not optimal. What counts as possible is therefore the best of all runs from the same start
+with the same robot: no row beats it. What no tour can cover is bounded by a relaxation
+(:mod:`anm_mj.evaluation.oracle.upper_bound`), so that the optimum lies between the two. Both are known where an oracle
+has run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from anm_mj.bench.result import OBSERVABLE, Result
+from anm_mj.bench.statistics import restricted_steps
+from anm_mj.planning.policies.registry import needs_truth
+
+LEVELS = (90, 95, 99)
+"""Levels of the observable completion ratio; the table has the steps to each [%]."""
+BEST = ("auc", "final")
+"""Measures that are bounded from both sides: area under the curve and final value of the observable ratio [%]."""
+
+
+def situation(result: Result) -> tuple[Any, ...]:
+    """What runs must share to be compared with one another's tours: all but what only concerns the map."""
+    apparatus = (value for key, value in result.apparatus.items() if key not in ("preset", "goal"))
+    return result.job["scene_name"], result.job["start"], result.budget, *apparatus
+
+
+def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, Any]]:
+    """Bounds of every situation in which an oracle has run.
+
+    Returns:
+        By :func:`situation`: ``auc`` and ``final``, the best of any run [%]; ``bound_auc`` and ``bound_final``, which
+        no tour exceeds [%]; ``auc_by`` and ``final_by``, the variants of the best; and ``steps_to_90`` and so on, the
+        fewest of any run, at most the budget.
+    """
+    groups: dict[tuple[Any, ...], list[Result]] = {}
+    for result in results:
+        groups.setdefault(situation(result), []).append(result)
+    return {key: _best(group) for key, group in groups.items() if any(needs_truth(r.job["policy"]) for r in group)}
+
+
+def _best(group: Sequence[Result]) -> dict[str, Any]:
+    auc = max(group, key=lambda result: result.area_under_curve(OBSERVABLE))
+    final = max(group, key=lambda result: result.curve[-1, OBSERVABLE])
+    best: dict[str, Any] = {"auc": auc.area_under_curve(OBSERVABLE), "final": float(final.curve[-1, OBSERVABLE])}
+    best |= {"auc_by": auc.variant, "final_by": final.variant}
+    for level in LEVELS:
+        best[f"steps_to_{level}"] = min(restricted_steps(result.steps_to(level), result.budget) for result in group)
+    bounds = [bound for result in group if (bound := result.bound()) is not None]
+    if bounds:
+        budget = group[0].budget
+        steps, most = bounds[0].T
+        # The relaxation sees a sample of poses; where a run saw more, the bound is what it saw.
+        best["bound_auc"] = max(float(np.trapezoid(most, steps) / budget), best["auc"])
+        best["bound_final"] = max(float(most[-1]), best["final"])
+    return best

@@ -1,0 +1,81 @@
+"""An upper bound on what any tour can cover: the time to see many things is left out, the way to each is not.
+
+A sample counts from the first step at which the robot could see it if it drove straight to where it is seen from and
+turned to it by the shorter side. So the bound at a step is the number of samples that some pose within so many actions
+sees. It holds at every step, and so for the area under the curve and for the value at the end. It is loose where much
+is to be seen in many places, because it is in all of them at the same time.
+
+Poses are those of the tour search: places at most a spacing apart, whose views stand for those about them. Travel is
+bounded from below by that slack and by how much a path over a grid is longer than a straight one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Int, UInt64
+from skimage.graph import MCP_Geometric
+
+from anm_mj.evaluation.observable import ReachableArea
+from anm_mj.evaluation.oracle.visibility import count
+from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.types import FORWARD_STEP_M
+
+GRID_DETOUR = 1.0 / math.cos(math.pi / 8.0)
+"""Most by which a path over the eight neighbours of grid cells is longer than the straight one."""
+
+
+def earliest_steps(
+    area: ReachableArea,
+    places_m: Float[np.ndarray, "p 2"],
+    start_m: Float[np.ndarray, "2"],
+    yaw: int,
+    spacing_m: float,
+) -> Int[np.ndarray, "p yaws"]:
+    """A lower bound on the actions to each place and heading.
+
+    Args:
+        area: Where the robot can get to.
+        places_m: The places [m].
+        start_m: Where the robot starts [m].
+        yaw: Its heading there.
+        spacing_m: Spacing of the places; a pose is at most so far from its place in each axis [m].
+    """
+    reached = MCP_Geometric(np.where(area.reachable, 1.0, -1.0))
+    cells = np.floor((np.concatenate([start_m[None], places_m]) - area.origin_xy_m) / area.resolution_m).astype(int)
+    free = np.argwhere(area.reachable)
+    # The start may lie in a cell at the very edge, which the grid leaves out.
+    begin = free[np.argmin(((free - cells[0, ::-1]) ** 2).sum(axis=1))]
+    grid_m = reached.find_costs([tuple(begin)])[0][tuple(cells[1:, ::-1].T)] * area.resolution_m
+    straight_m = np.linalg.norm(places_m - start_m, axis=1)
+    slack_m = math.sqrt(2.0) * (spacing_m + area.resolution_m)
+    travel_m = np.maximum(np.where(np.isfinite(grid_m), grid_m / GRID_DETOUR, 0.0), straight_m) - slack_m
+    moves = np.floor(np.maximum(travel_m, 0.0) / FORWARD_STEP_M).astype(np.int64)
+    apart = np.abs(np.arange(NUM_HEADINGS) - yaw) % NUM_HEADINGS
+    return moves[:, None] + np.minimum(apart, NUM_HEADINGS - apart)[None]
+
+
+def coverage_bound(
+    bits: UInt64[np.ndarray, "p yaws words"], earliest: Int[np.ndarray, "p yaws"], budget: int
+) -> Int[np.ndarray, " steps"]:
+    """Most samples that a tour can have covered after each step, from 0 to the budget.
+
+    Args:
+        bits: What the frame at every place and heading covers, a bit for each sample.
+        earliest: A lower bound on the actions to each.
+        budget: Steps that count.
+    """
+    order = np.argsort(earliest, axis=None, kind="stable")
+    steps = earliest.reshape(-1)[order]
+    views = bits.reshape(-1, bits.shape[2])
+    seen = np.zeros(bits.shape[2], np.uint64)
+    bound = np.zeros(budget + 1, np.int64)
+    first = 0
+    for step in range(budget + 1):
+        last = int(np.searchsorted(steps, step, side="right"))
+        if last > first:
+            seen |= np.bitwise_or.reduce(views[order[first:last]], axis=0)
+            first = last
+        bound[step] = count(seen)
+    return bound
