@@ -11,17 +11,22 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from anm_mj.bench.curves import draw_curves
 from anm_mj.bench.engine import run_jobs
 from anm_mj.bench.job import Job
+from anm_mj.bench.overview import draw_overview
+from anm_mj.bench.page import BADGE, CARD, badge_svg, data_card, headline, write_page
 from anm_mj.bench.report import markdown
-from anm_mj.bench.result import finished, read_result, revision_text
+from anm_mj.bench.result import Result, finished, read_result, revision_text
 from anm_mj.bench.results_table import tidy_rows, write_csv
+from anm_mj.bench.scene_picture import draw_scene
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.worker import EXPLORE
 from anm_mj.io.manifest import git_revision
 from anm_mj.planning.policies.registry import needs_truth
+from anm_mj.scene.folder import load_scene
 from anm_mj.utils.package_data import checkout
 from anm_mj.viz.figure_file import KINDS, PICTURE
 
@@ -58,8 +63,10 @@ def run_bench(
 ) -> Bench:
     """Make the missing runs, then write tables and pictures of all.
 
-    Writes ``results.csv`` (a row per run), ``table.md``, ``curves_<scene>`` (PNG, PDF, SVG) and ``command.txt``; the
-    runs lie in ``runs/``. Tables are also written from time to time, to look at while the comparison runs.
+    Writes ``report.html`` (all in one page), ``results.csv`` (a row per run and budget), ``table.md``,
+    ``data_card.md``, ``badge.svg``, ``curves_<scene>`` (PNG, PDF, SVG), ``scene_<scene>.png``, ``overview.png`` and
+    ``command.txt``; the runs lie in ``runs/``. Tables are also written from time to time, to look at while the
+    comparison runs.
 
     Args:
         file: The TOML file (see :mod:`anm_mj.bench.sweep`).
@@ -183,7 +190,38 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
         return
     rows = tidy_rows(results)
     write_csv(out / "results.csv", rows)
-    (out / "table.md").write_text(markdown(rows, command), encoding="utf-8")
-    for scene in dict.fromkeys(result.job["scene_name"] for result in results):
-        here = [result for result in results if result.job["scene_name"] == scene]
-        draw_curves(out / f"curves_{scene}.png", scene, here, kinds)
+    table = markdown(rows, command)
+    (out / "table.md").write_text(table, encoding="utf-8")
+    folders = {job.scene_name: job.scene for job in jobs}
+    pictures: dict[str, list[Path]] = {}
+    for name in dict.fromkeys(result.job["scene_name"] for result in results):
+        here = [result for result in results if result.job["scene_name"] == name]
+        pictures[name] = [draw_curves(out / f"curves_{name}.png", name, here, kinds)[0]]
+        if kinds == KINDS:
+            pictures[name] += draw_scene(out / f"scene_{name}.png", load_scene(folders[name]), here)
+    if kinds == KINDS:
+        _write_report(out, rows, results, table, command, pictures)
+
+
+def _write_report(
+    out: Path,
+    rows: Sequence[dict[str, Any]],
+    results: Sequence[Result],
+    table: str,
+    command: str,
+    pictures: dict[str, list[Path]],
+) -> None:
+    """The page of all runs, with data card and badge."""
+    cuts = [cut for result in results for cut in result.at_budgets()]
+    pictures[""] = []
+    for by in dict.fromkeys(cut.budget_by for cut in cuts):
+        path = out / f"overview{'_' * bool(by)}{by}.png"
+        pictures[""] += draw_overview(path, [cut for cut in cuts if cut.budget_by == by])
+    title = f"Comparison {out.resolve().name}"
+    card = data_card(rows, title, command)
+    (out / CARD).write_text(card, encoding="utf-8")
+    about = headline(rows)
+    badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
+    if badge:
+        (out / BADGE).write_text(badge, encoding="utf-8")
+    write_page(out, title, table, card, badge, pictures)

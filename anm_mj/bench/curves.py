@@ -9,15 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result
+from anm_mj.bench.style import style
 from anm_mj.viz.figure_file import PICTURE, save_figure
 
 CURVE_POINTS = 201
 MARKS_PER_CURVE = 7
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#7a3fa0", "#000000", "#b8860b", "#56b4e9")
-"""Apart for colour-blind eyes, after Okabe and Ito, Color Universal Design, 2008."""
-LINES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
-MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", "*", "h", ">")
-"""The lengths of the three have no common divisor, so that hundreds of variants differ."""
 
 
 def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
@@ -50,7 +46,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
         counts.add(len(runs))
         values = np.stack([np.interp(steps, curve[:, 0], curve[:, column]) for curve in runs])
         mean, deviation = values.mean(axis=0), values.std(axis=0)
-        colour, line, mark = COLOURS[k % len(COLOURS)], LINES[k % len(LINES)], MARKS[k % len(MARKS)]
+        colour, line, mark = (style(k)[key] for key in ("color", "ls", "marker"))
         # The marks of one curve stand between those of the others.
         every = CURVE_POINTS // MARKS_PER_CURVE
         at = (round(every * (k + 0.5) / len(names)), every)

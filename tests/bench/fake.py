@@ -63,6 +63,7 @@ def write_run(job: Job, folder: Path) -> None:
     actions = ["MOVE_FORWARD" if step % 3 else "TURN_LEFT" for step in range(job.steps)]
     log = [
         {"step": k + 1, "action": name, "collided": False, "moved_m": 0.065 * (name == "MOVE_FORWARD")}
+        | {"x_m": 0.01 * k, "y_m": 0.002 * k * len(job.policy), "yaw_rad": 0.0}
         for k, name in enumerate(actions)
     ]
     (folder / "steps.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))

@@ -52,6 +52,13 @@ def test_every_run_is_a_row(file, tmp_path):
     assert " ± " in text
     assert (tmp_path / "out" / "command.txt").read_text() == "anm-mj bench\n"
     assert (tmp_path / "out" / "curves_home.png").stat().st_size > 5_000
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 3
+    assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
+    assert "<td>gvg</td>" in page
+    card = (tmp_path / "out" / "data_card.md").read_text()
+    assert rows[0]["scene_hash"][:12] in card
+    assert "`gvg`, `frontier`" in card
 
 
 def test_a_policy_with_other_settings_is_another_row(tmp_path):

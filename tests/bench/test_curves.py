@@ -1,8 +1,9 @@
 import numpy as np
 from PIL import Image
 
-from anm_mj.bench.curves import COLOURS, LINES, MARKS, draw_curves
+from anm_mj.bench.curves import draw_curves
 from anm_mj.bench.result import Result
+from anm_mj.bench.style import COLOURS, LINES, MARKS
 from anm_mj.viz.figure_file import KINDS
 
 

@@ -1,0 +1,16 @@
+"""How the variants of a comparison look in its figures: apart without colour, too."""
+
+from __future__ import annotations
+
+from typing import Any
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#7a3fa0", "#000000", "#b8860b", "#56b4e9")
+"""Apart for colour-blind eyes, after Okabe and Ito, Color Universal Design, 2008."""
+LINES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
+MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", "*", "h", ">")
+"""The lengths of the three have no common divisor, so that hundreds of variants differ."""
+
+
+def style(k: int) -> dict[str, Any]:
+    """Colour, line and mark of the variant of this number, as matplotlib takes them."""
+    return {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % len(LINES)], "marker": MARKS[k % len(MARKS)]}
