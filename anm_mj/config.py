@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import functools
 import logging
 import math
 from collections.abc import Iterator, Mapping
@@ -28,6 +29,7 @@ from anm_mj.robot.presets import preset_config
 from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.sim.sensors.presets import sensor_config
 from anm_mj.utils.close_names import close_name
+from anm_mj.utils.settings import of_type
 
 _logger = logging.getLogger(__name__)
 
@@ -182,20 +184,35 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
         ConfigError: a value is not allowed.
         PlanError: there is no such policy.
     """
-    options = {name: values[name] for name in ("scene", *OPTIONS, "image_px") if name in values}
+    options = {
+        name: _of_type(RunConfig, name, values[name], name)
+        for name in ("scene", *OPTIONS, "image_px")
+        if name in values
+    }
     # Runs of versions without goals were for coverage.
     options.setdefault("goal", "coverage")
-    if options.get("start") is not None:
-        options["start"] = tuple(options["start"])
     config = _default_config(options.pop("preset", DEFAULT_PRESET), **options)
     known = {}
     for name, value in _leaves(values):
         keys = _present_name(config, name)
         if _setting(config, keys) is not None:
-            known[keys] = tuple(value) if isinstance(value, list) else value
+            owner = functools.reduce(getattr, keys[:-1], config)
+            known[keys] = _of_type(type(owner), keys[-1], value, name)
         elif name not in ("scene", *OPTIONS):
             _logger.info("this version has no setting %s", name)
     return _with(config, known)
+
+
+def _of_type(owner: type, field: str, value: Any, name: str) -> Any:
+    """The value of a setting that a file holds.
+
+    Raises:
+        ConfigError: it is of another type than the setting.
+    """
+    try:
+        return of_type(owner, field, value)
+    except ValueError as err:
+        raise ConfigError(f"config.json cannot be used: {name}: {err}; copy the run again.") from err
 
 
 def default_steps(rooms: int | None) -> int:

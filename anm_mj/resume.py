@@ -9,29 +9,43 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.file import StoredState
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, read_config
-from anm_mj.errors import CheckpointError
+from anm_mj.errors import AnmError, CheckpointError
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.explore import LoopState, Outcome, StepReport
 from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.planning.policies.guard import describe_error
 from anm_mj.planning.policies.registry import POLICIES
 from anm_mj.protocols import Viewer
 from anm_mj.run import Parts, Watched, checkpoint_roots, make_parts, run_loop, true_view
 from anm_mj.types import StopReason
+from anm_mj.utils.read_file import convert
 from anm_mj.viz.viewer import NullViewer
 
 _logger = logging.getLogger(__name__)
+
+
+class _Facts(Struct):
+    """What a run says of itself in a checkpoint."""
+
+    files: dict[str, Annotated[int, Meta(ge=0, le=1 << 50)]]
+    """Lengths of its logs by name [bytes]."""
+    engine: str
+    wall_s: Annotated[float, Meta(ge=0.0, le=1e12)]
 
 
 def resume(
@@ -84,7 +98,8 @@ def resume(
         # Only here is anything in the folder changed.
         before = (stored.facts["files"], stored.step)
         with RunRecorder(folder, surface, true_view(parts), config.record, before) as recorder:
-            _restore(stored, checkpoint_roots(parts, recorder, state), parts)
+            with _of_stored_state(stored):
+                _restore(stored, checkpoint_roots(parts, recorder, state), parts)
             folder.metrics.unlink(missing_ok=True)
             size = folder.resumed.stat().st_size if folder.resumed.is_file() else None
             with LineWriter(folder.resumed, size) as log:
@@ -92,7 +107,26 @@ def resume(
             _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
             watched = Watched(viewer or NullViewer(), stop_requested, on_step, on_end)
             begin -= float(stored.facts.get("wall_s", 0.0))
-            return folder, run_loop(parts, folder, recorder, state, watched, begin)
+            with _of_stored_state(stored):
+                return folder, run_loop(parts, folder, recorder, state, watched, begin)
+
+
+@contextmanager
+def _of_stored_state(stored: StoredState) -> Iterator[None]:
+    """Say of whatever a stored state leads to that it is the state's: anybody may have written it.
+
+    Raises:
+        CheckpointError: the block raised an error that is nobody's in particular.
+    """
+    try:
+        yield
+    except AnmError:
+        raise
+    except Exception as err:
+        _logger.debug("The error of the resumed run:", exc_info=True)
+        raise CheckpointError(
+            f"The run cannot go on from its checkpoint at step {stored.step} ({describe_error(err)}); start it again."
+        ) from err
 
 
 def _restore(stored: StoredState, roots: dict[str, Any], parts: Parts) -> None:
@@ -122,8 +156,7 @@ def _config(folder: RunFolder, policy: str | None) -> RunConfig:
 
 def _refuse_links(folder: RunFolder) -> None:
     """Raises CheckpointError where a file of the run leads somewhere else: writing would overwrite what is there."""
-    places = [folder.path / "depth", folder.checkpoints, *folder.path.iterdir()]
-    for place in places:
+    for place in folder.path.rglob("*"):
         if place.is_symlink():
             raise CheckpointError(f"{place} is a link, and a resumed run writes no links; copy the run again.")
 
@@ -137,14 +170,22 @@ def _require_unfinished(folder: RunFolder) -> None:
 
 
 def _require_logs(folder: RunFolder, state: StoredState) -> None:
-    """Whether the logs reach as far as the checkpoint."""
-    for name, size in state.facts["files"].items():
+    """Whether the logs reach as far as the checkpoint.
+
+    Raises:
+        CheckpointError: They do not, or it does not say how far.
+    """
+    try:
+        facts = convert(state.facts, _Facts)
+    except ValueError as err:
+        raise CheckpointError(f"It does not say what it was made of ({err}).") from err
+    for name, size in facts.files.items():
         path = folder.path / Path(name).name
         if not path.is_file() or path.stat().st_size < size:
             raise CheckpointError(f"{path.name} is shorter than it was at step {state.step}.")
-    missing = [step for step in range(state.step + 1) if not folder.depth(step).is_file()]
-    if missing:
-        raise CheckpointError(f"{folder.depth(missing[0]).name} is missing.")
+    missing = next((step for step in range(state.step + 1) if not folder.depth(step).is_file()), None)
+    if missing is not None:
+        raise CheckpointError(f"{folder.depth(missing).name} is missing.")
 
 
 def _require_same_world(folder: RunFolder, parts: Parts) -> None:

@@ -12,6 +12,7 @@ import math
 from collections import defaultdict, deque
 from collections.abc import Callable
 from functools import partial
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -216,6 +217,10 @@ class _Decoder:
     def _attributes(self, index: int, node: list[Any]) -> Callable[[], None]:
         thing, left_out = self._made[index], rebuilt_names(type(self._made[index]))
         values = {name: self._value(value) for name, value in node[3].items() if name not in left_out}
+        for name in values:
+            # Otherwise a checkpoint could have another function called in the place of a method.
+            if isinstance(getattr(type(thing), name, None), (FunctionType, property)):
+                raise CheckpointError(f"It puts something in the place of the method {name} of {node[1]}.")
 
         def fill() -> None:
             for name, value in values.items():

@@ -13,18 +13,21 @@ import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.encode import Graph
 from anm_mj.errors import CheckpointError
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.read_file import convert, open_regular, parse_json
 
 MAGIC = b"anm-mj checkpoint 1\n"
 """First bytes of a checkpoint of this version."""
 _HASH_BYTES = hashlib.sha256().digest_size
 _MAX_HEADER_BYTES = 1 << 30
+_Count = Annotated[int, Meta(ge=0, le=1 << 50)]
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,15 @@ class StoredState:
     """What the run was made of."""
     nodes: list[Any]
     arrays: list[np.ndarray]
+
+
+class _Header(Struct):
+    """The header of a checkpoint."""
+
+    step: Annotated[int, Meta(ge=0, le=10**9)]
+    facts: dict[str, Any]
+    sizes: list[_Count]
+    nodes: Annotated[list[list[Any]], Meta(min_length=1)]
 
 
 def write_checkpoint(path: Path, step: int, facts: dict[str, Any], graph: Graph) -> int:
@@ -85,9 +97,9 @@ def read_checkpoint(path: Path) -> StoredState:
         CheckpointError: It is no checkpoint of this version, or damaged.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return _read(file, os.fstat(file.fileno()).st_size)
-    except (OSError, ValueError, KeyError, TypeError, struct.error, RecursionError) as err:
+    except (OSError, ValueError, struct.error) as err:
         raise CheckpointError(f"It cannot be read ({err}).") from err
 
 
@@ -106,11 +118,11 @@ def _read(file: BinaryIO, size: int) -> StoredState:
     length = struct.unpack("<Q", take(8))[0]
     if length > min(size, _MAX_HEADER_BYTES):
         raise CheckpointError("It is cut off.")
-    header = json.loads(take(length))
-    sizes = [int(each) for each in header["sizes"]]
-    if min(sizes, default=0) < 0 or file.tell() + sum(sizes) + _HASH_BYTES != size:
+    header = convert(parse_json(take(length)), _Header)
+    sizes = header.sizes
+    if file.tell() + sum(sizes) + _HASH_BYTES != size:
         raise CheckpointError("It is cut off.")
     arrays = [np.frombuffer(take(each), np.uint8) for each in sizes]
     if file.read(_HASH_BYTES) != digest.digest():
         raise CheckpointError("Its hash is another: it is damaged.")
-    return StoredState(int(header["step"]), dict(header["facts"]), list(header["nodes"]), arrays)
+    return StoredState(header.step, header.facts, header.nodes, arrays)

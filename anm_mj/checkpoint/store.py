@@ -16,6 +16,7 @@ from anm_mj.checkpoint.config import CheckpointConfig
 from anm_mj.checkpoint.encode import Graph, encode
 from anm_mj.checkpoint.file import StoredState, read_checkpoint, write_checkpoint
 from anm_mj.errors import CheckpointError
+from anm_mj.utils.read_file import read_text
 
 _logger = logging.getLogger(__name__)
 
@@ -65,9 +66,7 @@ class CheckpointStore:
                 return state
         refused = self.folder / _REFUSED
         if refused.is_file():
-            raise CheckpointError(
-                f"The run in {self.folder.parent} cannot be resumed: {refused.read_text(encoding='utf-8')[:500]}"
-            )
+            raise CheckpointError(f"The run in {self.folder.parent} cannot be resumed: {read_text(refused)[:500]}")
         raise CheckpointError(
             f"{self.folder.parent} has no {'whole ' if paths else ''}checkpoint to resume from; start the run again."
         )

@@ -10,6 +10,8 @@ from typing import Any
 
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
+TALLEST_M = 100.0
+"""No robot is higher [m]."""
 PLAIN_EVERY = 50
 """Frames between two printed lines, if the output is no terminal."""
 
@@ -80,7 +82,7 @@ def _map(parsed: argparse.Namespace) -> int:
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.
     sys.path.insert(0, os.getcwd())
-    if not 0.0 < parsed.radius < parsed.height:
+    if not 0.0 < parsed.radius < parsed.height <= TALLEST_M:
         raise ConfigError(f"A robot of radius {parsed.radius:g} m and height {parsed.height:g} m makes no sense here.")
     from rich.console import Console
 

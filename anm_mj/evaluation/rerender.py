@@ -13,6 +13,7 @@ from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Observation, Pose2
+from anm_mj.utils.settings import of_type
 
 T = TypeVar("T", CameraConfig, RobotConfig)
 
@@ -71,9 +72,16 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run 
 
 
 def _of_config(kind: type[T], values: Mapping[str, Any]) -> T:
-    """A group of settings of a run's configuration; what this version does not know is left out."""
+    """A group of settings of a run's configuration; what this version does not know is left out.
+
+    Raises:
+        RunFolderError: One of them is of another type.
+    """
     known = {entry.name for entry in fields(kind)}
-    return kind(**{name: value for name, value in values.items() if name in known})
+    try:
+        return kind(**{name: of_type(kind, name, value) for name, value in values.items() if name in known})
+    except ValueError as err:
+        raise RunFolderError(f"The run's config.json is damaged ({err}); copy the run again.") from err
 
 
 def observations_of(record: Run, world: Scene) -> Iterator[Observation]:

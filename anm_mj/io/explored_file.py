@@ -16,6 +16,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
 from anm_mj.types import FormerRun
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.read_file import parse_json, read_tensors
 
 FORMAT = "anm-mj explored 1"
 """Marks such a file, and its version."""
@@ -56,17 +57,14 @@ def read_explored(path: Path) -> Explored:
     Raises:
         RunFolderError: It is missing, damaged, or of another version.
     """
-    from safetensors import SafetensorError, safe_open
-
     if not path.is_file():
         raise RunFolderError(
             f"{path.parent} has no {path.name}, without which no run goes on from it: it was killed (anm-mj explore "
             "--resume ends it), it recorded none (record.replay_bytes=0), or an older version wrote it."
         )
     try:
-        with safe_open(path, framework="np") as file:
-            about = json.loads((file.metadata() or {}).get(_KEY, "{}"))
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  It is no mapping.
+        facts, arrays = read_tensors(path)
+        about = parse_json(facts.get(_KEY, "{}"))
         if not isinstance(about, dict) or about.get("format") != FORMAT:
             raise ValueError(f"it does not say that it is {FORMAT!r}")
         former = FormerRun(
@@ -75,7 +73,7 @@ def read_explored(path: Path) -> Explored:
         return Explored(former, _part(arrays, _REPLAY))
     except KeyError as err:
         raise RunFolderError(f"{path} cannot be read: it lacks {err}; explore anew.") from err
-    except (SafetensorError, OSError, ValueError) as err:
+    except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read ({err}); explore anew.") from err
 
 

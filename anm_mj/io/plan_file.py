@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +17,12 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
 from anm_mj.types import Plan, Region, TopDownMap, VoronoiGraph
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.read_file import array_of, read_npz
+
+_FINEST_M, _COARSEST_M = 1e-4, 100.0
+"""Cells have edges between these [m]."""
+_FARTHEST_M = 1e6
+"""A map begins nowhere beyond this [m]."""
 
 
 @dataclass(frozen=True)
@@ -77,37 +82,54 @@ def read_plan(path: Path) -> PlanRecord:
         RunFolderError: The file is missing or holds something else.
     """
     try:
-        with path.open("rb") as file, np.load(file) as data:
-            arrays = dict(data)
-        return PlanRecord(
-            arrays["path_xy_m"].astype(np.float64), _topdown(arrays), _graph(arrays), tuple(_regions(arrays))
-        )
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as err:
+        arrays = read_npz(path)
+        path_xy_m = array_of(arrays, "path_xy_m", "f", (None, 2)).astype(np.float64)
+        return PlanRecord(path_xy_m, _topdown(arrays), _graph(arrays), tuple(_regions(arrays)))
+    except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read as a decision ({err}); copy the run again.") from err
 
 
 def _topdown(arrays: dict[str, np.ndarray]) -> TopDownMap | None:
     if "state" not in arrays:
         return None
-    return TopDownMap(
-        arrays["clearance_m"].astype(np.float32), arrays["state"], float(arrays["resolution_m"]), arrays["origin_xy_m"]
-    )
+    state = array_of(arrays, "state", "iu", (None, None))
+    clearance_m = arrays.get("clearance_m")
+    # Infinite where no obstacle is.
+    if clearance_m is None or clearance_m.dtype.kind != "f" or clearance_m.shape != state.shape:
+        raise ValueError("clearance_m does not fit state")
+    resolution_m = float(array_of(arrays, "resolution_m", "f", ()))
+    if not _FINEST_M <= resolution_m <= _COARSEST_M:
+        raise ValueError(f"resolution_m is {resolution_m:g}")
+    origin_xy_m = array_of(arrays, "origin_xy_m", "f", (2,))
+    if np.abs(origin_xy_m).max() > _FARTHEST_M:
+        raise ValueError(f"origin_xy_m is {origin_xy_m}")
+    return TopDownMap(clearance_m.astype(np.float32), state, resolution_m, origin_xy_m)
 
 
 def _graph(arrays: dict[str, np.ndarray]) -> VoronoiGraph | None:
     if "vertex_xy_m" not in arrays:
         return None
-    vertices, clearance = arrays["vertex_xy_m"].astype(np.float64), arrays["vertex_clearance_m"].astype(np.float64)
-    return VoronoiGraph(
-        vertices, clearance, arrays["edges"].astype(np.int64), arrays["edge_length_m"].astype(np.float64)
-    )
+    vertices = array_of(arrays, "vertex_xy_m", "f", (None, 2)).astype(np.float64)
+    clearance = array_of(arrays, "vertex_clearance_m", "f", (len(vertices),)).astype(np.float64)
+    edges = array_of(arrays, "edges", "iu", (None, 2)).astype(np.int64)
+    if len(edges) and (edges.min() < 0 or edges.max() >= len(vertices)):
+        raise ValueError("edges name vertices that are not there")
+    length_m = array_of(arrays, "edge_length_m", "f", (len(edges),)).astype(np.float64)
+    return VoronoiGraph(vertices, clearance, edges, length_m)
 
 
 def _regions(arrays: dict[str, np.ndarray]) -> list[Region]:
     if "region_centre_m" not in arrays:
         return []
-    columns = (arrays[f"region_{key}"] for key in ("centre_m", "normal", "members", "score", "vertex"))
+    centres = array_of(arrays, "region_centre_m", "f", (None, 3)).astype(np.float64)
+    columns = (
+        centres,
+        array_of(arrays, "region_normal", "f", (len(centres), 3)).astype(np.float64),
+        array_of(arrays, "region_members", "iu", (len(centres),)),
+        array_of(arrays, "region_score", "f", (len(centres),)),
+        array_of(arrays, "region_vertex", "iu", (len(centres),)),
+    )
     return [
-        Region(centre.astype(np.float64), normal.astype(np.float64), int(members), float(score), int(vertex))
+        Region(centre, normal, int(members), float(score), int(vertex))
         for centre, normal, members, score, vertex in zip(*columns, strict=True)
     ]

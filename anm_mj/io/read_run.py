@@ -14,7 +14,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.image import read_image
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.run_shapes import CameraShape, FrameShape, PoseShape, StepShape
+from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
 from anm_mj.utils import read_file
 from anm_mj.utils.read_file import convert
@@ -99,9 +99,11 @@ def read_run(path: Path) -> Run:
             depth_shape=(camera.depth.rows, camera.depth.cols),
             frames=tuple(_frame(convert(line, FrameShape)) for line in read_jsonl(folder.frames)),
             steps=tuple(_step(convert(line, StepShape)) for line in read_jsonl(folder.steps)),
-            plans=tuple(read_jsonl(folder.plans)) if folder.plans.is_file() else (),
-            manifest=read_json(folder.manifest) if folder.manifest.is_file() else {},
-            config=read_json(folder.config) if folder.config.is_file() else {},
+            plans=tuple(_checked(line, PlanShape) for line in read_jsonl(folder.plans))
+            if folder.plans.is_file()
+            else (),
+            manifest=_checked(read_json(folder.manifest), ManifestShape) if folder.manifest.is_file() else {},
+            config=_checked(read_json(folder.config), ConfigShape) if folder.config.is_file() else {},
         )
     except (KeyError, TypeError, ValueError) as err:
         raise RunFolderError(f"{path} is damaged, or of another version of this program ({err}).") from err
@@ -132,6 +134,12 @@ def read_depth(path: Path) -> UInt16[np.ndarray, "rows cols"]:
     if image.ndim != 2:
         raise RunFolderError(f"{path} is no depth image: it has colours; copy the run again.")
     return image.astype(np.uint16)
+
+
+def _checked(value: Any, shape: type) -> Any:
+    """A value as it is, if it has a shape; raises ValueError otherwise."""
+    convert(value, shape)
+    return value
 
 
 def _frame(line: FrameShape) -> FrameRecord:

@@ -59,7 +59,7 @@ def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | 
         RunFolderError: The package rosbags is missing, the bag cannot be read, or it does not say where the camera was.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as err:
         raise RunFolderError("Bags need the package rosbags: pip install 'anm-mj[ros]'.") from err
@@ -73,7 +73,10 @@ def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | 
         # The images are read later; the file is closed with the last of them.
         weakref.finalize(bag, reader.close)
         return bag.sequence()
-    except (AnyReaderError, OSError, ValueError, KeyError, AttributeError, AssertionError, struct.error) as err:
+    except RunFolderError:
+        raise
+    except Exception as err:
+        # Readers raise whatever the damaged bytes lead them to.
         raise RunFolderError(f"{path} cannot be read as a recording ({err or type(err).__name__}).") from err
 
 

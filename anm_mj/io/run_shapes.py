@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
@@ -70,3 +70,38 @@ class CameraShape(Struct):
 
     intrinsics: IntrinsicsShape
     depth: DepthShape
+
+
+class PlanShape(Struct):
+    """A line of ``plans.jsonl``, as far as others read it."""
+
+    step: Count
+    reason: str = ""
+    target_xy_m: tuple[Length, Length] | None = None
+
+
+class ManifestShape(Struct):
+    """``manifest.json``, as far as others read it."""
+
+    scene: str = ""
+    scene_hash: str = ""
+    robot: str = ""
+    robot_hash: str = ""
+    policy: str = ""
+    continued_from: dict[str, Any] | None = None
+    git: dict[str, Any] | None = None
+
+
+class SensorShape(Struct):
+    """Settings of the sensor in ``config.json`` that others read."""
+
+    max_range_m: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
+
+
+class ConfigShape(Struct):
+    """``config.json``, as far as others read it without the settings' own types."""
+
+    robot: str = ""
+    sensor: SensorShape | None = None
+    camera: dict[str, Any] = {}
+    model: dict[str, Any] = {}

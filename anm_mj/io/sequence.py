@@ -11,7 +11,6 @@ order of the lines. The robot's base is assumed below the camera, with the headi
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -19,18 +18,30 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
+from msgspec.structs import asdict as asdict_of
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.image import read_image
 from anm_mj.io.run_folder import empty_folder
+from anm_mj.io.run_shapes import IntrinsicsShape
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation, Pose2
+from anm_mj.utils.limits import limit
+from anm_mj.utils.read_file import convert, read_json, read_npy, read_table
 
 DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
+MAX_FRAMES = limit("ANM_MJ_MAX_FRAMES", 200_000)
+"""Most frames of a sequence."""
+
+
+class _CameraShape(IntrinsicsShape):
+    """``camera.json``."""
+
+    depth_unit_m: float = DEPTH_UNIT_M
 
 
 @dataclass(frozen=True)
@@ -116,11 +127,13 @@ class Sequence:
             depth_m = path()
         elif path.suffix == ".npy":
             try:
-                depth_m = np.load(path).astype(np.float32)
-            except (OSError, ValueError, EOFError) as err:
+                depth_m = read_npy(path).astype(np.float32)
+            except (OSError, ValueError) as err:
                 raise RunFolderError(f"{path} cannot be read ({err}).") from err
         else:
             depth_m = read_image(path).astype(np.float32) * np.float32(self.depth_unit_m)
+        if depth_m.ndim != 2:
+            raise RunFolderError(f"{path} is no depth image: it has {depth_m.ndim} axes, such as colours, not 2.")
         return np.where(depth_m > 0.0, depth_m, np.float32(np.nan))
 
 
@@ -131,12 +144,11 @@ def read_sequence(path: Path) -> Sequence:
         RunFolderError: camera.json or poses.tum is missing or invalid.
     """
     try:
-        camera = json.loads((path / "camera.json").read_text(encoding="utf-8"))
-        unit = float(camera.pop("depth_unit_m", DEPTH_UNIT_M))
-        intrinsics = Intrinsics(**camera)
-        lines = np.loadtxt(path / "poses.tum", ndmin=2)
+        camera = convert(read_json(path / "camera.json"), _CameraShape)
+        lines = read_table(path / "poses.tum")
         if lines.shape[1] != 8 or not np.isfinite(lines).all():
             raise ValueError("poses.tum needs eight numbers in every line")
+        require_count(len(lines))
     except (OSError, ValueError, TypeError) as err:
         raise RunFolderError(
             f"{path} is not a recorded sequence ({err}); it needs camera.json, poses.tum, depth/ and rgb/."
@@ -147,7 +159,9 @@ def read_sequence(path: Path) -> Sequence:
         depth = exact if exact.is_file() else exact.with_suffix(".png")
         colour = path / "rgb" / f"{step:06d}.png"
         frames.append(Frame(float(line[0]), colour, depth, tum_matrix(line[1:4], line[4:8])))
-    return Sequence(path, intrinsics, unit, tuple(frames))
+    camera_facts = asdict_of(camera)
+    unit = camera_facts.pop("depth_unit_m")
+    return Sequence(path, Intrinsics(**camera_facts), unit, tuple(frames))
 
 
 class SequenceWriter:
@@ -185,6 +199,12 @@ class SequenceWriter:
             with (self._path / "poses.tum").open("a", encoding="utf-8") as file:
                 file.write(_tum_line(observation.time_s, observation.T_world_camera) + "\n")
         self._frames += 1
+
+
+def require_count(frames: int) -> None:
+    """Raises ValueError where a sequence has more frames than are read."""
+    if frames > MAX_FRAMES:
+        raise ValueError(f"its {frames} frames are more than {MAX_FRAMES}; set ANM_MJ_MAX_FRAMES if there should be")
 
 
 def base_pose(T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:

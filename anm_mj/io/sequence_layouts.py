@@ -6,20 +6,25 @@ The world of a layout is turned so that z points up, and moved so that the floor
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV, pixel_directions, transform_points
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import read_json, read_run
 from anm_mj.io.rosbag import is_recording, read_recording
-from anm_mj.io.sequence import Frame, Sequence, read_sequence, tum_matrix
+from anm_mj.io.run_shapes import Number
+from anm_mj.io.sequence import Frame, Sequence, read_sequence, require_count, tum_matrix
 from anm_mj.types import Intrinsics
+from anm_mj.utils.read_file import convert, read_table, read_text
 
 TUM_UNIT_M, REPLICA_UNIT_M, MM = 1.0 / 5000.0, 1.0 / 6553.5, 0.001
 TUM_MATCH_S = 0.02
@@ -41,6 +46,12 @@ UP = {
 """Rotation from a world with this axis up to one with z up."""
 BAG = "rosbag"
 """The layout that is no folder of images."""
+_MOST_PX = 16384
+"""Larger images are refused [px]."""
+_FARTHEST_M = 1e6
+"""A camera is nowhere beyond this [m]."""
+_NO_ROTATION = 0.05
+"""A matrix that differs from its inverse's transpose by more is no rotation."""
 FLOOR_FRAMES, FLOOR_BIN_M, FLOOR_SHARE = 30, 0.02, 0.3
 
 
@@ -92,6 +103,9 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         sequence = replace(sequence, intrinsics=replace(sequence.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy))
     if options.depth_unit_m is not None:
         sequence = replace(sequence, depth_unit_m=options.depth_unit_m)
+    check_sequence(sequence)
+    if options.floor_m is not None and not abs(options.floor_m) <= _FARTHEST_M:
+        raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
     sequence = replace(sequence, frames=sequence.frames[:: options.every])
     T_up = np.eye(4)
     T_up[:3, :3] = UP[options.up]
@@ -117,8 +131,47 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
         raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
     try:
         return LAYOUTS[found].read(folder), found
-    except (OSError, KeyError, TypeError, ValueError, IndexError) as err:
+    except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
         raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err
+
+
+def check_sequence(sequence: Sequence) -> None:
+    """Accept a camera, poses and files that can be those of a recording, whoever wrote them.
+
+    Raises:
+        RunFolderError: something cannot be true, or a file lies outside of the sequence's folder.
+    """
+    path, camera = sequence.path, sequence.intrinsics
+    numbers = (camera.fx, camera.fy, camera.cx, camera.cy)
+    if not (1 <= camera.width <= _MOST_PX and 1 <= camera.height <= _MOST_PX):
+        raise RunFolderError(f"{path} says that its images have {camera.width} x {camera.height} pixels.")
+    if not (all(math.isfinite(each) and abs(each) < 1e6 for each in numbers) and min(camera.fx, camera.fy) > 0.0):
+        raise RunFolderError(
+            f"The camera of {path} has fx, fy, cx, cy = {', '.join(f'{each:g}' for each in numbers)} px; give the true "
+            "ones by --camera."
+        )
+    if not 0.0 < sequence.depth_unit_m < 1e3:
+        raise RunFolderError(
+            f"A unit of depth is {sequence.depth_unit_m:g} m in {path}; give the true one by --depth-unit."
+        )
+    shapes = {np.shape(frame.T_world_camera) for frame in sequence.frames}
+    if shapes != {(4, 4)}:
+        raise RunFolderError(f"Poses of {path} are matrices of {sorted(shapes)} numbers, not of 4 x 4.")
+    poses = np.array([frame.T_world_camera for frame in sequence.frames])
+    turns = poses[:, :3, :3]
+    with np.errstate(invalid="ignore", over="ignore"):
+        wrong = ~(np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)) < _NO_ROTATION).all(axis=(1, 2))
+        wrong |= ~(np.abs(poses[:, :3, 3]) <= _FARTHEST_M).all(axis=1)
+    if wrong.any():
+        raise RunFolderError(
+            f"Pose {int(np.argmax(wrong))} of {path} is no pose of a camera: a rotation, and a place within "
+            f"{_FARTHEST_M / 1000:g} km."
+        )
+    own = path.resolve()
+    for frame in sequence.frames:
+        for file in (frame.colour, frame.depth):
+            if isinstance(file, Path) and own not in file.resolve().parents:
+                raise RunFolderError(f"{path} names {file}, which lies outside of it; copy the image there.")
 
 
 def find_floor_m(sequence: Sequence) -> float:
@@ -158,11 +211,13 @@ def _run(folder: Path) -> Sequence:
 
 def _tum(folder: Path) -> Sequence:
     depth, colour = _listed(folder / "depth.txt"), _listed(folder / "rgb.txt")
-    truth = np.loadtxt(folder / "groundtruth.txt", ndmin=2)
-    poses = sorted((float(line[0]), line[1:]) for line in truth)
+    truth = read_table(folder / "groundtruth.txt")
+    poses = sorted(((float(line[0]), line[1:]) for line in truth), key=itemgetter(0))
+    require_count(len(depth))
+    image_at, pose_at = _Nearest(colour), _Nearest(poses)
     frames = []
     for time_s, name in depth:
-        image, pose = _nearest(colour, time_s), _nearest(poses, time_s)
+        image, pose = image_at(time_s), pose_at(time_s)
         if image is not None and pose is not None:
             frames.append(Frame(time_s, folder / image, folder / name, tum_matrix(pose[:3], pose[3:])))
     known = next((camera for key, camera in TUM_CAMERAS.items() if key in folder.resolve().name), TUM_CAMERA)
@@ -170,8 +225,26 @@ def _tum(folder: Path) -> Sequence:
     return Sequence(folder, _from_pixel_centres(width, height, known), TUM_UNIT_M, tuple(frames), resize=True)
 
 
+class _TransformsFrame(Struct):
+    """A frame of nerfstudio's ``transforms.json``."""
+
+    file_path: str
+    transform_matrix: list[tuple[Number, Number, Number, Number]]
+    depth_file_path: str | None = None
+    time: Number = 0.0
+
+
+class _Transforms(Struct):
+    """``transforms.json`` of nerfstudio."""
+
+    frames: Annotated[list[_TransformsFrame], Meta(min_length=1)]
+    depth_unit_scale_factor: Number = MM
+
+
 def _nerfstudio(folder: Path) -> Sequence:
     facts = read_json(folder / "transforms.json")
+    convert(facts, _Transforms)
+    require_count(len(facts["frames"]))
     frames = []
     for index, entry in enumerate(sorted(facts["frames"], key=lambda one: one["file_path"])):
         if "depth_file_path" not in entry:
@@ -191,7 +264,7 @@ def _nerfstudio(folder: Path) -> Sequence:
 
 
 def _replica(folder: Path) -> Sequence:
-    poses = np.loadtxt(folder / "traj.txt", ndmin=2).reshape(-1, 4, 4)
+    poses = read_table(folder / "traj.txt").reshape(-1, 4, 4)
     images = folder / "results" if (folder / "results").is_dir() else folder
     colour, depth = (
         sorted(images.glob("frame*.jpg")) or sorted(images.glob("frame*.png")),
@@ -236,14 +309,22 @@ def _from_pixel_centres(width: int, height: int, camera: tuple[float, ...]) -> I
 
 
 def _listed(path: Path) -> list[tuple[float, str]]:
-    """Times and names in a list of a TUM sequence."""
-    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line and line[0] != "#"]
-    return sorted((float(words[0]), words[1]) for words in lines)
+    """Times and names in a list of a TUM sequence, by time."""
+    lines = [line.split() for line in read_text(path).splitlines() if line and line[0] != "#"]
+    return sorted(((float(words[0]), words[1]) for words in lines if words), key=itemgetter(0))
 
 
-def _nearest(entries: list[tuple[float, Any]], time_s: float) -> Any:
-    """The entry whose time is nearest; None if that is too far away."""
-    times = np.array([entry[0] for entry in entries])
-    index = int(np.abs(times - time_s).argmin()) if len(times) else 0
-    found = len(times) and math.fabs(times[index] - time_s) <= TUM_MATCH_S
-    return entries[index][1] if found else None
+class _Nearest:
+    """Finds what is nearest in time."""
+
+    def __init__(self, entries: list[tuple[float, Any]]) -> None:
+        """Take pairs of time [s] and thing, in order."""
+        self._entries = entries
+        self._times = [time_s for time_s, _ in entries]
+
+    def __call__(self, time_s: float) -> Any:
+        """The thing of the nearest time; None if that is too far away."""
+        after = bisect_left(self._times, time_s)
+        near = self._entries[max(0, after - 1) : after + 1]
+        found = min(near, key=lambda entry: abs(entry[0] - time_s), default=None)
+        return None if found is None or not abs(found[0] - time_s) <= TUM_MATCH_S else found[1]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, is_dataclass
 from typing import Any, ClassVar, Literal
 
 from anm_mj.errors import MapError
-from anm_mj.utils.settings import check_settings, setting
+from anm_mj.utils.settings import check_settings, of_type, setting
 
 ENGINES = ("auto", "native", "triton", "torch", "mlp")
 """Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
@@ -307,16 +307,21 @@ def config_from_dict(values: dict[str, Any]) -> MappingConfig:
         built = {}
         for name, value in values.items():
             part = getattr(default, name, None)
-            built[name] = _part(type(part), value) if is_dataclass(part) else value
+            built[name] = _part(type(part), value) if is_dataclass(part) else of_type(MappingConfig, name, value)
         return MappingConfig(**built)
-    except TypeError as err:
+    except KeyError as err:
         raise MapError(f"The mapping configuration has a field that this version does not know: {err}.") from err
+    except ValueError as err:
+        raise MapError(f"The mapping configuration is damaged: {err}.") from err
 
 
-def _part(config: type, values: dict[str, Any]) -> Any:
-    """One part of the configuration; lists, as readers of files give them, become tuples."""
+def _part(config: type, values: Any) -> Any:
+    """One part of the configuration."""
+    if not isinstance(values, dict):
+        raise ValueError(f"it holds {type(values).__name__} for settings")
     former = getattr(config, "FORMER_NAMES", {})
-    return config(**{former.get(k, k): tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    named = {former.get(name, name): value for name, value in values.items()}
+    return config(**{name: of_type(config, name, value) for name, value in named.items()})
 
 
 MAPPING_PRESETS: dict[str, Callable[[], MappingConfig]] = {

@@ -160,8 +160,16 @@ class KeyframeStore:
         return self._memory.first(int(self._start[-1]))
 
     def restore_state(self, state: tuple[np.ndarray, np.ndarray]) -> None:
-        """Take over what :meth:`checkpoint_state` gave."""
-        self._memory.replace(*state)
+        """Take over what :meth:`checkpoint_state` gave.
+
+        Raises:
+            MapError: It was not given so, or has no place in this memory.
+        """
+        pixels, cameras = state
+        stored = Keyframes.of(Keyframes(pixels, self.num_pixels, cameras).arrays())
+        if len(stored.pixels) > len(self._memory):
+            raise MapError(f"{len(stored.pixels)} stored pixels are more than the replay store holds.")
+        self._memory.replace(stored.pixels, stored.cameras)
 
     def _thin(self) -> None:
         """Give up half of every keyframe's pixels, now and in those to come."""

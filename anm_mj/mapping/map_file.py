@@ -8,12 +8,14 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.config import MappingConfig, config_from_dict
+from anm_mj.utils.read_file import convert, parse_json, read_tensors
 
 FORMAT = "anm-mj map 3"
 """Marks a map of ours, and its version."""
@@ -34,6 +36,14 @@ class SavedMap:
     num_frames: int
     arrays: dict[str, np.ndarray]
     """``field.*``, the parameters of the field, and ``occupancy.*``, the voxel grid in log-odds."""
+
+
+class _About(Struct):
+    """What a file says of its map."""
+
+    config: dict[str, Any]
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    num_frames: Annotated[int, Meta(ge=0, le=10**9)]
 
 
 def write_map(path: Path, saved: SavedMap) -> None:
@@ -64,17 +74,23 @@ def read_map(path: Path) -> SavedMap:
     if not path.is_file():
         raise MapError(f"There is no map at {path}; give the map.safetensors of a run folder.")
     about, arrays = _read_archive(path) if path.suffix == FORMER_SUFFIX else _read_safetensors(path)
-    return SavedMap(config_from_dict(about["config"]), about["seed"], about["num_frames"], arrays)
+    try:
+        facts = convert(about, _About)
+    except ValueError as err:
+        raise MapError(f"{path} is damaged ({err}); explore anew.") from err
+    for name, array in arrays.items():
+        # How far a voxel was seen from may be infinite.
+        numbers = array.dtype.kind in "fiub"
+        if not numbers or (name.startswith("field.") and not np.isfinite(array).all()):
+            raise MapError(f"{path} is damaged: {name} holds what are no finite numbers; explore anew.")
+    return SavedMap(config_from_dict(facts.config), facts.seed, facts.num_frames, arrays)
 
 
 def _read_safetensors(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    from safetensors import SafetensorError, safe_open
-
     try:
-        with safe_open(path, framework="np") as file:
-            about = json.loads((file.metadata() or {}).get(_KEY, "{}"))
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  It is no mapping.
-    except (SafetensorError, OSError, ValueError) as err:
+        facts, arrays = read_tensors(path)
+        about = parse_json(facts.get(_KEY, "{}"))
+    except (OSError, ValueError) as err:
         raise _unreadable(path) from err
     _require_format(path, about, FORMAT)
     return about, arrays

@@ -278,8 +278,7 @@ class NeuralMap:
         saved = read_map(path)
         config = with_available_engine(saved.config)
         loaded = cls(config, seed=saved.seed, device=device, field_is_geometry=field_is_geometry)
-        loaded.backend.set_state(_part(saved.arrays, "field."))
-        loaded._occupancy.set_state(_part(saved.arrays, "occupancy."))
+        loaded._take_arrays(saved)
         loaded._num_frames = saved.num_frames
         return loaded
 
@@ -295,8 +294,7 @@ class NeuralMap:
         Raises:
             MapError: They do not fit this map.
         """
-        self.backend.set_state(_part(saved.arrays, "field."))
-        self._occupancy.set_state(_part(saved.arrays, "occupancy."))
+        self._take_arrays(saved)
         former = self.occupancy
         self._occupancy.soften()
         self._keyframes.replace(0, keyframes)
@@ -306,6 +304,18 @@ class NeuralMap:
         # The next frame is a keyframe, and one to train on.
         round_up = math.lcm(self.config.schedule.keyframe_every, self.config.schedule.train_every)
         self._num_frames = math.ceil(saved.num_frames / round_up) * round_up
+
+    def _take_arrays(self, saved: SavedMap) -> None:
+        """Take over field and occupancy.
+
+        Raises:
+            MapError: They are not what the configuration says, or damaged.
+        """
+        try:
+            self.backend.set_state(_part(saved.arrays, "field."))
+            self._occupancy.set_state(_part(saved.arrays, "occupancy."))
+        except (ValueError, KeyError) as err:
+            raise MapError(f"The saved map is damaged ({err}); explore anew.") from err
 
     def changes(self) -> tuple[SurfaceChange, ...] | None:
         """What new frames have found to be gone or new, largest first; None for a map that began empty."""

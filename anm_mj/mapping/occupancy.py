@@ -18,14 +18,36 @@ from anm_mj.mapping.occupancy_fusion import BLOCK, CameraView, NumpyFusion, Voxe
 from anm_mj.mapping.occupancy_native import NativeFusion, native_fusion
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
 from anm_mj.utils.arrays import embed
+from anm_mj.utils.read_file import array_of
 
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
 """Blocks that the grid grows by at least, in height and in the plane."""
 _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
 """So many frames that contradict it change the state of a voxel of a former run."""
+_FARTHEST_CELL = 1e8
+"""Voxels lie within this number of voxels about the origin."""
 _HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
 taken from frame to frame."""
+
+
+def _check_state(state: dict[str, np.ndarray]) -> None:
+    """Raises ValueError for arrays that are no grid."""
+    shape = array_of(state, "log_odds", "i", (None, None, None)).shape
+    for name, kinds in (("state", "i"), ("num_hits", "iu")):
+        array_of(state, name, kinds, shape)
+    seen = state.get("seen_range_m")
+    if seen is None or seen.dtype.kind != "f" or seen.shape != shape or np.isnan(seen).any():
+        raise ValueError("seen_range_m does not fit log_odds")
+    corner = array_of(state, "corner", "i", (3,))
+    array_of(state, "block_stamp", "i", tuple(cells // BLOCK for cells in shape))
+    if any(cells % BLOCK for cells in shape) or np.abs(corner.astype(float)).max() > _FARTHEST_CELL:
+        raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
+    if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
+        raise ValueError(f"num_frames is {state['num_frames']}")
+    noise = array_of(state, "depth_noise", "f", (3,)) if "depth_noise" in state else np.zeros(3)
+    if not (noise >= 0.0).all():
+        raise ValueError(f"depth_noise is {noise.tolist()}")
 
 
 class OccupancyGrid:
@@ -183,7 +205,12 @@ class OccupancyGrid:
         }
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what ``get_state`` gave."""
+        """Take over what ``get_state`` gave.
+
+        Raises:
+            ValueError: It was not given so.
+        """
+        _check_state(state)
         self._corner = state["corner"].astype(np.int64)
         self._log_odds = state["log_odds"].astype(np.int8)
         self._state = state["state"].astype(np.int8)

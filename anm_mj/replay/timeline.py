@@ -14,6 +14,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.plan_file import PlanRecord, read_plan
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_title import run_title
+from anm_mj.utils.read_file import read_text
 
 EMPTY_PATH = np.zeros((0, 2))
 
@@ -80,7 +81,12 @@ class Timeline:
         """
         rows = read_curve(self.run.folder.curve)
         for name, key in (("observable", "observable_ratio"), ("completion", "completion_ratio")):
-            known = [(float(row["step"]), float(row[key])) for row in rows if row.get(key)]
+            try:
+                known = [(float(row["step"]), float(row[key])) for row in rows if row.get(key)]
+            except (KeyError, TypeError, ValueError) as err:
+                raise RunFolderError(
+                    f"{self.run.folder.curve} holds what is no curve ({err}); evaluate the run again."
+                ) from err
             if known:
                 steps, values = np.array(known).T
                 return name, np.interp(self.steps, steps, values, left=np.nan)
@@ -97,8 +103,15 @@ def read_timeline(path: Path) -> Timeline:
 
 
 def read_curve(path: Path) -> list[dict[str, str]]:
-    """Rows of ``curve.csv`` by column; an incomplete last row, as a killed run leaves it, is skipped."""
+    """Rows of ``curve.csv`` by column; an incomplete last row, as a killed run leaves it, is skipped.
+
+    Raises:
+        RunFolderError: The file cannot be read.
+    """
     if not path.is_file():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return [row for row in csv.DictReader(file) if all(value is not None for value in row.values())]
+    try:
+        rows = csv.DictReader(read_text(path).splitlines())
+        return [row for row in rows if all(value is not None for value in row.values())]
+    except (OSError, ValueError, csv.Error) as err:
+        raise RunFolderError(f"{path} cannot be read ({err}); evaluate the run again.") from err

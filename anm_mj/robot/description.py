@@ -43,6 +43,7 @@ from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
 from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
+from anm_mj.utils.read_mjcf import read_spec
 
 Mount = tuple[CameraConfig, int]
 """What differs from the robot's camera, and the image size where that does not say [px]."""
@@ -124,7 +125,7 @@ def describe_robot(
     """
     config, mount = config or RobotConfig(), (camera or CameraConfig(), image_px)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = read_spec(path, mujoco.MjSpec.from_file)
     except (ValueError, OSError) as err:
         raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
     name_all(spec.bodies, "body")

@@ -18,6 +18,7 @@ from anm_mj.errors import RobotError
 from anm_mj.robot.config import RobotConfig
 from anm_mj.utils.close_names import close_name
 from anm_mj.utils.package_data import data_folder
+from anm_mj.utils.read_file import read_bytes
 
 _logger = logging.getLogger(__name__)
 
@@ -172,8 +173,8 @@ def _fetched(name: str, preset: RobotPreset | None) -> Path:
 def _text(file: Path, depth: int = 3) -> str:
     """Content of an MJCF file and of what it includes."""
     try:
-        text = file.read_text(encoding="utf-8", errors="replace")
-    except OSError:
+        text = read_bytes(file).decode("utf-8", errors="replace")
+    except (OSError, ValueError):
         return ""
     if depth:
         for name in re.findall(r'<include\s+file="([^"]+)"', text):

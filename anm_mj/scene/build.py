@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anm_mj.errors import RobotError, SceneError
@@ -12,6 +11,7 @@ from anm_mj.scene.height_boxes import needs_other_boxes, replace_boxes
 from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.utils.read_file import read_bytes
+from anm_mj.utils.read_mjcf import read_spec
 
 if TYPE_CHECKING:
     import mujoco
@@ -28,29 +28,12 @@ def build_spec(scene: Scene) -> mujoco.MjSpec:
     try:
         if b"<include" in read_bytes(scene.xml):
             raise ValueError("it includes other files")
-        spec = mujoco.MjSpec.from_file(str(scene.xml))
-        _check_files(spec, scene.folder)
+        spec = read_spec(scene.xml, mujoco.MjSpec.from_file, beside=False)
         if scene.num_triangles >= MIN_TRIANGLES:
             cut_into_chunks(spec)
     except (ValueError, OSError) as err:
         raise SceneError(f"{scene.xml} cannot be read ({err}): import the scene again.") from err
     return spec
-
-
-def _check_files(spec: mujoco.MjSpec, folder: Path) -> None:
-    """Accept files of the scene's own folder alone.
-
-    Raises:
-        ValueError: if an asset lies elsewhere, or is no regular file.
-    """
-    own = folder.resolve()
-    for below, assets in ((spec.meshdir, spec.meshes), (spec.texturedir, spec.textures), (spec.meshdir, spec.hfields)):
-        for asset in assets:
-            path = (folder / below / asset.file).resolve()
-            if asset.file and own not in path.parents:
-                raise ValueError(f"{asset.file!r} lies outside of the scene's folder")
-            if asset.file and path.exists() and not path.is_file():
-                raise ValueError(f"{asset.file!r} is no regular file")
 
 
 def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:

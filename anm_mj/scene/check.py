@@ -16,7 +16,9 @@ from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_a
 from anm_mj.scene.raster import border_labels, clip_to_slab, distance_cells, label_components, rasterise
 from anm_mj.scene.rooms import RoomPlan, find_rooms
 from anm_mj.types import Footprint, Pose2
+from anm_mj.utils.files import atomic_write
 from anm_mj.utils.picture import open_picture
+from anm_mj.utils.read_file import read_text
 
 _ON_ITS_SIDE = 2.0
 """Another axis must look so many times as much like that of a building."""
@@ -134,11 +136,12 @@ def disable_backface_culling(scene: Scene) -> bool:
     """
     path: Path = scene.folder / TOML
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         changed = re.sub(r"(?m)^cull_face\s*=\s*true\s*$", "cull_face = false", text)
         if changed == text:
             return False
-        path.write_text(changed, encoding="utf-8")
-    except OSError as err:
-        raise SceneError(f"{path} cannot be written ({err.strerror}): set cull_face = false in it by hand.") from err
+        with atomic_write(path) as partial:
+            partial.write_text(changed, encoding="utf-8")
+    except (OSError, ValueError) as err:
+        raise SceneError(f"{path} cannot be written ({err}): set cull_face = false in it by hand.") from err
     return True

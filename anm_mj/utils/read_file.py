@@ -6,6 +6,7 @@ Every function raises ``OSError`` or ``ValueError`` alone, so that a reader turn
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import stat
@@ -135,10 +136,86 @@ def read_npz(path: Path, max_mib: float = MAX_ARRAY_MIB) -> dict[str, np.ndarray
         raise ValueError(str(err) or type(err).__name__) from err
 
 
+def read_npy(path: Path, max_mib: float = MAX_ARRAY_MIB) -> np.ndarray:
+    """The array of an ``.npy`` file; its size is checked before memory is taken, and objects are refused.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: It is no such file, damaged, or larger than ``max_mib`` [MiB].
+    """
+    with open_regular(path) as file:
+        size_mib = _array_bytes(file) / 2**20
+        if size_mib > max_mib:
+            raise ValueError(f"its array of {size_mib:.0f} MiB is more than the {max_mib:g} MiB that are read")
+        file.seek(0)
+        try:
+            array: Any = np.lib.format.read_array(file, allow_pickle=False)
+        except EOFError as err:
+            raise ValueError("it is cut off") from err
+        return array
+
+
+def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """Metadata and arrays of a safetensors file.
+
+    Raises:
+        OSError: The file cannot be read, or is no regular file.
+        ValueError: It is no such file, or damaged.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    # The library would wait for a FIFO.
+    open_regular(path).close()
+    try:
+        with safe_open(path, framework="np") as file:
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  It is no mapping.
+            return file.metadata() or {}, arrays
+    # It raises TypeError and AttributeError for types that numpy does not have.
+    except (SafetensorError, TypeError, AttributeError) as err:
+        raise ValueError(str(err)) from err
+
+
+def array_of(arrays: dict[str, np.ndarray], name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
+    """An array of a file, if it is what it should be.
+
+    Args:
+        arrays: Those of the file.
+        name: Of the array.
+        kinds: Kinds of its numbers, such as ``"f"`` or ``"iu"``; they must be finite.
+        shape: Its axes; None = any length.
+
+    Raises:
+        ValueError: It is missing, or something else.
+    """
+    array = arrays.get(name)
+    if array is None:
+        raise ValueError(f"it lacks {name}")
+    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+    if not fits or array.dtype.kind not in kinds:
+        raise ValueError(f"{name} is of type {array.dtype} and shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} is not finite")
+    return array
+
+
+def read_table(path: Path) -> np.ndarray:
+    """The rows of a text file of numbers, as ``numpy.loadtxt`` reads them.
+
+    Raises:
+        OSError, ValueError: as :func:`read_text`, or it holds something else.
+    """
+    return np.loadtxt(io.StringIO(read_text(path)), ndmin=2)
+
+
 def _stated_bytes(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> int:
-    """Size that the header of an array states [bytes]."""
+    """Size that the header of an array in an archive states [bytes]."""
     with archive.open(info) as member:
-        version = np.lib.format.read_magic(member)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read(member)
+        return _array_bytes(member)
+
+
+def _array_bytes(file: Any) -> int:
+    """Size that the header of an array states [bytes]."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
     return int(np.prod(shape, dtype=object)) * dtype.itemsize

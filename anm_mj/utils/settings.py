@@ -8,9 +8,12 @@ that took ``planning.tour_depth`` over declares ``{"planning.tour_depth": "tour_
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_origin, get_type_hints
+
+from anm_mj.utils.read_file import convert
 
 T = TypeVar("T")
 
@@ -72,6 +75,26 @@ def setting(
 def moved_from(group: str, *names: str) -> dict[str, str]:
     """Entries of ``FORMER_NAMES`` for settings that stood in another group under the same name."""
     return {f"{group}.{name}": name for name in names}
+
+
+def of_type(config: type, name: str, value: Any) -> Any:
+    """A value of JSON as the type that a field of a configuration declares; lists become tuples.
+
+    Raises:
+        ValueError: it is of another type.
+    """
+    try:
+        return convert(value, _hints(config)[name])
+    except TypeError:
+        # A policy of the user's own may declare types that files know nothing of.
+        return tuple(value) if isinstance(value, list) else value
+
+
+@functools.cache
+def _hints(config: type) -> dict[str, Any]:
+    """Types of the fields; choices are texts here, because a former one may be read as its present name."""
+    hints = get_type_hints(config)
+    return {name: str if get_origin(hint) is Literal else hint for name, hint in hints.items()}
 
 
 def check_settings(config: Any, group: str, error: type[Exception]) -> None:

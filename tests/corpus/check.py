@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from tests.corpus.cases import Case, damaged_cases, hostile_cases, prepare
+from tests.corpus.cases import Case, damaged_cases, prepare
+from tests.corpus.hostile_cases import hostile_cases
 from tests.corpus.runner import content_of, run_case
 
 SECRET_RGB = (251, 1, 249)
 """Colour of the picture that no scene may take from outside its folder."""
 
 
-def all_cases(good: dict[str, Path], canary: Path, seed: int, per_file: int) -> list[Case]:
-    """All cases over these good inputs; without damage to files if ``per_file`` is 0."""
-    return [*hostile_cases(canary), *(damaged_cases(good, seed, per_file) if per_file else ())]
+def all_cases(good: dict[str, Path], canary: Path, seed: int, per_file: int) -> Iterator[Case]:
+    """All cases over these good inputs, one by one; without damage to files if ``per_file`` is 0."""
+    yield from hostile_cases(good, canary)
+    if per_file:
+        yield from damaged_cases(good, seed, per_file)
 
 
 class Checker:
@@ -48,6 +52,8 @@ class Checker:
             own = (
                 str(folder / "out"),
                 str(folder / "room_check.png"),
+                str(folder / "out.html"),
+                str(folder / "out.png"),
                 str(folder / "in" / "run"),
                 str(folder / "MUJOCO_LOG"),
             )

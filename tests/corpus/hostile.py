@@ -178,3 +178,110 @@ def folder(path: Path) -> None:
     """Put a folder in the place of a file."""
     path.unlink(missing_ok=True)
     path.mkdir()
+
+
+def loop(path: Path) -> None:
+    """Put a link to itself in the place of a file."""
+    path.unlink(missing_ok=True)
+    path.symlink_to(path.name)
+
+
+def mjcf_bombs() -> dict[str, str]:
+    """Pieces of MJCF that ask for far more than they say."""
+    geom = '<geom type="box" size="0.1 0.1 0.1"/>'
+    nested = geom
+    for _ in range(6):
+        nested = f'<replicate count="40" offset="0.1 0 0">{nested}</replicate>'
+    asset = {
+        "a height field of 10^9": '<hfield name="h" nrow="30000" ncol="30000" size="1 1 1 1"/>',
+        "a height field of 10^18": '<hfield name="h" nrow="1000000000" ncol="1000000000" size="1 1 1 1"/>',
+        "a texture of 10^10": '<texture name="t" type="2d" builtin="flat" width="100000" height="100000"/>',
+        "a texture of 10^9": '<texture name="t" type="2d" builtin="checker" width="30000" height="30000"/>',
+        "a cube texture of 10^9": '<texture name="t" type="cube" builtin="flat" width="20000" height="20000"/>',
+        "a mesh made by a wedge of 10^9": '<mesh name="m" builtin="sphere" params="15"/>',
+        "a model that is itself": '<model name="self" file="room.xml"/><model name="me" file="rover.xml"/>',
+    }
+    world = {
+        "10^9 copies": f'<replicate count="1000000000" offset="0.1 0 0">{geom}</replicate>',
+        "10^5 copies": f'<replicate count="100000" offset="0.1 0 0">{geom}</replicate>',
+        "copies of copies": nested,
+        "-1 copies": f'<replicate count="-1" offset="0.1 0 0">{geom}</replicate>',
+        "a cloth of 10^9": '<flexcomp name="f" type="grid" count="1000 1000 1000" spacing="1 1 1" dim="3"/>',
+        "a cable of 10^9": '<composite prefix="c" type="cable" count="1000000000 1 1" size="1"><geom size="1"/>'
+        "</composite>",
+        "60,000 levels of bodies": "<body>" * 60_000 + "</body>" * 60_000,
+        "300 levels of bodies": "<body>" * 300 + geom + "</body>" * 300,
+        "numbers that are none": '<geom type="box" size="nan inf 1e308"/>',
+        "a box of 10^30 m": '<geom type="box" size="1e30 1e30 1e30"/>',
+        "a box at 10^30 m": '<geom type="box" size="1 1 1" pos="1e30 0 0"/>',
+        "30,000 boxes": geom * 30_000,
+    }
+    other = {
+        "memory of 10^15": '<size memory="900T"/>',
+        "user data of 10^9": '<size nuserdata="2000000000"/>',
+        "user numbers of 10^9": '<size nuser_body="2000000000"/>',
+        "10^9 contacts": '<size nconmax="2000000000"/>',
+        "10^9 constraints": '<size njmax="2000000000"/>',
+        "10^9 key frames": '<size nkey="2000000000"/>',
+        "a time step of 10^30": '<option timestep="1e30"/>',
+        "a time step of 10^-30": '<option timestep="1e-30"/>',
+        "an extension": '<extension><plugin plugin="mujoco.elasticity.cable"/><plugin plugin="/tmp/x.so"/></extension>',
+        "a script": '<script lang="python">import os</script>',
+        "includes itself": '<include file="room.xml"/><include file="rover.xml"/>',
+    }
+    return {
+        **{label: f"<asset>{text}</asset>" for label, text in asset.items()},
+        **{label: f"<worldbody>{text}</worldbody>" for label, text in world.items()},
+        **other,
+    }
+
+
+def npy(shape: str, kind: str = "<f4") -> bytes:
+    """The header of an array of this shape, and a few numbers."""
+    header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    header += b" " * (-(len(header) + 11) % 64) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(4000)
+
+
+def yaml_bombs() -> dict[str, bytes]:
+    """YAML whose aliases grow tenfold each, that names objects, and that is nested."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 12)]
+    return {
+        "aliases that grow": "\n".join(lines).encode(),
+        "an object": b"rosbag2_bagfile_information: !!python/object/apply:os.system ['true']\n",
+        "deep lists": b"[" * 100_000,
+        "an alias of itself": b"rosbag2_bagfile_information: &a\n  version: *a\n  topics_with_message_count: *a\n",
+    }
+
+
+def mcap_bombs() -> dict[str, bytes]:
+    """MCAP files whose chunks and counts are far larger than they are."""
+    magic = b"\x89MCAP0\r\n"
+
+    def record(kind: int, data: bytes, length: int | None = None) -> bytes:
+        return bytes([kind]) + struct.pack("<Q", len(data) if length is None else length) + data
+
+    def text(value: str) -> bytes:
+        return struct.pack("<I", len(value)) + value.encode()
+
+    head = magic + record(1, text("ros2") + text("x"))
+    footer = record(2, struct.pack("<QQI", 0, 0, 0)) + magic
+    packed = lz4_bomb()
+    chunk = struct.pack("<QQQI", 0, 10**18, 10**10, 0) + text("lz4") + struct.pack("<Q", len(packed)) + packed
+    summary = len(head)
+    return {
+        "a chunk that unpacks to 10^10": head + record(6, chunk) + footer,
+        "a record of 10^18": head + record(6, b"", 10**18) + footer,
+        "a summary at 10^18": head + record(2, struct.pack("<QQI", 10**18, 10**18, 0)) + magic,
+        "a summary that is itself": head + record(2, struct.pack("<QQI", summary, summary, 0)) + magic,
+        "nothing": head + footer,
+        "text of 4 GiB": magic + record(1, struct.pack("<I", 0xFFFFFFFF)) + footer,
+    }
+
+
+def lz4_bomb() -> bytes:
+    """An LZ4 frame that says it holds 10^10 zeros."""
+    head = b"\x04\x22\x4d\x18" + bytes([0x68, 0x70]) + struct.pack("<Q", 10**10) + b"\x00"
+    run = b"\x1f\x00\x01\x00" + b"\xff" * 250_000 + b"\x00"
+    return head + (struct.pack("<I", len(run)) + run) * 20 + bytes(4)

@@ -11,6 +11,9 @@ import numpy as np
 import trimesh
 from PIL import Image
 
+from tests.corpus.killed import TINY
+from tests.corpus.recordings import write_recordings
+
 BENCH = """scenes = ["flat"]
 policies = ["random"]
 seeds = [0]
@@ -35,6 +38,27 @@ URDF = """<?xml version="1.0"?>
 <robot name="room"><link name="base"><visual><origin xyz="0 0 0" rpy="0 0 0"/><geometry><mesh filename="room.obj"/></geometry>
 </visual></link></robot>
 """
+MJCF = """<mujoco model="room">
+  <compiler meshdir="." texturedir="."/>
+  <asset>
+    <mesh name="room" file="room.obj"/>
+    <texture name="wood" type="2d" file="wood.png"/>
+    <texture name="plain" type="2d" builtin="flat" width="32" height="32" rgb1="0.5 0.5 0.5"/>
+    <material name="wood" texture="wood"/>
+    <hfield name="hill" nrow="8" ncol="8" size="0.5 0.5 0.2 0.1"/>
+  </asset>
+  <worldbody>
+    <geom type="mesh" mesh="room"/>
+    <geom type="hfield" hfield="hill" pos="-2 1 0"/>
+    <include file="table.xml"/>
+    <replicate count="3" offset="0.5 0 0"><geom type="box" size="0.1 0.1 0.2" pos="-1 -1.5 0.2"/></replicate>
+  </worldbody>
+</mujoco>
+"""
+MJCF_TABLE = """<mujocoinclude><body name="table" pos="1 0 0.4"><freejoint/>
+<geom type="box" size="0.4 0.3 0.4" material="wood"/></body></mujocoinclude>
+"""
+ROBOT_MESH = '<asset><mesh name="hull" file="hull.stl"/></asset><worldbody>'
 PROCTHOR = {
     "proceduralParameters": {"ceilingMaterial": {}},
     "rooms": [
@@ -108,13 +132,27 @@ def write_sources(folder: Path, robot: Path, with_run: bool = True) -> dict[str,
     trimesh.creation.box((1.0, 0.6, 0.8)).export(table / "meshes" / "table.obj")
     for name, plan in (("procthor", PROCTHOR), ("houseexpo", HOUSEEXPO)):
         paths[name] = _written(folder / name / "plan.json", json.dumps(plan))
-    paths["robot"] = _written(folder / "robot" / "rover.xml", robot.read_text())
+    paths["mjcf"] = _written(folder / "mjcf" / "room.xml", MJCF)
+    (folder / "mjcf" / "table.xml").write_text(MJCF_TABLE)
+    room_mesh().export(folder / "mjcf" / "room.obj")
+    Image.fromarray(np.full((16, 16, 3), 120, np.uint8)).save(folder / "mjcf" / "wood.png")
+    body = '<geom type="box" size="0.10 0.13 0.04"/>'
+    text = robot.read_text().replace("<worldbody>", ROBOT_MESH, 1)
+    text = text.replace(body, body + '<geom type="mesh" mesh="hull" mass="0.1"/>', 1)
+    paths["robot"] = _written(folder / "robot" / "rover.xml", text)
+    trimesh.creation.box((0.1, 0.1, 0.05)).export(folder / "robot" / "hull.stl")
+    paths |= write_recordings(folder)
     paths["bench"] = _written(folder / "bench" / "bench.toml", BENCH)
     paths["scene"] = folder / "scene" / "room"
     _anm_mj("scene", "import", paths["obj"], paths["scene"], "--up", "z")
     if with_run:
+        settings = [word for setting in TINY for word in ("--set", setting)]
+        explore = ("explore", paths["scene"], "--preset", "quick", *settings)
         paths["run"] = folder / "run" / "run"
-        _anm_mj("explore", paths["scene"], "--steps", "6", "--out", paths["run"])
+        _anm_mj(*explore, "--steps", "6", "--out", paths["run"])
+        paths["killed"] = folder / "killed" / "run"
+        words = [sys.executable, "-m", "tests.corpus.killed", str(paths["scene"]), str(paths["killed"])]
+        subprocess.run(words, check=True, capture_output=True, cwd=Path(__file__).resolve().parents[2])
     return paths
 
 

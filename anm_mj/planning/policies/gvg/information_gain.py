@@ -136,6 +136,22 @@ class InformationGain:
         xy = self.occupancy.centres(cells[nearer])[:, :2]
         self._note_change(xy.min(axis=0), xy.max(axis=0))
 
+    @property
+    def tried(self) -> Float[np.ndarray, "n 4"]:
+        """Centres of the cells that views have left unknown, and from how near the nearest of them looked [m]."""
+        tried_m = self.occupancy.tried_from_m.reshape(-1)
+        cells = np.flatnonzero(np.isfinite(tried_m) & (self.occupancy.state.reshape(-1) == UNKNOWN))
+        return np.column_stack((self.occupancy.centres(cells), tried_m[cells]))
+
+    def take_tried(self, tried: Float[np.ndarray, "n 4"]) -> None:
+        """Expect as little of cells as a former run did; the map must hold that run already.
+
+        Args:
+            tried: as :attr:`tried` was at its end.
+        """
+        inside = self.occupancy.contains(tried[:, :3])
+        self.suppress(self.occupancy.flat_index(tried[inside, :3]), tried[inside, 3])
+
     def sector_gains(
         self, places_xy_m: Float[np.ndarray, "n 2"], *, fresh: bool = False
     ) -> Float[np.ndarray, "n azimuths"]:

@@ -24,7 +24,7 @@ from anm_mj.frames import wrap_angle
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.continued_run import is_known_place
+from anm_mj.planning.policies.continued_run import is_known_place, remembered
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
 from anm_mj.planning.policies.gvg.candidates import CandidatePlaces, candidate_places
 from anm_mj.planning.policies.gvg.config import AS_MANY_AS_NEEDED, GvgConfig
@@ -72,17 +72,31 @@ class Gvg:
         self._improving = False
         self._errors_read_step = 0
         self._former = np.zeros((0, 3))
-        """Poses of former runs whose views have not been taken into the gains yet."""
+        """Poses of former runs."""
+        self._tried: Float[np.ndarray, "n 4"] | None = None
+        """What the views of a former run left unknown, as :attr:`InformationGain.tried`; None where it does not say."""
 
     def memory(self) -> dict[str, np.ndarray]:
-        """Nothing beside the map: what views left unknown follows from map and poses."""
-        return {}
+        """What views left unknown and failed targets suppressed, and how little the last steps and targets brought."""
+        if self._gain is None:
+            return {}
+        return {
+            "tried": self._gain.tried.astype(np.float32),
+            "window": self._stagnation.window,
+            "num_poor": np.array(self._tracker.num_poor),
+        }
 
     def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Expect nothing of views that a former run had already."""
+        """Expect nothing of views that a former run had already, and go on where it lost its patience."""
         del mapper
         self._stages.continue_from(former)
         self._former = former.poses
+        self._tried = remembered(former, "tried", (None, 4))
+        window, num_poor = remembered(former, "window", (None, 2)), remembered(former, "num_poor", ())
+        if window is not None:
+            self._stagnation.continue_from(window)
+        if num_poor is not None:
+            self._tracker.num_poor = max(0, int(num_poor))
 
     def observe(self, observation: Observation) -> None:
         """Note where the robot is, and where its camera measured nothing."""
@@ -130,12 +144,16 @@ class Gvg:
 
     def _update_gain(self, mapper: Mapper, observation: Observation) -> InformationGain:
         """Bring the expected gains up to date with the map and with what this view left unknown."""
+        is_first = self._gain is None
         if self._gain is None:
             self._gain = InformationGain(self.config, FieldOfView.of(observation))
         self._gain.update(mapper.occupancy, self._stages.topdown.read_window)
-        for x, y, yaw in self._former:
-            self._gain.suppress_view(Pose2(x, y, yaw))
-        self._former = np.zeros((0, 3))
+        if is_first and self._tried is not None:
+            self._gain.take_tried(self._tried.astype(float))
+            self._tried = None
+        elif is_first:
+            for x, y, yaw in self._former:
+                self._gain.suppress_view(Pose2(x, y, yaw))
         self._gain.suppress_view(observation.pose)
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)

@@ -112,6 +112,11 @@ class PooledOccupancy:
         for counts, counted in ((self._num_free, state == FREE), (self._num_surface, state == OCCUPIED)):
             counts[where[0]] += sign * np.array([np.count_nonzero(layer) for layer in counted])
 
+    def contains(self, xyz_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Which world points lie inside."""
+        low, high = self.origin_m, self.origin_m + np.array(self.state.shape[::-1]) * self.cell_m
+        return ((xyz_m >= low) & (xyz_m < high)).all(axis=1)
+
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
         x, y, z = np.floor((xyz_m - self.origin_m) / self.cell_m).astype(np.int64).T

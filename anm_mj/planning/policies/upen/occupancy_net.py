@@ -15,6 +15,7 @@ from jaxtyping import Float, Float32, Int8
 from numpy.lib.stride_tricks import sliding_window_view
 
 from anm_mj.errors import PlanError
+from anm_mj.utils.read_file import array_of, read_npz
 
 CLASSES = ("void", "occupied", "free")
 """Classes of a cell: outside or not seen yet; an obstacle; floor."""
@@ -51,13 +52,18 @@ def load_ensemble(path: Path) -> list[Weights]:
     """
     if not path.is_file():
         raise PlanError(f"The weights of this policy are not at {path}; make them with scripts/train_upen.py.")
-    with np.load(path) as file:
-        arrays = {name: file[name].astype(np.float32) for name in file.files}
-    for name, shape in layer_shapes():
-        found = arrays.get(name, np.zeros(0)).shape
-        if found[1:] != shape:
-            raise PlanError(f"In {path} layer {name} has shape {found}, but it must be (networks, {shape}).")
-    return [{name: values[k] for name, values in arrays.items()} for k in range(len(arrays["out"]))]
+    try:
+        stored = read_npz(path)
+        num = len(array_of(stored, "out", "f", (None, *dict(layer_shapes())["out"])))
+        shapes = [
+            (name, shape)
+            for layer, kernel in layer_shapes()
+            for name, shape in ((layer, kernel), (f"{layer}.bias", kernel[:1]))
+        ]
+        arrays = {name: array_of(stored, name, "f", (num, *shape)).astype(np.float32) for name, shape in shapes}
+    except (OSError, ValueError) as err:
+        raise PlanError(f"{path} cannot be read as weights ({err}); make them with scripts/train_upen.py.") from err
+    return [{name: values[k] for name, values in arrays.items()} for k in range(num)]
 
 
 def predict(weights: Weights, classes: Int8[np.ndarray, "rows cols"]) -> Float32[np.ndarray, "3 rows cols"]:

@@ -5,21 +5,14 @@ Each limit is an environment variable, which the message names, for those who kn
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from anm_mj.errors import SceneError
+from anm_mj.utils.limits import limit
 
-
-def _limit(name: str, default: int) -> int:
-    """A limit from the environment."""
-    text = os.environ.get(name, "")
-    return int(text) if text.isdecimal() else default
-
-
-MAX_MESH_MIB = _limit("ANM_MJ_MAX_MESH_MIB", 4096)
+MAX_MESH_MIB = limit("ANM_MJ_MAX_MESH_MIB", 4096)
 """Largest mesh file [MiB]."""
-MAX_PARTS = _limit("ANM_MJ_MAX_PARTS", 5000)
+MAX_PARTS = limit("ANM_MJ_MAX_PARTS", 5000)
 """Most meshes, with materials of their own, in one file."""
 
 

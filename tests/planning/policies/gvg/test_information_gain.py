@@ -78,6 +78,18 @@ def test_what_a_view_left_unknown_has_gain_from_nearer_only():
     assert best_view(gain.sector_gains(np.array([[2.6, 1.7]]))[0])[0] > 0.5
 
 
+def test_what_views_left_unknown_is_handed_on():
+    world = with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))
+    gain, place = gain_in(world), np.array([[1.5, 1.7]])
+    before = gain.sector_gains(place)
+    gain.suppress_view(Pose2(1.5, 1.7, 0.0))
+    next_ = gain_in(world)
+    # What lies outside of the map is left out.
+    next_.take_tried(np.concatenate((gain.tried, [[1e6, 0.0, 0.0, 1.0]])))
+    np.testing.assert_array_equal(next_.sector_gains(place), gain.sector_gains(place))
+    assert (next_.sector_gains(place) < before).any()
+
+
 def test_sky_has_no_gain():
     grid = room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]).occupancy
     grid.state[:2], grid.seen_range_m[:2] = OCCUPIED, 1.0

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from anm_mj.planning.policies.gvg.config import GvgConfig
@@ -31,3 +32,15 @@ def test_path_across_a_room_is_no_stagnation():
     least = CONFIG.min_stagnation_steps
     assert not detector((100, 50.0), (100 + least - 1, 50.0)).is_stagnating()
     assert detector((100, 50.0), (100 + least, 50.0)).is_stagnating()
+
+
+def test_a_continued_run_goes_on_in_the_window():
+    former = detector((0, 90.0), (890, 99.99), (995, 100.0), (1000, 100.0))
+    assert former.is_stagnating()
+    next_ = StagnationDetector(CONFIG)
+    next_.continue_from(former.window)
+    next_.update(0, 100.0)
+    assert next_.is_stagnating()
+    next_.update(20, 103.0)
+    assert not next_.is_stagnating()
+    np.testing.assert_array_equal(StagnationDetector(CONFIG).window, np.zeros((0, 2)))

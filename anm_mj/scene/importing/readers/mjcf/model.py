@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from anm_mj.errors import SceneError
+from anm_mj.utils.read_mjcf import read_spec
 
 if TYPE_CHECKING:
     import mujoco
@@ -74,7 +75,7 @@ def compiled(src: Path) -> mujoco.MjModel:
         raise SceneError(f"{src} is no MuJoCo model: it begins with <{root_tag(src)}>, not <mujoco>.")
     try:
         with quiet():
-            return mujoco.MjSpec.from_file(str(src.absolute())).compile()
+            return read_spec(src, mujoco.MjSpec.from_file).compile()
     except (ValueError, RuntimeError, OSError, mujoco.FatalError) as err:
         said = " ".join(str(err).split()).rstrip(".")
         raise SceneError(

@@ -1,0 +1,11 @@
+"""Limits of what files of others may ask for; each is an environment variable that raises it."""
+
+from __future__ import annotations
+
+import os
+
+
+def limit(name: str, default: int) -> int:
+    """A limit: the whole number in an environment variable, else the default."""
+    text = os.environ.get(name, "")
+    return int(text) if text.isdecimal() else default

@@ -1,0 +1,194 @@
+"""Reads MJCF that anybody may have written: what it asks for is counted before MuJoCo makes it.
+
+MuJoCo copies elements while it reads a file, in time that grows with the square of their number, and it opens whatever
+files are named, a FIFO as well.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+from anm_mj.utils.limits import limit
+from anm_mj.utils.picture import open_picture
+from anm_mj.utils.read_file import open_regular, read_bytes
+
+MAX_ELEMENTS = limit("ANM_MJ_MAX_ELEMENTS", 40_000)
+"""Most elements of an MJCF file and of all that it includes; copies count eight times."""
+MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
+"""Most pixels of a texture that MuJoCo makes, and most cells of a height field."""
+_COPY_COST = 8
+_MAX_MIB = 256
+"""Largest MJCF file [MiB]."""
+_FLAT = 0
+"""Type of a texture that is one picture, not the six of a cube."""
+_COUNTED = ("replicate", "flexcomp", "composite")
+"""Elements that stand for as many others as their attribute ``count`` says."""
+
+
+def read_spec(path: Path, parse: Callable[[str], Any], *, beside: bool = True) -> Any:
+    """The parsed and uncompiled model (``mujoco.MjSpec``) in an MJCF or URDF file.
+
+    Args:
+        path: The file.
+        parse: ``mujoco.MjSpec.from_file``.
+        beside: Whether the files that it names may lie beside its folder, as in ``../meshes``, or only in it.
+
+    Raises:
+        OSError: It, or a file that it names, cannot be read.
+        ValueError: MuJoCo cannot read it, it asks for too much, or it names files from elsewhere.
+    """
+    folder = path.resolve().parent
+    own = folder.parent if beside else folder
+    elements = _Counter(folder, own).elements(path)
+    if elements > MAX_ELEMENTS:
+        raise ValueError(
+            f"it has {elements:.4g} elements, copies counted {_COPY_COST} times, but files end at {MAX_ELEMENTS}: set "
+            "ANM_MJ_MAX_ELEMENTS if there should be so many"
+        )
+    try:
+        spec = parse(str(path.absolute()))
+    except Exception as err:  # MuJoCo has errors of its own.
+        raise ValueError(str(err)) from err
+    _check_assets(spec, path.absolute().parent, own)
+    return spec
+
+
+@dataclass
+class _Counter:
+    """Counts elements, those of included files with them."""
+
+    folder: Path
+    """Names of files are relative to it, wherever they stand."""
+    own: Path
+    known: dict[Path, int] = field(default_factory=dict)
+    """Elements by file; 0 while one is being counted."""
+
+    def elements(self, path: Path) -> int:
+        """Number of elements of a file.
+
+        Raises:
+            OSError, ValueError: It cannot be read.
+        """
+        if path in self.known:
+            return self.known[path]
+        self.known[path] = 0
+        # MuJoCo takes comments that XML forbids.
+        text = re.sub(rb"<!--.*?-->", b"", read_bytes(path, _MAX_MIB), flags=re.DOTALL)
+        models: dict[str, Path] = {}
+        factors, total = [1], 0
+        for name, attributes in _tags(text):
+            if name is None:
+                factors.pop()
+                continue
+            times, more = factors[-1], 1
+            count = _product(attributes.get("count", "1")) if name in _COUNTED else 1
+            if name == "include":
+                more += self.elements(self._file(path, attributes.get("file", "")))
+            elif name == "model" and "file" in attributes:
+                below = self._file(path, attributes["file"])
+                models[attributes.get("name", below.stem)] = below
+            elif name == "attach" and attributes.get("model") in models:
+                more += _COPY_COST * self.elements(models[attributes["model"]])
+            total += times * (more + (_COPY_COST * count if count > 1 else 0))
+            factors.append(times * (_COPY_COST * count if name == "replicate" and count > 1 else 1))
+        self.known[path] = total
+        return total
+
+    def _file(self, within: Path, name: str) -> Path:
+        """A file that another one names.
+
+        Raises:
+            ValueError: It is nowhere, or elsewhere.
+        """
+        places = (self.folder / name, within.parent / name)
+        found = next((place for place in places if place.is_file()), None)
+        if found is None:
+            raise ValueError(f"it includes {name!r}, which is no file")
+        _check_place(found, name, self.own)
+        return found
+
+
+def _tags(text: bytes) -> Iterator[tuple[str | None, dict[str, str]]]:
+    """Names and attributes of the elements of an XML text as they open; None as they close.
+
+    Raises:
+        ValueError: It is not well-formed.
+    """
+    found: list[tuple[str | None, dict[str, str]]] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda name, attributes: found.append((name, attributes))
+    parser.EndElementHandler = lambda name: found.append((None, {}))
+    try:
+        for start in range(0, len(text), 1 << 16):
+            parser.Parse(text[start : start + (1 << 16)])
+            yield from found
+            found.clear()
+        parser.Parse(b"", True)
+    except expat.ExpatError as err:
+        raise ValueError(f"it is no well-formed XML: {err}") from err
+
+
+def _product(text: str) -> int:
+    """Product of the whole numbers in a text; 1 where there are none, which MuJoCo then says."""
+    try:
+        return math.prod(max(1, int(word)) for word in text.split()[:3])
+    except ValueError:
+        return 1
+
+
+def _check_assets(spec: Any, folder: Path, own: Path) -> None:
+    """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears.
+
+    Raises:
+        OSError, ValueError: as :func:`read_spec`.
+    """
+    files = [(spec.meshdir, asset.file) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
+    pictures = [(spec.texturedir, texture.file) for texture in spec.textures]
+    pictures += [(spec.texturedir, file) for texture in spec.textures for file in texture.cubefiles]
+    for (below, name), is_picture in itertools.chain(
+        zip(files, itertools.repeat(False)), zip(pictures, itertools.repeat(True))
+    ):
+        if not name:
+            continue
+        # Found as MuJoCo finds them; it says what is missing.
+        path = folder / below / (Path(name).name if spec.strippath else name)
+        if not path.exists():
+            continue
+        _check_place(path, name, own)
+        if is_picture or path.suffix.lower() == ".png":
+            _check_picture(path)
+        else:
+            open_regular(path).close()
+    for texture in spec.textures:
+        sides = 1 if int(texture.type) == _FLAT else 6
+        _check_cells("texture", texture.name, texture.width * texture.height * sides)
+        _check_cells("texture", texture.name, texture.width * texture.width * sides)
+    for hfield in spec.hfields:
+        _check_cells("height field", hfield.name, hfield.nrow * hfield.ncol)
+
+
+def _check_place(path: Path, name: str, own: Path) -> None:
+    if own not in path.resolve().parents:
+        raise ValueError(f"it names {name!r}, which lies outside of {own}: copy it there")
+
+
+def _check_picture(path: Path) -> None:
+    """Raises OSError or ValueError for a picture that is none or too large; MuJoCo's own formats are regular files."""
+    if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tga"):
+        with open_picture(path):
+            return
+    open_regular(path).close()
+
+
+def _check_cells(what: str, name: str, cells: int) -> None:
+    if cells > MAX_CELLS:
+        raise ValueError(
+            f"its {what} '{name}' has {cells:.4g} cells, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS if it should"
+        )

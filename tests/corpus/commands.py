@@ -1,0 +1,59 @@
+"""The command lines that read each kind of input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_SHORT = ("--preset", "quick", "--set", "mapping.schedule.first_iterations=5")
+
+
+def commands(kind: str, paths: dict[str, Path]) -> list[tuple[str, ...]]:
+    """Every command that reads this kind of input.
+
+    Args:
+        kind: a key of ``paths``.
+        paths: the good inputs.
+    """
+    name = f"in/{paths[kind].name}"
+    if kind == "scene":
+        return [("scene", "check", name), ("explore", name, *_SHORT, "--steps", "1", "--out", "out")]
+    if kind == "run":
+        return [
+            ("eval", name),
+            ("view", name, "--export-html", "out.html"),
+            ("export", name, "--format", "all", "--out", "out"),
+            ("export", name, "--video", "out.gif"),
+            ("map", name, *_SHORT, "--out", "out"),
+            ("explore", str(paths["scene"]), *_SHORT, "--continue", name, "--steps", "1", "--out", "out"),
+            ("eval", name, "--novel-views"),
+        ]
+    if kind == "killed":
+        return [("explore", "--resume", name)]
+    if kind == "robot":
+        return [
+            ("robot", "check", name, "--out", "out.png"),
+            ("explore", "flat", *_SHORT, "--robot", name, "--steps", "1", "--out", "out"),
+        ]
+    if kind == "bench":
+        return [("bench", name, "--out", "out")]
+    if kind in SEQUENCES:
+        return [("map", name, *_SHORT, "--out", "out")]
+    return [("scene", "import", name, "out", *(("--up", "z") if kind in ("obj", "ply", "stl") else ()))]
+
+
+SEQUENCES = ("tum", "nerfstudio", "replica", "sequence", "bag", "mcap")
+"""Kinds of recorded sequences."""
+READERS_OF = {
+    "config.json": (0, 1, 5),
+    "manifest.json": (0, 1, 2, 5),
+    "camera.json": (0, 1, 4, 5),
+    "frames.jsonl": (0, 1, 2, 3, 4, 5),
+    "steps.jsonl": (0, 1, 2),
+    "plans.jsonl": (1, 3),
+    "metrics.json": (0, 1, 2),
+    "map.safetensors": (1, 2, 5, 6),
+    "explored.safetensors": (5,),
+    "mesh.ply": (0, 1, 2),
+    "ground_truth.npz": (0, 1),
+}
+"""Of the readers of a run folder, those that read a file; all where it is not named."""

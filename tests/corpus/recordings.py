@@ -1,0 +1,31 @@
+"""Small recorded sequences of each layout, to be damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rosbags.rosbag2 import StoragePlugin
+
+from tests.io.test_rosbag import images, poses_by_tf, write_bag
+from tests.io.test_sequence_layouts import write_nerfstudio, write_ours, write_replica, write_tum
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "tum": write_tum,
+    "nerfstudio": write_nerfstudio,
+    "replica": write_replica,
+    "sequence": write_ours,
+}
+
+
+def write_recordings(folder: Path) -> dict[str, Path]:
+    """One sequence of each layout; its path by kind."""
+    paths = {}
+    for kind, write in WRITERS.items():
+        paths[kind] = folder / kind / "walk"
+        paths[kind].mkdir(parents=True)
+        write(paths[kind])
+    for kind, storage in (("bag", StoragePlugin.SQLITE3), ("mcap", StoragePlugin.MCAP)):
+        (folder / kind).mkdir()
+        paths[kind] = write_bag(folder / kind / "walk", images() + poses_by_tf(), storage)
+    return paths
