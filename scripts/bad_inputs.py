@@ -1,7 +1,7 @@
 """Feed damaged and hostile files to every reader, and say which ones it does not take well.
 
-Every case runs in a process of its own, with 20 s of the processor and 2 GiB. A case passes if the command ends well, or says in one
-sentence what is wrong and exits with status 2, and nothing outside its output folder changed.
+Every case runs in a process of its own, with 20 s of the processor and 2 GiB. A case passes if the command ends well,
+or says in one sentence what is wrong and exits with status 2, and nothing outside its output folder changed.
 """
 
 from __future__ import annotations
