@@ -27,8 +27,8 @@ from anm_mj.explore import LoopState, Outcome, StepReport
 from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.recorder import RunRecorder
-from anm_mj.io.run_folder import RunFolder
-from anm_mj.planning.policies.guard import describe_error
+from anm_mj.io.run_folder import RunFolder, refuse_links
+from anm_mj.planning.policies.guarded_policy import describe_error
 from anm_mj.planning.policies.registry import POLICIES
 from anm_mj.protocols import Viewer
 from anm_mj.run import Parts, Watched, checkpoint_roots, make_parts, run_loop, true_view
@@ -77,7 +77,7 @@ def resume(
     """
     begin = time.perf_counter()
     folder = RunFolder.open(path)
-    _refuse_links(folder)
+    refuse_links(folder.path.resolve())
     _require_unfinished(folder)
     config = _config(folder, policy)
     if device is not None:
@@ -152,13 +152,6 @@ def _config(folder: RunFolder, policy: str | None) -> RunConfig:
             f"you trust it, add --policy {named}."
         )
     return read_config(values)
-
-
-def _refuse_links(folder: RunFolder) -> None:
-    """Raises CheckpointError where a file of the run leads somewhere else: writing would overwrite what is there."""
-    for place in folder.path.rglob("*"):
-        if place.is_symlink():
-            raise CheckpointError(f"{place} is a link, and a resumed run writes no links; copy the run again.")
 
 
 def _require_unfinished(folder: RunFolder) -> None:

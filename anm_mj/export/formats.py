@@ -69,12 +69,15 @@ def export_run(
     chosen = list(dict.fromkeys(each for name in names for each in _expanded(name)))
     # Here, not above: the command line asks for the names of the formats alone.
     from anm_mj.io.read_run import read_run
+    from anm_mj.io.run_folder import refuse_links
     from anm_mj.io.write import writing
 
     record = read_run(run)
     if not record.frames:
         raise RunFolderError(f"{run} holds no frame yet; wait for the run's first step.")
-    out = out or run / "export"
+    if out is None:
+        out = record.folder.path / "export"
+        refuse_links(out)
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
     written = []

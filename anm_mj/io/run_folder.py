@@ -229,6 +229,17 @@ def empty_folder(path: Path) -> Path:
     return path
 
 
+def refuse_links(path: Path) -> None:
+    """Refuse to write into a folder of somebody's run where a file may lead somewhere else.
+
+    Raises:
+        RunFolderError: Below ``path`` there is a link.
+    """
+    found = next((place for place in (path, *path.rglob("*")) if place.is_symlink()), None)
+    if found is not None:
+        raise RunFolderError(f"{found} is a link, through which nothing is written; copy the run again.")
+
+
 def _point_latest_to(path: Path) -> None:
     latest = path.parent / "latest"
     if latest.exists() and not latest.is_symlink():

@@ -15,7 +15,7 @@ import pytest
 
 import anm_mj.run
 from anm_mj.config import make_config
-from anm_mj.errors import CheckpointError
+from anm_mj.errors import CheckpointError, RunFolderError
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
@@ -166,7 +166,7 @@ def test_code_that_a_folder_names_is_not_run(small, tmp_path):
     (tmp_path / "elsewhere").write_text("kept")
     (folder / "curve.png").unlink()
     (folder / "curve.png").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(CheckpointError, match=r"curve\.png is a link"):
+    with pytest.raises(RunFolderError, match=r"curve\.png is a link"):
         resume(folder)
     assert (tmp_path / "elsewhere").read_text() == "kept"
 
