@@ -21,7 +21,7 @@ test-all: lint types ## The same with the slow tests.
 	@$(PYTHON) -m pytest -n $(JOBS)
 
 test-bench: setup ## Kill a comparison of 24 real runs, go on, compare the tables; some minutes.
-	@$(PYTHON) -m pytest -m slow -k 24_real tests/bench
+	@$(PYTHON) -m pytest -m slow -k real_runs_resume tests/bench
 
 docs: setup ## Build the site of the documentation in build/site.
 	@$(PYTHON) -m sphinx -q -W --keep-going -d build/doctrees docs build/site

@@ -49,7 +49,7 @@ def main(
         ratios = [float(row["observable_ratio"]) for row in rows if row["policy"] == policy]
         if ratios:
             print(f"{policy:10} {sum(ratios) / len(ratios):5.1f} % of what can be seen, mean of {len(ratios)} runs")
-    print(f"means, deviations, paired differences: {out / 'table.md'}; curves beside it")
+    print(f"means, deviations, paired differences, curves, trajectories: {out / 'report.html'}")
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     scenes = len({result.job["scene_name"] for result in results})
     band = "band: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
     left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100), ylim=(0, 100))
-    left.set_title(f"mean over {scenes} scenes, {band}", fontsize=9)
+    left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}, {band}", fontsize=9)
     right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]", ylim=(0, 102))
     right.set(xlim=(1.0, LARGEST_FACTOR))
     right.set_title(f"performance profile: runs that reach {LEVEL:.0f} % within so many times the fewest", fontsize=9)

@@ -74,7 +74,7 @@ def _bench(parsed: argparse.Namespace) -> int:
     left = f", {len(bench.failures)} failed; the same command tries them again" if bench.failures else ""
     console.print(
         f"{len(bench.jobs)} runs, {bench.skipped} of them from before{left}. "
-        f"Tables: {out / 'table.md'}, {out / 'results.csv'}",
+        f"Report: {out / 'report.html'}; tables: {out / 'table.md'}, {out / 'results.csv'}",
         highlight=False,
         soft_wrap=True,
     )

@@ -19,6 +19,11 @@ def add_evaluate(commands: Any) -> None:
     # Its former name.
     evaluate.add_argument("--heldout", action="store_true", dest="novel_views", help=argparse.SUPPRESS)
     evaluate.add_argument(
+        "--halved-intrinsics",
+        action="store_true",
+        help="also print completion as the paper's code back-projects, half a pixel aside",
+    )
+    evaluate.add_argument(
         "--scene",
         metavar="SCENE",
         help="with --novel-views: name or folder of the run's scene, if it has moved",
@@ -32,7 +37,7 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import ProgressLine
-    from anm_mj.evaluation.evaluate import evaluate_run
+    from anm_mj.evaluation.evaluate import completion_with_halved_intrinsics, evaluate_run
 
     console = Console(markup=False)
     novel_views, fixed_views = None, None
@@ -47,4 +52,11 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     with ProgressLine(console) as line:
         metrics = evaluate_run(parsed.run, line.surveying, novel_views, fixed_views)
     print_metrics(console, metrics, parsed.run)
+    if parsed.halved_intrinsics:
+        other = completion_with_halved_intrinsics(parsed.run)
+        console.print(
+            f"With halved intrinsics: completion ratio {other.ratio_percent:.2f} %, completion "
+            f"{other.completion_cm:.2f} cm",
+            highlight=False,
+        )
     return 0

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.errors import SceneError
-from anm_mj.evaluation.completion import COVERED_M, uncapped_completion_cm
+from anm_mj.evaluation.completion import COVERED_M, Completion, Coverage, uncapped_completion_cm
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.covered_before import read_covered_before
-from anm_mj.evaluation.depth import back_project_reduced
+from anm_mj.evaluation.depth import back_project_reduced, halved_intrinsics
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.mesh import mesh_quality
@@ -120,6 +120,23 @@ def write_results(
         )
     write_json(folder.metrics, metrics)
     return metrics
+
+
+def completion_with_halved_intrinsics(path: Path) -> Completion:
+    """Completion at the end of a run, back-projected as by the paper's code.
+
+    See :func:`~anm_mj.evaluation.depth.halved_intrinsics`. Equal to the run's own for images of 128 x 128 pixels.
+
+    Raises:
+        RunFolderError: The folder is no run, or a file in it is damaged.
+    """
+    run = read_run(path)
+    truth = GroundTruth.load(run.folder.ground_truth)
+    coverage = Coverage(truth.samples, truth.observable, _covered_before(run.folder, truth))
+    intrinsics = halved_intrinsics(run.intrinsics)
+    for frame in run.frames:
+        coverage.add(run.depth_mm(frame), intrinsics, frame.T_true_camera)
+    return coverage.completion()
 
 
 def add_views(path: Path, novel_views: ViewsResult, fixed_views: ViewsResult) -> None:

@@ -282,6 +282,53 @@ def test_ray_makes_the_same_table(file, tmp_path):
     assert table(tmp_path / "ray") == table(tmp_path / "here")
 
 
+CLUSTER_PROGRAM = """
+import os
+import sys
+from pathlib import Path
+from ray.cluster_utils import Cluster
+from anm_mj.bench.bench import run_bench
+
+# Workers look up modules by the folder that they start in.
+cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+cluster.add_node(num_cpus=1)
+os.environ["RAY_ADDRESS"] = cluster.address
+nodes = Path(os.environ["NODES"])
+for deadly in (True, False):
+    (nodes / "deadly").touch() if deadly else (nodes / "deadly").unlink()
+    bench = run_bench(
+        Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, engine="ray", function="tests.bench.fake:on_a_node"
+    )
+    print(bench.skipped, len(bench.failures), *(failure.split()[1:5] for failure in bench.failures[:1]), flush=True)
+cluster.shutdown()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
+def test_a_cluster_of_two_nodes_survives_the_death_of_its_workers(file, tmp_path):
+    run_bench(file, tmp_path / "here", num_workers=2, function="tests.bench.fake:quick")
+    (tmp_path / "nodes").mkdir()
+    arguments = [str(file), str(tmp_path / "ray")]
+    environment = {**os.environ, "NODES": str(tmp_path / "nodes")}
+    done = subprocess.run(
+        [sys.executable, "-c", CLUSTER_PROGRAM, *arguments],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+    first, second = done.stdout.strip().splitlines()
+    assert first.startswith("0 4 ['was', 'lost', 'with', 'its']")
+    assert second == "4 0"
+    # One processor on each node: two runs at a time need both.
+    assert len([path for path in (tmp_path / "nodes").iterdir() if path.name.isdigit()]) == 2
+    assert table(tmp_path / "ray") == table(tmp_path / "here")
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.evaluation.depth import back_project_reduced, kept_pixels, reduce_depth
+from anm_mj.evaluation.depth import back_project_reduced, halved_intrinsics, kept_pixels, reduce_depth
 from anm_mj.frames import pixel_directions
 from anm_mj.types import Intrinsics, Pose2
 from tests.box_room import CAMERA as SQUARE
@@ -68,3 +68,16 @@ def test_depth_is_rounded_to_whole_millimetres_and_nothing_becomes_zero():
 def test_what_is_beyond_ten_metres_does_not_count():
     depth_mm = np.array([[9999, 10000, 10001]], dtype=np.uint16)
     assert len(back_project_reduced(depth_mm, Intrinsics(3, 1, 1.0, 1.0, 1.5, 0.5), np.eye(4))) == 2
+
+
+def test_halved_intrinsics_shift_points_by_half_a_pixel_as_the_papers_code_does():
+    camera = Intrinsics(256, 256, 128.0, 128.0, 128.0, 128.0)
+    depth_mm = reduce_depth(np.full((256, 256), 5.0, np.float32))
+
+    own, other = (back_project_reduced(depth_mm, one, np.eye(4)) for one in (camera, halved_intrinsics(camera)))
+
+    # Pixel i of the code's 128 x 128 image, whose focal length is 64 and whose principal point is 63.5.
+    u = np.arange(128)
+    np.testing.assert_allclose(other.reshape(128, 128, 3)[0, :, 0], 5.0 * (u - 63.5) / 64.0)
+    np.testing.assert_allclose(other - own, np.broadcast_to([0.5 * 5.0 / 128.0, 0.5 * 5.0 / 128.0, 0.0], own.shape))
+    assert halved_intrinsics(SMALL) == SMALL
