@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from anm_mj.errors import SceneError
+from anm_mj.utils.files import atomic_write, cache_folder
 
 _logger = logging.getLogger(__name__)
 
@@ -22,9 +23,11 @@ _MOLMO_HELP = (
     "huggingface.co/datasets/allenai/molmospaces and give its folder with --root or in MLSPACES_ASSETS_DIR"
 )
 _ROBOCASA_HELP = (
-    "RoboCasa composes its kitchens in Python: write the XML of a made kitchen (env.sim.model.get_xml()) to NAME.xml "
-    "in a folder, and give that with --root or in ROBOCASA_SCENES"
+    "RoboCasa composes its kitchens in Python: install robosuite and robocasa with its assets and name one "
+    "as in robocasa:layout1_style2, or write the XML of a made kitchen (env.sim.model.get_xml()) to NAME.xml in a "
+    "folder, and give that with --root or in ROBOCASA_SCENES"
 )
+_KITCHEN = re.compile(r"layout_?(\d+)_style_?(\d+)")
 _REPLICACAD_HELP = (
     "download it with `python -m habitat_sim.utils.datasets_download --uids replica_cad_dataset --data-path data`, and "
     "give its folder with --root or in REPLICA_CAD_ROOT, or stay in the folder that holds data/"
@@ -123,8 +126,8 @@ def find_named(src: str | Path, root: Path | None = None) -> NamedSource:
         raise SceneError(f"{root} is not a folder: give the folder of {data.title} with --root.")
     folders = [root] if root is not None else _folders(data)
     found = _first(folders, data.files(name))
-    if found is None and root is None and prefix == "molmospaces":
-        found = _fetched(name)
+    if found is None and root is None:
+        found = _MAKERS.get(prefix, _none)(name)
     if found is None:
         where = ", ".join(map(str, folders)) or "no folder given"
         raise SceneError(f"{data.title} has no scene {name!r} here ({where}): {data.help}.")
@@ -174,3 +177,49 @@ def _fetched(name: str) -> Path | None:
             f"The package molmo-spaces could not fetch {name} ({type(err).__name__}: {err}): {_MOLMO_HELP}."
         ) from err
     return Path(path) if Path(path).is_file() else None
+
+
+def _composed(name: str) -> Path | None:
+    """A kitchen that RoboCasa composes, kept in the user's cache folder; None where the package is not installed."""
+    numbers = _KITCHEN.fullmatch(name)
+    out = cache_folder("robocasa") / f"{name}.xml"
+    if numbers is None or out.is_file():
+        return out if numbers else None
+    try:
+        importlib.import_module("robocasa")
+        robosuite = importlib.import_module("robosuite")
+    except ImportError:
+        return None
+    layout, style = (int(number) for number in numbers.groups())
+    _logger.info("RoboCasa composes layout %d in style %d; its robot is left out of the scene", layout, style)
+    try:
+        kitchen = robosuite.make(
+            "Kitchen",
+            robots="PandaOmron",
+            layout_ids=layout,
+            style_ids=style,
+            seed=0,
+            has_renderer=False,
+            has_offscreen_renderer=False,
+            use_camera_obs=False,
+        )
+        kitchen.reset()
+        text = kitchen.sim.model.get_xml()
+    # A package that reads its own downloads raises whatever it misses.
+    except Exception as err:
+        raise SceneError(
+            f"The package robocasa could not compose {name} ({type(err).__name__}: {err}): {_ROBOCASA_HELP}."
+        ) from err
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(out) as partial:
+        partial.write_text(text)
+    return out
+
+
+def _none(name: str) -> Path | None:
+    del name
+    return None
+
+
+_MAKERS: dict[str, Callable[[str], Path | None]] = {"molmospaces": _fetched, "robocasa": _composed}
+"""What asks a data set's own package for a scene that is not on the disk."""

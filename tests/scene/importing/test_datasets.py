@@ -109,6 +109,31 @@ def test_an_installed_package_is_asked_to_fetch(tmp_path, monkeypatch):
         find_named("molmospaces:ithor/5")
 
 
+def test_robocasa_composes_a_kitchen_once(monkeypatch):
+    made = []
+
+    def make(env, *, robots, layout_ids, style_ids, **_):
+        if layout_ids > 9:
+            raise FileNotFoundError("fixtures")
+        made.append((env, robots, layout_ids, style_ids))
+        text = f"<mujoco><worldbody>{room_xml()}</worldbody></mujoco>".replace("<geom ", '<geom group="1" ')
+        model = types.SimpleNamespace(get_xml=lambda: text)
+        return types.SimpleNamespace(reset=lambda: None, sim=types.SimpleNamespace(model=model))
+
+    robosuite = types.ModuleType("robosuite")
+    robosuite.make = make
+    monkeypatch.setitem(sys.modules, "robosuite", robosuite)
+    monkeypatch.setitem(sys.modules, "robocasa", types.ModuleType("robocasa"))
+    scene = import_scene(Path("robocasa:layout1_style2"), Path("kitchen"))
+    assert scene.source == "RoboCasa, layout1_style2"
+    assert find_named("robocasa:layout1_style2").path.is_file()
+    assert made == [("Kitchen", "PandaOmron", 1, 2)]
+    with pytest.raises(SceneError, match=r"could not compose layout12_style2 \(FileNotFoundError: fixtures"):
+        find_named("robocasa:layout12_style2")
+    with pytest.raises(SceneError, match="has no scene 'mine'"):
+        find_named("robocasa:mine")
+
+
 def test_a_file_is_imported_on_the_fly_and_again_when_it_changes(tmp_path):
     src = write_world(tmp_path / "src" / "hut.xml", room_xml(2.0))
     first = folder_of(str(src))
