@@ -189,6 +189,8 @@ class MotionResult:
     """Sum of all turns, to either side [rad]."""
     duration_s: float
     """Duration [s]."""
+    fault: StopReason | None = None
+    """Why the robot can drive no more, such as TOPPLED; None while it can."""
 
     @property
     def equivalent_steps(self) -> float:

@@ -223,7 +223,7 @@ class PhysicsDrive(WheelDrive):
         require_motion(twist, duration_s)
         period_s, wanted = self._period_s, self._saturate(twist)
         start_s, start_angles, moved_m, turned_rad = self._data.time, self._base.wheel_angles_rad, 0.0, 0.0
-        collided = False
+        collided = self._touched = False
         for _ in range(math.ceil(duration_s / period_s - 1e-9)):
             before = self._base.pose
             self._twist = self._slew_limit(wanted)
@@ -237,13 +237,13 @@ class PhysicsDrive(WheelDrive):
                 collided = True
                 self._halt()
                 break
-        speeds = self._mean_speeds(start_s, start_angles)
-        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s)
+        speeds, fault = self._mean_speeds(start_s, start_angles), self._fault(failed=collided)
+        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
         """Turn on the spot until the camera's axis and a point of the world share a vertical plane."""
         self._brake()
-        controller, turned_rad = self._look_at_controller(), 0.0
+        controller, turned_rad, self._touched = self._look_at_controller(), 0.0, False
         start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
         while (following := controller.next_pose(self._reference, point_m)) is not None:
             turned_rad += abs(wrap_angle(following.yaw_rad - self._reference.yaw_rad))
@@ -255,7 +255,8 @@ class PhysicsDrive(WheelDrive):
         if collided:
             self._halt()
         moved_m, speeds = _distance_m(start, self._base.pose), self._mean_speeds(start_s, start_angles)
-        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s)
+        fault = self._fault(failed=collided)
+        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
 
     def _execute(self, action: Action) -> bool:
         """Move the reference through the action and the base after it; True if something is in the way."""

@@ -22,9 +22,10 @@ _RESET_OPTIONS = ("start",)
 class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
     """Wraps :class:`~anm_mj.environments.load.ExploreEnvironment`: same observations, actions and rewards.
 
-    STOP terminates an episode, the number of steps truncates it. ``info`` contains the ``coverage`` so far (in [0, 1]),
-    whether the last action ``collided``, the true ``pose`` in the world (x [m], y [m], yaw [rad]), and the name of the
-    ``scene``.
+    STOP or a robot that can drive no more terminates an episode, the number of steps truncates it. ``info`` contains
+    the ``coverage`` so far (in [0, 1]), whether the last action ``collided``, why the robot can drive no more
+    (``fault``, such as "TOPPLED", else ""), the true ``pose`` in the world (x [m], y [m], yaw [rad]), and the name of
+    the ``scene``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  Gymnasium declares it this way.
@@ -130,6 +131,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
         return {
             "coverage": task.coverage,
             "collided": result is not None and result.collided,
+            "fault": "" if result is None or result.fault is None else str(result.fault),
             "pose": np.array([pose.x_m, pose.y_m, pose.yaw_rad]),
             "scene": task.scene.name,
         }

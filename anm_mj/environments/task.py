@@ -41,7 +41,10 @@ def relative_pose(start: Pose2, pose: Pose2) -> Float32[np.ndarray, "3"]:
 
 
 class ExploreTask(control.Task):
-    """Rewards what every view brings; STOP terminates an episode, the number of steps truncates it."""
+    """Rewards what every view brings.
+
+    STOP or a robot that can drive no more terminates an episode, the number of steps truncates it.
+    """
 
     def __init__(self, scenes: Sequence[Scene], config: ExploreConfig, footprint: Footprint, seed: int) -> None:
         """Set up the task.
@@ -163,10 +166,9 @@ class ExploreTask(control.Task):
         return reward_spec(self._config.reward)
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
-        """Discount 0 after STOP, 1 at truncation, None within an episode."""
-        if self._stopped:
+        """Discount 0 after STOP and where the robot can drive no more, 1 at truncation, None within an episode."""
+        if self._stopped or (physics.result is not None and physics.result.fault is not None):
             return 0.0
-        del physics
         return 1.0 if self._steps >= self.num_steps else None
 
     def action_spec(self, physics: RobotPhysics) -> specs.Array:

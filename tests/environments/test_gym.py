@@ -83,6 +83,43 @@ def test_collision_in_info():
     assert info["collided"]
 
 
+@pytest.mark.parametrize("actions", ["discrete", "velocity"])
+def test_a_robot_that_can_drive_no_more_ends_the_episode(tmp_path, actions):
+    wheel = (
+        '<body pos="0 {y} 0"><joint name="{side}_wheel" axis="0 1 0"/>'
+        '<geom type="cylinder" size="0.05 0.015" zaxis="0 1 0" mass="0.2"/></body>'
+    )
+    robot = tmp_path / "tall.xml"
+    robot.write_text(
+        '<mujoco><worldbody><body name="base" pos="0 0 0.05"><geom type="cylinder" size="0.1 0.05" pos="0 0 0.08"/>'
+        '<geom type="box" size="0.05 0.05 0.05" pos="0 0 1.2" mass="40"/><geom size="0.02" pos="-0.03 0 -0.03"/>'
+        '<camera name="camera" pos="0.11 0 0.3" xyaxes="0 -1 0 0 0 1" fovy="70"/>'
+        f"{wheel.format(y=0.06, side='left')}{wheel.format(y=-0.06, side='right')}</body></worldbody><actuator>"
+        '<velocity joint="left_wheel" kv="1"/><velocity joint="right_wheel" kv="1"/></actuator></mujoco>'
+    )
+    options = {
+        **_OPTIONS,
+        "num_steps": 60,
+        "robot": str(robot),
+        "drive": "physics",
+        "actions": actions,
+        "reward": "area",
+    }
+    env = gymnasium.make(_ID, **options)
+    _, info = env.reset(seed=0)
+    assert info["fault"] == ""
+    terminated = truncated = False
+    while not (terminated or truncated):
+        action = Action.MOVE_FORWARD if actions == "discrete" else np.array([1.0, 0.0], np.float32)
+        *_, terminated, truncated, info = env.step(action)
+    assert terminated
+    assert info["fault"] == "TOPPLED"
+    # The next episode begins upright.
+    _, info = env.reset(seed=1)
+    assert info["fault"] == ""
+    env.close()
+
+
 def test_spaces_without_a_simulator():
     program = f"""
 import sys, gymnasium, anm_mj.environments
