@@ -1,4 +1,4 @@
-// Zeroed memory in large pages, where the system gives them.
+// Zeroed memory in large pages, where the system gives them, and what a kernel works with: such memory and threads.
 #pragma once
 
 #if defined(__linux__)
@@ -10,6 +10,9 @@
 #include <map>
 #include <memory>
 #include <new>
+
+#include "kernel.h"
+#include "thread_pool.h"
 
 // Large pages, where the system gives them to those who ask: tables are read at random, and fewer pages are looked up.
 constexpr std::size_t kLargePage = std::size_t{1} << 21;
@@ -38,4 +41,30 @@ public:
 private:
     std::size_t bytes_ = 0;
     void* data_ = nullptr;
+};
+
+// The threads and the memory that the kernels of one object work with.
+class Workspace {
+public:
+    explicit Workspace(int num_threads) : threads_(num_threads) {}
+    int num_threads() const { return threads_; }
+
+    anm::Parallel parallel() {
+        return {[](void* self, int count, void (*fn)(void*, int, int), void* arg) {
+                    anm::thread_pool().run(static_cast<Workspace*>(self)->threads_, count, fn, arg);
+                },
+                this, threads_};
+    }
+
+    anm::Arena arena() {
+        return {this, [](void* self, int key, std::size_t bytes) {
+                    auto& slot = static_cast<Workspace*>(self)->buffers_[key];
+                    if (!slot || slot->bytes() < bytes) slot = std::make_unique<Buffer>(bytes);
+                    return slot->data();
+                }};
+    }
+
+private:
+    int threads_;
+    std::map<int, std::unique_ptr<Buffer>> buffers_;
 };

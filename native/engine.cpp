@@ -8,7 +8,6 @@
 
 #include "bindings.h"
 #include "buffer.h"
-#include "thread_pool.h"
 
 namespace {
 
@@ -19,7 +18,7 @@ public:
            nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig> masks, InFlat linspace_free, InFlat linspace_band,
            InFlat linspace_spare, int num_threads, const std::string& kernel)
         : kernel_(find_kernel(kernel)),
-          threads_(num_threads),
+          work_(num_threads),
           free_(copy(linspace_free)),
           band_(copy(linspace_band)),
           spare_(copy(linspace_spare)),
@@ -57,7 +56,7 @@ public:
     }
 
     std::string kernel_name() const { return kernel_.name; }
-    int num_threads() const { return threads_; }
+    int num_threads() const { return work_.num_threads(); }
 
     void set_state(In table, InFlat decoders) {
         require(table.size() == table_size_, "the table has another size");
@@ -120,7 +119,7 @@ public:
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
-            kernel_.step(model_, rays, seed, nullptr, corner_of(corner), nullptr, parallel(), arena(), losses);
+            kernel_.step(model_, rays, seed, nullptr, corner_of(corner), nullptr, work_.parallel(), work_.arena(), losses);
         }
         return as_tuple(losses);
     }
@@ -136,7 +135,7 @@ public:
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
-            kernel_.step(model_, rays, 0, depths.data(), corner_of(corner), &out, parallel(), arena(), losses);
+            kernel_.step(model_, rays, 0, depths.data(), corner_of(corner), &out, work_.parallel(), work_.arena(), losses);
         }
         return nb::make_tuple(as_tuple(losses), table, decoders);
     }
@@ -181,8 +180,8 @@ public:
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
-            kernel_.hidden(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), hidden, parallel(),
-                           arena());
+            kernel_.hidden(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), hidden, work_.parallel(),
+                           work_.arena());
         }
         return out;
     }
@@ -195,8 +194,8 @@ public:
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
-            kernel_.sensitivity(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), sdf, rgb, parallel(),
-                                arena());
+            kernel_.sensitivity(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), sdf, rgb, work_.parallel(),
+                                work_.arena());
         }
         return nb::make_tuple(sdf_out, rgb_out);
     }
@@ -214,7 +213,7 @@ public:
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
             kernel_.render(model_, origin.data(), direction.data(), depths.data(), static_cast<int>(count),
-                           static_cast<int>(depths.shape(1)), rgb, depth, parallel(), arena());
+                           static_cast<int>(depths.shape(1)), rgb, depth, work_.parallel(), work_.arena());
         }
         return nb::make_tuple(rgb_out, depth_out);
     }
@@ -253,30 +252,14 @@ private:
         nb::gil_scoped_release release;
         const std::lock_guard<std::mutex> lock(mutex_);
         kernel_.query(model_, points.data(), static_cast<std::int64_t>(points.shape(0)), decoders, sets, sdf, rgb,
-                      parallel(), arena());
-    }
-
-    anm::Parallel parallel() {
-        return {[](void* self, int count, void (*fn)(void*, int, int), void* arg) {
-                    anm::thread_pool().run(static_cast<Engine*>(self)->threads_, count, fn, arg);
-                },
-                this, threads_};
-    }
-
-    anm::Arena arena() {
-        return {this, [](void* self, int key, std::size_t bytes) {
-                    auto& slot = static_cast<Engine*>(self)->work_[key];
-                    if (!slot || slot->bytes() < bytes) slot = std::make_unique<Buffer>(bytes);
-                    return slot->data();
-                }};
+                      work_.parallel(), work_.arena());
     }
 
     const anm::Kernel& kernel_;
-    int threads_;
+    Workspace work_;
     std::vector<float> free_, band_, spare_;
     std::size_t table_size_;
     Buffer table_, table_m_, table_v_, touched_, decoders_, decoders_m_, decoders_v_;
-    std::map<int, std::unique_ptr<Buffer>> work_;
     anm::Model model_;
     std::mutex mutex_;
 };

@@ -4,7 +4,6 @@
 #include "bindings.h"
 #include "buffer.h"
 #include "occupancy.h"
-#include "thread_pool.h"
 
 namespace {
 
@@ -22,7 +21,7 @@ public:
     using Places = Array<const std::int64_t, 2>;
     using Corner = Array<const std::int64_t, 1>;
 
-    Occupancy(int num_threads, const std::string& kernel) : kernel_(find(kernel)), threads_(num_threads) {
+    Occupancy(int num_threads, const std::string& kernel) : kernel_(find(kernel)), work_(num_threads) {
         require(num_threads >= 1, "at least one thread is needed");
     }
     Occupancy(const Occupancy&) = delete;
@@ -69,14 +68,14 @@ public:
         std::memcpy(view.position, position.data(), sizeof view.position);
         anm::CarveSettings settings{edge, margin, footprint_px, nearest, furthest, miss, limit, no_depth_is_free, frame};
         nb::gil_scoped_release release;
-        kernel_.carve(voxels_, view, settings, low.data(), high.data(), parallel(), arena());
+        kernel_.carve(voxels_, view, settings, low.data(), high.data(), work_.parallel(), work_.arena());
     }
 
     void mark(Places voxels, InFlat depth, float range_step, int hit, int limit, std::int32_t frame) {
         require(voxels.shape(1) == 3 && voxels.shape(0) == depth.size(), "one depth per voxel is needed");
         for (std::size_t i = 0; i < depth.size(); ++i) require_inside(voxels.data() + 3 * i, voxels.data() + 3 * i);
         anm::MarkSettings settings{range_step, hit, limit, frame};
-        kernel_.mark(voxels_, voxels.data(), depth.data(), static_cast<std::int64_t>(depth.size()), settings, arena());
+        kernel_.mark(voxels_, voxels.data(), depth.data(), static_cast<std::int64_t>(depth.size()), settings, work_.arena());
     }
 
     std::int64_t hits(Image depth, Rays rays, int first_row, int first_col, int stride, float range, InFlat matrix,
@@ -96,7 +95,7 @@ public:
         require(out.shape(0) == depth.shape(0) && out.shape(1) == depth.shape(1), "one count per pixel is given");
         nb::gil_scoped_release release;
         kernel_.counts(voxels_, depth.data(), rays.data(), static_cast<int>(depth.shape(0)),
-                       static_cast<int>(depth.shape(1)), range, matrix.data(), offset.data(), out.data(), parallel());
+                       static_cast<int>(depth.shape(1)), range, matrix.data(), offset.data(), out.data(), work_.parallel());
     }
 
 private:
@@ -125,25 +124,9 @@ private:
         }
     }
 
-    anm::Parallel parallel() {
-        return {[](void* self, int count, void (*fn)(void*, int, int), void* arg) {
-                    anm::thread_pool().run(static_cast<Occupancy*>(self)->threads_, count, fn, arg);
-                },
-                this, threads_};
-    }
-
-    anm::Arena arena() {
-        return {this, [](void* self, int key, std::size_t bytes) {
-                    auto& slot = static_cast<Occupancy*>(self)->work_[key];
-                    if (!slot || slot->bytes() < bytes) slot = std::make_unique<Buffer>(bytes);
-                    return slot->data();
-                }};
-    }
-
     const anm::OccupancyKernel& kernel_;
-    int threads_;
+    Workspace work_;
     anm::Voxels voxels_;
-    std::map<int, std::unique_ptr<Buffer>> work_;
 };
 
 }  // namespace
