@@ -40,7 +40,7 @@ format: setup ## Put the code into the project's format.
 
 lock: setup ## Pin the newest versions that pyproject.toml allows.
 	@$(PYTHON) -m uv pip compile pyproject.toml --upgrade --all-extras --universal --python-version 3.11 \
-		--no-emit-index-url --no-header --quiet --output-file requirements.txt
+		--no-emit-index-url --no-header --quiet --generate-hashes --output-file requirements.txt
 
 setup: ## Set up what is missing: graphics libraries, virtual environment, pinned packages.
 	@bash scripts/setup.sh

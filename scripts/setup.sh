@@ -82,31 +82,38 @@ export_pip_settings() {
     export UV_INDEX_STRATEGY=unsafe-best-match
 }
 
-# The build of torch that was asked for. That for CPUs needs none of the CUDA packages that are pinned.
+# The build of torch that was asked for, and then all other pins. The pinned hashes are those of the usual build, so this
+# one is taken by its version. That for CPUs needs none of the CUDA packages that are pinned.
 install_with_backend() {
     [ -n "$torch_backend" ] || return
-    local pins=$venv/requirements.txt
-    if [ "$torch_backend" = cpu ]; then grep -vE '^(cuda|nvidia|triton)' requirements.txt; else cat requirements.txt; fi >"$pins"
+    local pins=$venv/requirements.txt others='torch=='
+    [ "$torch_backend" != cpu ] || others='torch==|cuda|nvidia|triton=='
+    # An entry ends where the next one begins, at the start of a line.
+    awk -v others="^($others)" '/^[^ #]/ { other = $0 ~ others } !other' requirements.txt >"$pins"
     "$python" -m uv pip install --quiet --python "$python" --no-deps --torch-backend "$torch_backend" \
-        --requirement "$pins" && return
+        "$(grep -o '^torch==[^ ]*' requirements.txt)" &&
+        "$python" -m uv pip install --quiet --python "$python" --no-deps --require-hashes --requirement "$pins" && return
     say "torch could not be fetched for '$torch_backend', going on with the usual build (3 GB)" >&3
     return 1
 }
 
-# The pins are complete, so nothing is resolved: --no-deps.
+# The pins are complete, so nothing is resolved (--no-deps), and nothing else is taken for them (--require-hashes).
 install_with_uv() {
-    "$python" -m pip install --quiet "$(grep -o '^uv==[^ ]*' requirements.txt)" || return
+    local pins=$venv/uv.txt
+    awk '/^[^ #]/ { uv = /^uv==/ } uv' requirements.txt >"$pins"
+    "$python" -m pip install --quiet --no-deps --require-hashes --requirement "$pins" || return
     (
         export_pip_settings
         {
             install_with_backend ||
-                "$python" -m uv pip install --quiet --python "$python" --no-deps --requirement requirements.txt
+                "$python" -m uv pip install --quiet --python "$python" --no-deps --require-hashes \
+                    --requirement requirements.txt
         } && "$python" -m uv pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
     )
 }
 
 install_with_pip() {
-    "$python" -m pip install --quiet --no-deps --requirement requirements.txt &&
+    "$python" -m pip install --quiet --no-deps --require-hashes --requirement requirements.txt &&
         "$python" -m pip install --quiet --no-deps --no-build-isolation --editable .
 }
 

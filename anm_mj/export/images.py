@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import io
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,8 @@ def export_nerfstudio(run: Run, out: Path) -> list[Path]:
     with writing(folder):
         (folder / "depth").mkdir(parents=True, exist_ok=True)
         for frame in run.frames:
-            shutil.copyfile(run.folder.depth(frame.step), folder / "depth" / run.folder.depth(frame.step).name)
+            depth = run.folder.depth(frame.step)
+            (folder / "depth" / depth.name).write_bytes(run.picture_bytes(depth))
         points, colours = surface_points(run)
         trimesh.PointCloud(points, colours).export(folder / "points.ply")
     frames = [
@@ -97,7 +98,7 @@ def image_intrinsics(run: Run) -> Intrinsics:
     first = run.folder.image(run.frames[0].step) if run.frames else run.folder.image(0)
     if not first.is_file():
         raise RunFolderError(f"{run.folder.path} keeps no colour images; explore with --keep-images.")
-    with Image.open(first) as image:
+    with Image.open(io.BytesIO(run.picture_bytes(first))) as image:
         width, height = image.size
     camera, across, down = run.intrinsics, width / run.intrinsics.width, height / run.intrinsics.height
     return Intrinsics(width, height, camera.fx * across, camera.fy * down, camera.cx * across, camera.cy * down)
@@ -110,5 +111,5 @@ def _with_images(run: Run, folder: Path) -> Intrinsics:
         folder.mkdir(parents=True, exist_ok=True)
         for frame in run.frames:
             image = run.folder.image(frame.step)
-            shutil.copyfile(image, folder / image.name)
+            (folder / image.name).write_bytes(run.picture_bytes(image))
     return camera

@@ -100,7 +100,7 @@ def _write_frame(timeline: Timeline, index: int, frame: FrameRecord, write: Writ
 
 def _write_image(run: Run, frame: FrameRecord, camera: Intrinsics, write: Write) -> None:
     head = {"timestamp": _stamp(frame), "frame_id": "camera"}
-    data = _base64(run.folder.image(frame.step).read_bytes())
+    data = _base64(run.picture_bytes(run.folder.image(frame.step)))
     write("/camera/image", "foxglove.CompressedImage", frame, head | {"format": "jpeg", "data": data})
     write("/camera/calibration", "foxglove.CameraCalibration", frame, head | _calibration(camera))
 

@@ -172,7 +172,7 @@ def _depth_intrinsics(run: Run, rows: int, cols: int) -> Intrinsics:
 
 
 def _write_colour(run: Run, frame: FrameRecord, camera: Intrinsics, to: _Messages) -> None:
-    data = np.frombuffer(run.folder.image(frame.step).read_bytes(), np.uint8)
+    data = np.frombuffer(run.picture_bytes(run.folder.image(frame.step)), np.uint8)
     image = to.make(
         "sensor_msgs/msg/CompressedImage", header=to.header(frame, CAMERA), format="rgb8; jpeg compressed ", data=data
     )

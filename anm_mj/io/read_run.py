@@ -17,7 +17,8 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
 from anm_mj.utils import read_file
-from anm_mj.utils.read_file import convert
+from anm_mj.utils.picture import open_picture
+from anm_mj.utils.read_file import convert, read_bytes
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,20 @@ class Run:
                 "again."
             )
         return depth_mm
+
+    def picture_bytes(self, path: Path) -> bytes:
+        """Content of an image file of the run, colour or depth, for a copy.
+
+        Raises:
+            RunFolderError: It is missing, no picture, or lies outside of the run's folder.
+        """
+        if self.folder.path.resolve() not in path.resolve().parents:
+            raise RunFolderError(f"{path} leads out of the run's folder; copy the run again.")
+        try:
+            with open_picture(path):
+                return read_bytes(path)
+        except (OSError, ValueError) as err:
+            raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
 
 
 def read_run(path: Path) -> Run:

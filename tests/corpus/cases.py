@@ -37,7 +37,7 @@ TEXT = (
 ARRAYS = {".npz": damaged_npz, ".safetensors": damaged_safetensors, ".checkpoint": damaged_checkpoint}
 _FIRST_ONLY = ("depth", "images", "plans", "rgb", "results")
 """Of the files in such folders the first is damaged."""
-_WRITTEN_ONLY = (".pdf", ".svg", ".csv")
+_WRITTEN_ONLY = ("topdown.png", "curve.png", "trajectory.tum")
 """Files of a run that no command reads."""
 
 
@@ -85,7 +85,7 @@ def damaged_cases(paths: dict[str, Path], seed: int, per_file: int) -> Iterator[
 
 
 def _damaged_files(root: Path) -> list[Path]:
-    files = sorted(file for file in root.rglob("*") if file.is_file() and file.suffix not in _WRITTEN_ONLY)
+    files = sorted(file for file in root.rglob("*") if file.is_file() and file.name not in _WRITTEN_ONLY)
     first = {folder: min(folder.iterdir()) for folder in {file.parent for file in files} if folder.name in _FIRST_ONLY}
     return [file for file in files if first.get(file.parent, file) == file]
 

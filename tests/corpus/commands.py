@@ -18,6 +18,7 @@ def commands(kind: str, paths: dict[str, Path]) -> list[tuple[str, ...]]:
     if kind == "scene":
         return [("scene", "check", name), ("explore", name, *_SHORT, "--steps", "1", "--out", "out")]
     if kind == "run":
+        # The views of eval --novel-views take half a minute.
         return [
             ("eval", name),
             ("view", name, "--export-html", "out.html"),
@@ -25,7 +26,6 @@ def commands(kind: str, paths: dict[str, Path]) -> list[tuple[str, ...]]:
             ("export", name, "--video", "out.gif"),
             ("map", name, *_SHORT, "--out", "out"),
             ("explore", str(paths["scene"]), *_SHORT, "--continue", name, "--steps", "1", "--out", "out"),
-            ("eval", name, "--novel-views"),
         ]
     if kind == "killed":
         return [("explore", "--resume", name)]
@@ -51,9 +51,11 @@ READERS_OF = {
     "steps.jsonl": (0, 1, 2),
     "plans.jsonl": (1, 3),
     "metrics.json": (0, 1, 2),
-    "map.safetensors": (1, 2, 5, 6),
+    "map.safetensors": (1, 2, 5),
     "explored.safetensors": (5,),
     "mesh.ply": (0, 1, 2),
     "ground_truth.npz": (0, 1),
+    "curve.csv": (1, 2, 3),
+    "survey.npz": (2,),
 }
 """Of the readers of a run folder, those that read a file; all where it is not named."""

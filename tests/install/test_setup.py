@@ -1,6 +1,7 @@
 """The set-up script, with a Python in its place that only writes down what it is asked to do."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -58,14 +59,34 @@ def test_the_usual_build_of_torch(set_up):
     assert "--requirement requirements.txt" in calls
 
 
+def assert_hashed(pins):
+    """Every entry has a version and a hash, and none names a place to get it from."""
+    entries = re.split(r"\n(?=\S)", "\n" + re.sub(r"(?m)^#.*\n", "", pins))[1:]
+    assert len(entries) > 100
+    assert [entry for entry in entries if not re.match(r"[a-z0-9._-]+==\S+", entry)] == []
+    assert [entry for entry in entries if "--hash=sha256:" not in entry] == []
+    assert "://" not in pins
+
+
+def test_every_pin_has_hashes_that_set_up_requires(set_up):
+    assert_hashed((ROOT / "requirements.txt").read_text())
+    _, calls = set_up()
+    installs = [call for call in calls.splitlines() if "--requirement" in call]
+    assert installs
+    assert [call for call in installs if "--require-hashes" not in call] == []
+
+
 def test_a_build_of_torch_without_cuda(set_up, tmp_path):
     _, calls = set_up(UV_TORCH_BACKEND="cpu")
-    assert "--torch-backend cpu --requirement .venv/requirements.txt" in calls
+    assert "--torch-backend cpu torch==" in calls
+    assert "--require-hashes --requirement .venv/requirements.txt" in calls
     assert "--requirement requirements.txt" not in calls
     pins = (tmp_path / ".venv" / "requirements.txt").read_text()
-    assert "\ntorch==" in pins
-    assert "\nnvidia-" not in pins
-    assert "\ntriton==" not in pins
+    for name in ("torch", "triton", "nvidia-nccl-cu13"):
+        assert f"\n{name}==" in (ROOT / "requirements.txt").read_text()
+        assert f"\n{name}==" not in pins
+    assert "\nnumpy==" in pins
+    assert_hashed(pins)
     # The next call keeps to it, and has nothing to do.
     assert "pip install" not in set_up()[1]
 
