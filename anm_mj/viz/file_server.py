@@ -10,6 +10,8 @@ from anm_mj.errors import RenderError
 ADDRESS = "127.0.0.1"
 FIRST_PORT = 7000
 PORTS_TRIED = 100
+IDLE_S = 10.0
+"""Longest wait for a request on an open connection [s]."""
 HOSTS = (ADDRESS, "localhost")
 
 
@@ -54,6 +56,8 @@ class FileServer:
 
 def _handler(page: bytes) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
+        timeout = IDLE_S
+
         def do_GET(self) -> None:
             # A foreign name that resolves to this machine is refused (DNS rebinding).
             host = self.headers.get("Host", "").rpartition(":")[0]

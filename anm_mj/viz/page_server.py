@@ -11,11 +11,13 @@ import asyncio
 import json
 import socket
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import umsgpack
 from meshcat.commands import SetObject, SetProperty, SetTransform
 from tornado.httpserver import HTTPServer
+from tornado.iostream import IOStream
 from tornado.web import Application, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
@@ -32,6 +34,16 @@ LAST_WORDS_S = 1.0
 """Longest wait for a browser that still has to be sent something when the server ends [s]."""
 TIMEOUT_S = 10.0
 """Longest wait for the start or end of the thread [s]; both take milliseconds."""
+
+MAX_CONNECTIONS = 64
+"""Connections at a time: an open page has one, and a few more for some milliseconds while it loads."""
+MAX_BROWSERS = 16
+"""Open pages at a time."""
+IDLE_S = 10.0
+"""Longest wait for the head of a request, and for its body [s]."""
+MAX_HEAD_BYTES = 16384
+MAX_BODY_BYTES = 4096
+"""The page sends nothing as large."""
 
 Key = tuple[str, str]
 """Path of an object, and the kind of update: the object itself, its transform, or a property."""
@@ -113,16 +125,27 @@ class PageServer:
     async def _serve(self, listening: socket.socket) -> None:
         self._stop = asyncio.Event()
         self._loop = asyncio.get_running_loop()
-        application = Application(log_function=lambda handler: None)
+        application = Application(
+            log_function=lambda handler: None,
+            websocket_max_message_size=MAX_BODY_BYTES,
+            # A page whose machine has gone is noticed.
+            websocket_ping_interval=30.0,
+        )
         application.add_handlers(
             HOSTS,
             [
                 (r"/static/", _Index, {"page": self._page}),
                 (r"/static/(.*)", _Page, {"path": str(bundle_folder()), "default_filename": "index.html"}),
-                (r"/", _Browser, {"server": self}),
+                (r"/", _Browser, {"server": self, "keep": lambda stream: server.keep(stream)}),
             ],
         )
-        server = HTTPServer(application)
+        server = _Server(
+            application,
+            idle_connection_timeout=IDLE_S,
+            body_timeout=IDLE_S,
+            max_header_size=MAX_HEAD_BYTES,
+            max_body_size=MAX_BODY_BYTES,
+        )
         server.add_sockets([listening])
         self._broadcast()
         self._started.set()
@@ -130,6 +153,28 @@ class PageServer:
         server.stop()
         await asyncio.gather(*(browser.end() for browser in tuple(self._browsers)))
         await server.close_all_connections()
+
+
+class _Server(HTTPServer):
+    """Holds few connections at a time: a thousand that are left open must not take the run's file descriptors."""
+
+    def initialize(self, *args: Any, **kwargs: Any) -> None:
+        """Begin without connections; tornado calls this instead of a constructor."""
+        super().initialize(*args, **kwargs)
+        self._streams: list[IOStream] = []
+        """Those that are no open pages, oldest first."""
+
+    def handle_stream(self, stream: IOStream, address: tuple[str, int]) -> None:
+        """Take a connection; where there are too many, the oldest that is no page gives way."""
+        self._streams = [each for each in self._streams if not each.closed()]
+        if len(self._streams) >= MAX_CONNECTIONS:
+            self._streams.pop(0).close()
+        self._streams.append(stream)
+        super().handle_stream(stream, address)
+
+    def keep(self, stream: IOStream) -> None:
+        """Close the connection of an open page for no other one."""
+        self._streams = [each for each in self._streams if each is not stream]
 
 
 class _Index(RequestHandler):
@@ -153,12 +198,21 @@ class _Page(StaticFileHandler):
 class _Browser(WebSocketHandler):
     """One open page; newer updates replace unsent ones."""
 
-    def initialize(self, server: PageServer) -> None:
+    def initialize(self, server: PageServer, keep: Callable[[IOStream], None]) -> None:
         self._server = server
+        self._keep = keep
         self._updates: dict[Key, bytes | str] = {}
         self._sending: asyncio.Task[None] | None = None
 
+    def prepare(self) -> None:
+        connection: Any = self.request.connection
+        self._stream: IOStream = connection.stream
+
     def open(self, *args: str, **kwargs: str) -> None:
+        if self._server.num_browsers >= MAX_BROWSERS:
+            self.close(1013, "too many pages are open")
+            return
+        self._keep(self._stream)
         self._server.join(self)
 
     def on_message(self, message: str | bytes) -> None:

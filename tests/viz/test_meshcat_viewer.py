@@ -1,5 +1,7 @@
 import asyncio
+import contextlib
 import logging
+import os
 import socket
 import time
 import urllib.error
@@ -174,6 +176,79 @@ def test_browser_that_never_reads(viewer):
         (browser,) = viewer._server._browsers
         # One state per object at most, however many steps it has missed.
         assert len(browser._updates) < 40
+
+
+def upgrade(port, origin):
+    return (
+        f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nOrigin: {origin}\r\n"
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    ).encode()
+
+
+def test_a_page_of_another_origin_reads_nothing(viewer):
+    show(viewer, 1)
+    port = port_of(viewer)
+    for origin, status in (("http://evil.example", b"403"), (f"http://127.0.0.1:{port}", b"101")):
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as page:
+            page.sendall(upgrade(port, origin))
+            assert page.recv(4096).split()[1] == status
+
+
+def test_a_thousand_connections_that_say_nothing(viewer):
+    """Half-open, malformed and oversized ones: an open page stays, a new one is served, and few files are open."""
+    port, held = port_of(viewer), []
+    words = (
+        b"",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1",
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" * 50,
+        b"GET /" + b"a" * 100_000,
+        b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 1000000000000\r\n\r\n",
+        b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n",
+        b"\x00" * 1000,
+    )
+
+    async def flood():
+        page = await websocket_connect(f"ws://127.0.0.1:{port}/")
+        for number in range(1000):
+            client = socket.socket()
+            client.setblocking(False)
+            client.connect_ex(("127.0.0.1", port))
+            held.append(client)
+            if number % 20 == 0:
+                await asyncio.sleep(0.01)
+            with contextlib.suppress(OSError):
+                client.send(words[number % len(words)])
+        await asyncio.to_thread(show, viewer, 3)
+        assert await drawn(page)
+        await leave(page)
+
+    files = len(os.listdir("/proc/self/fd"))
+    try:
+        asyncio.run(flood())
+        assert len(os.listdir("/proc/self/fd")) - files - len(held) < page_server.MAX_CONNECTIONS + 20
+        with urllib.request.urlopen(viewer.url, timeout=10) as answer:
+            assert b"MeshCat" in answer.read()
+    finally:
+        for client in held:
+            client.close()
+    viewer.close()
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", port), timeout=2).close()
+
+
+def test_no_more_pages_than_a_few(viewer, monkeypatch):
+    monkeypatch.setattr(page_server, "MAX_BROWSERS", 2)
+    show(viewer, 1)
+
+    async def look():
+        pages = [await websocket_connect(f"ws://127.0.0.1:{port_of(viewer)}/") for _ in range(3)]
+        assert await drawn(pages[0])
+        assert await asyncio.wait_for(pages[2].read_message(), 10) is None
+        pages[2].close()
+        for page in pages[:2]:
+            await leave(page)
+
+    asyncio.run(look())
 
 
 def test_broken_map(viewer, caplog):
