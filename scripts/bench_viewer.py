@@ -1,9 +1,9 @@
 """How much a thousand connections that say nothing, or nonsense, slow a watched run down.
 
-    scripts/bench_viewer.py [--steps 60] [--rounds 3]
+    scripts/bench_viewer.py [--steps 100] [--rounds 3]
 
-Runs without and with them take turns, in pairs, each with `--view`. Connections come from another process, which opens
-anew what the server closes. Printed are the processor's time of the run per step, and the share by which it grows.
+Runs without and with them take turns, in pairs, each with a live view. Another process opens them while the run goes
+on, a hundred a second, and holds them. Printed are the processor's time of the run per step, and by how much it grows.
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ import resource
 import socket
 import statistics
 import tempfile
-import time
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import tyro
 
@@ -28,7 +30,7 @@ WORDS = (
 )
 
 
-def main(steps: int = 60, rounds: int = 3, scene: str = "flat") -> None:
+def main(steps: int = 100, rounds: int = 3, scene: str = "home") -> None:
     """Measure and print.
 
     Args:
@@ -39,8 +41,8 @@ def main(steps: int = 60, rounds: int = 3, scene: str = "flat") -> None:
     spent: dict[bool, list[float]] = {False: [], True: []}
     for _ in range(rounds):
         for flooded in (False, True):
-            with multiprocessing.get_context("spawn").Pool(1) as pool:
-                seconds, ended = pool.apply(_run, (scene, steps, flooded))
+            with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
+                seconds, ended = process.submit(_run, scene, steps, flooded).result()
             spent[flooded].append(seconds / steps)
             print(f"{'with' if flooded else 'without':8s} {1e3 * seconds / steps:7.1f} ms a step, ended with {ended}")
     slower = statistics.median(b / a for a, b in zip(spent[False], spent[True], strict=True)) - 1.0
@@ -59,10 +61,9 @@ def _run(scene: str, steps: int, flooded: bool) -> tuple[float, str]:
     flood = multiprocessing.get_context("spawn").Process(target=_flood, args=(port, stop), daemon=True)
     if flooded:
         flood.start()
-        time.sleep(2.0)
     marks: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
-        config = make_config("quick", [], scene=scene, steps=steps, seed=1, device="cpu")
+        config = make_config("default", [], scene=scene, steps=steps, seed=1, device="cpu")
         _, metrics = run(
             config,
             out=Path(folder) / "run",
@@ -75,7 +76,7 @@ def _run(scene: str, steps: int, flooded: bool) -> tuple[float, str]:
         stop.set()
         flood.join()
     _require_free(port)
-    return marks[-1] - marks[0], metrics.stop_reason
+    return marks[-1] - marks[0], str(metrics.stop_reason)
 
 
 def _processor_s() -> float:
@@ -83,24 +84,19 @@ def _processor_s() -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def _flood(port: int, stop: object) -> None:
-    """Hold connections open, and open anew what was closed, at most a hundred a second."""
+def _flood(port: int, stop: Any) -> None:
+    """Open connections, and hold them to the end."""
     held: list[socket.socket] = []
-    number = 0
-    while not stop.is_set():  # type: ignore[attr-defined]
-        if len(held) >= CONNECTIONS:
-            held.pop(0).close()
-            time.sleep(0.01)
+    for number in range(CONNECTIONS):
         client = socket.socket()
         client.setblocking(False)
         client.connect_ex(("127.0.0.1", port))
         held.append(client)
-        try:
-            time.sleep(0.0005)
+        if stop.wait(0.01):
+            break
+        with suppress(OSError):
             client.send(WORDS[number % len(WORDS)])
-        except OSError:
-            pass
-        number += 1
+    stop.wait()
     for client in held:
         client.close()
 

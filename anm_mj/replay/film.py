@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +82,11 @@ def write_film(
             # ffmpeg takes fractions of a frame per second; only the annotation of its wrapper does not.
             options: dict[str, Any] = {"fps": fps, **_coding(path.suffix, fps)}
             out = imageio_ffmpeg.write_frames(str(named), (WIDTH_PX, HEIGHT_PX), **options)
-            out.send(None)
-            for image in film_frames(timeline, every=every, scene=scene, on_progress=on_progress):
-                out.send(image)
-            out.close()
+            # Closed before the file is removed, because ffmpeg makes it as it ends.
+            with closing(out):
+                out.send(None)
+                for image in film_frames(timeline, every=every, scene=scene, on_progress=on_progress):
+                    out.send(image)
             named.replace(partial)
         finally:
             named.unlink(missing_ok=True)

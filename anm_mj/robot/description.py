@@ -125,7 +125,7 @@ def describe_robot(
     """
     config, mount = config or RobotConfig(), (camera or CameraConfig(), image_px)
     try:
-        spec = read_spec(path, mujoco.MjSpec.from_file)
+        spec = read_spec(path, mujoco.MjSpec.from_file, robot=True)
     except (ValueError, OSError) as err:
         raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
     name_all(spec.bodies, "body")
@@ -322,7 +322,7 @@ def _body_pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
         return spec.compile()
-    except ValueError as err:
+    except (ValueError, RuntimeError, MemoryError) as err:
         raise RobotError(
             f"The robot {path} cannot be compiled by itself ({err}); fix that, or remove references to elements "
             "outside the robot."

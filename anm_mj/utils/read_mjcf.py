@@ -19,37 +19,39 @@ from anm_mj.utils.limits import limit
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import open_regular, read_bytes
 
-MAX_ELEMENTS = limit("ANM_MJ_MAX_ELEMENTS", 40_000)
-"""Most elements of an MJCF file and of all that it includes; copies count eight times."""
+MAX_ELEMENTS, MAX_ROBOT_ELEMENTS = (limit("ANM_MJ_MAX_ELEMENTS", default) for default in (40_000, 5_000))
+"""Most elements of the MJCF file of a world, and of a robot, with all that it includes; copies count eight times."""
+_MOST_NUMBERS = 1_000_000
+"""Largest number of anything else that an MJCF file asks room for."""
 MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
 """Most pixels of a texture that MuJoCo makes, and most cells of a height field."""
 _COPY_COST = 8
 _MAX_MIB = 256
 """Largest MJCF file [MiB]."""
-_FLAT = 0
-"""Type of a texture that is one picture, not the six of a cube."""
 _COUNTED = ("replicate", "flexcomp", "composite")
 """Elements that stand for as many others as their attribute ``count`` says."""
 
 
-def read_spec(path: Path, parse: Callable[[str], Any], *, beside: bool = True) -> Any:
+def read_spec(path: Path, parse: Callable[[str], Any], *, beside: bool = True, robot: bool = False) -> Any:
     """The parsed and uncompiled model (``mujoco.MjSpec``) in an MJCF or URDF file.
 
     Args:
         path: The file.
         parse: ``mujoco.MjSpec.from_file``.
+        robot: Whether it is a robot, which is built several times.
         beside: Whether the files that it names may lie beside its folder, as in ``../meshes``, or only in it.
 
     Raises:
         OSError: It, or a file that it names, cannot be read.
         ValueError: MuJoCo cannot read it, it asks for too much, or it names files from elsewhere.
     """
+    most = MAX_ROBOT_ELEMENTS if robot else MAX_ELEMENTS
     folder = path.resolve().parent
     own = folder.parent if beside else folder
     elements = _Counter(folder, own).elements(path)
-    if elements > MAX_ELEMENTS:
+    if elements > most:
         raise ValueError(
-            f"it has {elements:.4g} elements, copies counted {_COPY_COST} times, but files end at {MAX_ELEMENTS}: set "
+            f"it has {elements:.4g} elements, copies counted {_COPY_COST} times, but files end at {most}: set "
             "ANM_MJ_MAX_ELEMENTS if there should be so many"
         )
     try:
@@ -88,6 +90,7 @@ class _Counter:
                 factors.pop()
                 continue
             times, more = factors[-1], 1
+            _check_room(name, attributes)
             count = _product(attributes.get("count", "1")) if name in _COUNTED else 1
             if name == "include":
                 more += self.elements(self._file(path, attributes.get("file", "")))
@@ -166,12 +169,6 @@ def _check_assets(spec: Any, folder: Path, own: Path) -> None:
             _check_picture(path)
         else:
             open_regular(path).close()
-    for texture in spec.textures:
-        sides = 1 if int(texture.type) == _FLAT else 6
-        _check_cells("texture", texture.name, texture.width * texture.height * sides)
-        _check_cells("texture", texture.name, texture.width * texture.width * sides)
-    for hfield in spec.hfields:
-        _check_cells("height field", hfield.name, hfield.nrow * hfield.ncol)
 
 
 def _check_place(path: Path, name: str, own: Path) -> None:
@@ -187,8 +184,24 @@ def _check_picture(path: Path) -> None:
     open_regular(path).close()
 
 
-def _check_cells(what: str, name: str, cells: int) -> None:
-    if cells > MAX_CELLS:
-        raise ValueError(
-            f"its {what} '{name}' has {cells:.4g} cells, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS if it should"
-        )
+def _check_room(name: str, attributes: dict[str, str]) -> None:
+    """Refuse what MuJoCo takes memory for while it reads.
+
+    Raises:
+        ValueError: An element asks for too many pixels, cells or numbers.
+    """
+    if name in ("texture", "hfield"):
+        sides = ("width", "height") if name == "texture" else ("nrow", "ncol")
+        across, down = (_product(attributes.get(side, "1")) for side in sides)
+        # The six pictures of a cube are as high as they are wide.
+        is_cube = name == "texture" and attributes.get("type") != "2d" and "builtin" in attributes
+        cells = 6 * across**2 if is_cube else across * down
+        if cells > MAX_CELLS:
+            raise ValueError(
+                f"its {name} '{attributes.get('name', '')}' has {cells:.4g} cells, but they end at {MAX_CELLS}: set "
+                "ANM_MJ_MAX_CELLS if there should be so many"
+            )
+    if name == "size":
+        for key, text in attributes.items():
+            if key not in ("memory", "njmax", "nconmax", "nstack") and _product(text) > _MOST_NUMBERS:
+                raise ValueError(f"its size asks for {key} = {text}, but {_MOST_NUMBERS} is the most")
