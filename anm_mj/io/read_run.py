@@ -18,7 +18,7 @@ from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestS
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
 from anm_mj.utils import read_file
 from anm_mj.utils.picture import open_picture
-from anm_mj.utils.read_file import convert, read_bytes
+from anm_mj.utils.read_file import convert, is_below, read_bytes
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Run:
         Raises:
             RunFolderError: It is missing, no picture, or lies outside of the run's folder.
         """
-        if self.folder.path.resolve() not in path.resolve().parents:
+        if not is_below(path, self.folder.path):
             raise RunFolderError(f"{path} leads out of the run's folder; copy the run again.")
         try:
             with open_picture(path):

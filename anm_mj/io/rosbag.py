@@ -22,6 +22,7 @@ from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_poses import FrameTree, Track
 from anm_mj.io.sequence import Frame, Sequence
 from anm_mj.types import Intrinsics
+from anm_mj.utils.read_file import open_regular
 
 MATCH_S = 0.02
 """A colour and a depth image belong together up to this difference of their times [s]."""
@@ -67,6 +68,9 @@ def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | 
     if unknown:
         raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(ROLES)}.")
     try:
+        # The package would wait for a FIFO.
+        for file in sorted(path.iterdir()) if path.is_dir() else (path,):
+            open_regular(file).close()
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
         bag = _Bag(path, reader, topics, depth_unit_m or MM)

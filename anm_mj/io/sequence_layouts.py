@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from pathlib import Path
@@ -24,7 +24,7 @@ from anm_mj.io.rosbag import is_recording, read_recording
 from anm_mj.io.run_shapes import Number
 from anm_mj.io.sequence import Frame, Sequence, read_sequence, require_count, tum_matrix
 from anm_mj.types import Intrinsics
-from anm_mj.utils.read_file import convert, read_table, read_text
+from anm_mj.utils.read_file import convert, is_below, read_table, read_text
 
 TUM_UNIT_M, REPLICA_UNIT_M, MM = 1.0 / 5000.0, 1.0 / 6553.5, 0.001
 TUM_MATCH_S = 0.02
@@ -167,11 +167,15 @@ def check_sequence(sequence: Sequence) -> None:
             f"Pose {int(np.argmax(wrong))} of {path} is no pose of a camera: a rotation, and a place within "
             f"{_FARTHEST_M / 1000:g} km."
         )
-    own = path.resolve()
-    for frame in sequence.frames:
+    _check_places(path, sequence.frames)
+
+
+def _check_places(folder: Path, frames: Iterable[Frame]) -> None:
+    """Raises RunFolderError where an image lies outside of a sequence's folder."""
+    for frame in frames:
         for file in (frame.colour, frame.depth):
-            if isinstance(file, Path) and own not in file.resolve().parents:
-                raise RunFolderError(f"{path} names {file}, which lies outside of it; copy the image there.")
+            if isinstance(file, Path) and not is_below(file, folder):
+                raise RunFolderError(f"{folder} names {file}, which lies outside of it; copy the image there.")
 
 
 def find_floor_m(sequence: Sequence) -> float:
@@ -221,6 +225,7 @@ def _tum(folder: Path) -> Sequence:
         if image is not None and pose is not None:
             frames.append(Frame(time_s, folder / image, folder / name, tum_matrix(pose[:3], pose[3:])))
     known = next((camera for key, camera in TUM_CAMERAS.items() if key in folder.resolve().name), TUM_CAMERA)
+    _check_places(folder, frames[:1])
     height, width = read_image(frames[0].colour).shape[:2] if frames else (480, 640)
     return Sequence(folder, _from_pixel_centres(width, height, known), TUM_UNIT_M, tuple(frames), resize=True)
 

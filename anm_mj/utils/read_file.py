@@ -38,6 +38,12 @@ def open_regular(path: Path) -> BufferedReader:
     return os.fdopen(descriptor, "rb")
 
 
+def is_below(path: Path, folder: Path) -> bool:
+    """Whether a file lies below a folder, links followed; one that leads round in a circle does not."""
+    # Path.resolve raises an error for such a link.
+    return Path(os.path.realpath(folder)) in Path(os.path.realpath(path)).parents
+
+
 def read_bytes(path: Path, max_mib: float = MAX_TEXT_MIB) -> bytes:
     """Content of a regular file.
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -17,7 +18,7 @@ from xml.parsers import expat
 
 from anm_mj.utils.limits import limit
 from anm_mj.utils.picture import open_picture
-from anm_mj.utils.read_file import open_regular, read_bytes
+from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
 MAX_ELEMENTS, MAX_ROBOT_ELEMENTS = (limit("ANM_MJ_MAX_ELEMENTS", default) for default in (40_000, 5_000))
 """Most elements of the MJCF file of a world, and of a robot, with all that it includes; copies count eight times."""
@@ -46,7 +47,7 @@ def read_spec(path: Path, parse: Callable[[str], Any], *, beside: bool = True, r
         ValueError: MuJoCo cannot read it, it asks for too much, or it names files from elsewhere.
     """
     most = MAX_ROBOT_ELEMENTS if robot else MAX_ELEMENTS
-    folder = path.resolve().parent
+    folder = Path(os.path.realpath(path)).parent
     own = folder.parent if beside else folder
     elements = _Counter(folder, own).elements(path)
     if elements > most:
@@ -172,7 +173,7 @@ def _check_assets(spec: Any, folder: Path, own: Path) -> None:
 
 
 def _check_place(path: Path, name: str, own: Path) -> None:
-    if own not in path.resolve().parents:
+    if not is_below(path, own):
         raise ValueError(f"it names {name!r}, which lies outside of {own}: copy it there")
 
 

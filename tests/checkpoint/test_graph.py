@@ -57,6 +57,21 @@ def there_and_back(thing, fresh=None, known=KNOWN):
     return restore(nodes, graph.arrays, {"root": fresh}, known)["root"]
 
 
+class Walker:
+    def __init__(self):
+        self.steps = 0
+
+    def walk(self):
+        self.steps += 1
+
+
+def test_nothing_takes_the_place_of_a_method():
+    walker = Walker()
+    vars(walker)["walk"] = there_and_back
+    with pytest.raises(CheckpointError, match="in the place of the method walk"):
+        there_and_back(walker)
+
+
 def test_containers_and_numbers_come_back_as_they_were():
     named = {Key(1, 2): "a", (3, (4, 5)): [True, None, 1.0, -0.0, 2**70], "inf": float("inf")}
     box = Box(

@@ -188,3 +188,30 @@ def test_a_run_without_images_cannot_be_mapped_again(tmp_path):
         path.unlink()
     with pytest.raises(RunFolderError, match="keeps no colour images"):
         open_sequence(tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("rgb.txt", "rgb/0.png", "../../elsewhere.png", "lies outside"),
+        ("rgb.txt", "rgb/0.png", "rgb/loop.png", "lies outside"),
+        ("groundtruth.txt", "0.70", "nan", "no pose of a camera|cannot be read"),
+    ],
+)
+def test_what_cannot_be_a_recording_is_refused(tmp_path, name, old, new, said):
+    write_tum(tmp_path)
+    Image.new("RGB", (64, 48)).save(tmp_path.parent / "elsewhere.png")
+    (tmp_path / "rgb" / "loop.png").symlink_to("loop.png")
+    lines = (tmp_path / name).read_text()
+    changed = lines.replace(old, new) if old in lines else lines.replace("0.0", "nan", 1)
+    assert changed != lines
+    (tmp_path / name).write_text(changed)
+    with pytest.raises(RunFolderError, match=said):
+        open_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("camera", [(0.0, 0.0, 0.0, 0.0), (math.nan, 50.0, 32.0, 24.0)])
+def test_a_camera_that_cannot_be_is_refused(tmp_path, camera):
+    write_ours(tmp_path / "walk")
+    with pytest.raises(RunFolderError, match="give the true ones by --camera"):
+        open_sequence(tmp_path / "walk", SequenceOptions(camera=camera))

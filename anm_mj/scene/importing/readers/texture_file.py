@@ -70,7 +70,7 @@ def _is_file_below(path: Path, folder: Path) -> bool:
     """Whether a file is there that lies below a folder, links followed."""
     try:
         return path.is_file() and folder in path.resolve().parents
-    except (OSError, ValueError):
+    except (OSError, RuntimeError, ValueError):
         return False
 
 
