@@ -194,7 +194,7 @@ def test_a_run_without_images_cannot_be_mapped_again(tmp_path):
     ("name", "old", "new", "said"),
     [
         ("rgb.txt", "rgb/0.png", "../../elsewhere.png", "lies outside"),
-        ("rgb.txt", "rgb/0.png", "rgb/loop.png", "lies outside"),
+        ("rgb.txt", "rgb/0.png", "rgb/loop.png", "Too many levels"),
         ("groundtruth.txt", "0.70", "nan", "no pose of a camera|cannot be read"),
     ],
 )
