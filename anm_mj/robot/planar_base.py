@@ -10,6 +10,7 @@ from anm_mj.robot.body_tree import solid_geoms, unused_name
 from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.robot.isolate import remove_joints
 from anm_mj.robot.reduced_model import PLANAR_JOINTS
+from anm_mj.robot.servos import make_velocity_servo
 
 _SINKS_M = 0.005
 _GAP_M = 0.15
@@ -67,15 +68,19 @@ def give_planar_joints(
             axis=T_root_base[:3, column],
             pos=T_root_base[:3, 3],
             limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            # Not those of the file's defaults.
+            damping=np.zeros(3),
+            stiffness=np.zeros(3),
+            frictionloss=0.0,
+            armature=0.0,
         )
         servo = spec.add_actuator(
             name=unused_name(f"{wanted}_servo", spec.actuator), target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         kv = _SERVO_HZ * mass_kg * (radius_m**2 if turns else 1.0)
-        servo.gainprm[0], servo.biasprm[2], servo.biastype = kv, -kv, mujoco.mjtBias.mjBIAS_AFFINE
         # Enough to accelerate within the limits of motion; a robot that is held fast pushes no harder.
         top = mass_kg * (6.0 * radius_m**2 * 4.0 if turns else 6.0)
-        servo.forcelimited, servo.forcerange = True, [-top, top]
+        make_velocity_servo(servo, kv, top)
         joints.append(joint.name)
         servos.append(servo.name)
     return tuple(joints), tuple(servos)

@@ -47,8 +47,7 @@ def fit_servos(
         if servo is None:
             name = unused_name(f"{wheel}_motor", spec.actuator)
             servo = spec.add_actuator(name=name, target=wheel, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            servo.gainprm[0], servo.biasprm[2], servo.biastype = kv, -kv, mujoco.mjtBias.mjBIAS_AFFINE
-            servo.forcelimited, servo.forcerange = True, [-_FORCE_PER_KV * kv, _FORCE_PER_KV * kv]
+            make_velocity_servo(servo, kv, _FORCE_PER_KV * kv)
             joint = spec.joint(wheel)
             # Friction and springs in the wheel's joint belong to the motor that was there.
             joint.frictionloss = 0.0
@@ -58,6 +57,22 @@ def fit_servos(
         names.append(servo.name)
     notes = [f"motors replaced by velocity servos: {', '.join(replaced)}"] if replaced else []
     return tuple(names), top_radps, notes
+
+
+def make_velocity_servo(servo: mujoco._specs.MjsActuator, kv: float, top_force: float) -> None:
+    """Make an added actuator a velocity servo, whatever the file's defaults for actuators say.
+
+    Args:
+        servo: on a joint; changed in place.
+        kv: its gain [N s/m or N m s/rad].
+        top_force: the largest force or torque that it exerts [N or N m].
+    """
+    servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    servo.dyntype, servo.actlimited = mujoco.mjtDyn.mjDYN_NONE, False
+    servo.gainprm[:], servo.biasprm[:], servo.gear[:] = 0.0, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    servo.gainprm[0], servo.biasprm[2] = kv, -kv
+    servo.ctrllimited = False
+    servo.forcelimited, servo.forcerange = True, [-top_force, top_force]
 
 
 def _is_fit(model: mujoco.MjModel, actuator: str, wheel: str, kv: float) -> bool:

@@ -49,10 +49,15 @@ def written(tmp_path, *changes):
         [("<actuator>", '<tendon><fixed name="t"><joint joint="wheel_left" coef="1"/></fixed></tendon><actuator>'),
          ('<velocity joint="wheel_left" kv="1"/>', '<motor tendon="t"/>')],
         [('name="chassis"', 'name="chassis" gravcomp="1"')],
+        [("<worldbody>", '<default><motor ctrlrange="-1 1" ctrllimited="true" forcerange="-1 1" gear="7"/></default>'
+          "<worldbody>"),
+         ('<velocity joint="wheel_left" kv="1"/>', '<motor joint="wheel_left"/>'),
+         ('<velocity joint="wheel_right" kv="1"/>', '<motor joint="wheel_right"/>')],
         [('<camera name="eye"', '<flexcomp name="flag" type="grid" count="3 3 1" spacing="0.02 0.02 0.02" dim="2" '
           'pos="0 0 0.2" radius="0.005" mass="0.1"><edge equality="true"/></flexcomp><camera name="eye"')],
     ],
-    ids=["endless range", "defaults without contact", "coupled wheels", "tendon", "weightless", "a flag"],
+    ids=["endless range", "defaults without contact", "coupled wheels", "tendon", "weightless", "defaults of motors",
+         "a flag"],
 )  # fmt: skip
 def test_it_drives(tmp_path, changes):
     robot = describe_robot(written(tmp_path, *changes))
