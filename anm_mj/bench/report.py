@@ -140,13 +140,14 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
         here = list(
             {tuple(row[key] for key in ("start", "robot", "drive", "pose", "sensor")): row for row in known}.values()
         )
+        if not here:
+            continue
         cells = [scene]
         for name in BEST:
             best, most = (_numbers(here, f"{kind}_{name}") for kind in ("best_known", "upper_bound"))
             by_policy = sum(not needs_truth(row[f"best_known_{name}_by"].partition(" ")[0]) for row in here)
             cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
-        if here:
-            lines.append("| " + " | ".join(cells) + " |")
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

@@ -36,6 +36,8 @@ def test_no_row_beats_the_best_known():
     assert rows[1]["share_of_best_auc"] < rows[2]["share_of_best_auc"] < rows[0]["share_of_best_auc"] == 100.0
     assert rows[0]["best_known_auc_by"] == "gvg"
     assert [row["oracle_ratio_90"] for row in rows[:3]] == [1.0, 2.0, 1.0]
+    # A scene without an oracle has no line, and no mean of nothing.
+    assert "| other |" not in markdown(tidy_rows([*runs, result("gvg", RISE, scene_name="other")]), "x")
     # From another start, or with another robot's poses, no oracle has run.
     assert [row["best_known_auc"] for row in rows[3:]] == [None, None]
 
