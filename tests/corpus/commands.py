@@ -11,10 +11,10 @@ def commands(kind: str, paths: dict[str, Path]) -> list[tuple[str, ...]]:
     """Every command that reads this kind of input.
 
     Args:
-        kind: a key of ``paths``.
-        paths: the good inputs.
+        kind: of input.
+        paths: the good inputs; without one of this kind, the commands name none that is there.
     """
-    name = f"in/{paths[kind].name}"
+    name = f"in/{paths[kind].name if kind in paths else kind}"
     if kind == "scene":
         return [("scene", "check", name), ("explore", name, *_SHORT, "--steps", "1", "--out", "out")]
     if kind == "run":
