@@ -32,7 +32,7 @@ class NumpyBlocks:
         Returns:
             Indices into the raveled grid, block by block.
         """
-        known = _in_blocks(state)[tuple(blocks.T)]
+        known = blocks_of(state)[tuple(blocks.T)]
         beside = dilate_mask(known == OCCUPIED, first_axis=1) & (known != UNKNOWN)
         block, *within = np.nonzero(beside)
         layer, row, col = blocks.T[:, block] * BLOCK + np.stack(within)
@@ -59,9 +59,9 @@ class NumpyBlocks:
         Returns:
             Whether a voxel of each block differs from what it was.
         """
-        here, view = tuple(blocks.T), _in_blocks(out)
+        here, view = tuple(blocks.T), blocks_of(out)
         before = view[here]
-        view[here] = _in_blocks(state)[here]
+        view[here] = blocks_of(state)[here]
         out.reshape(-1)[voxels] = read
         return (view[here] != before).any(axis=(1, 2, 3))
 
@@ -106,7 +106,7 @@ def field_blocks() -> NumpyBlocks | NativeBlocks:
     return NativeBlocks(functions[0], functions[1])
 
 
-def _in_blocks(voxels: Shaped[np.ndarray, "layers rows cols"]) -> Shaped[np.ndarray, "bl br bc b b b"]:
+def blocks_of(voxels: Shaped[np.ndarray, "layers rows cols"]) -> Shaped[np.ndarray, "bl br bc b b b"]:
     """A view of voxels by block: ``[block layer, block row, block col, layer, row, col]``."""
     layers, rows, cols = (n // BLOCK for n in voxels.shape)
     return voxels.reshape(layers, BLOCK, rows, BLOCK, cols, BLOCK).transpose(0, 2, 4, 1, 3, 5)

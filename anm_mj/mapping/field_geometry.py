@@ -10,6 +10,9 @@ at which the voxel was hit says how far it reaches. So with exact depth every hi
 learnt a chair's leg or the top of a bed yet, and with a noisy sensor the field decides. Likewise a free voxel beside a
 hit is occupied where its centre lies in the solid and the noise explains how a ray came to pass it. What no depth ever
 hit stays free or unknown, because a field extrapolates any sign it likes there.
+
+A block in view changes with every frame, but most of its voxels only because the field has learnt a little more. Where
+depth and field agreed so far, the field is therefore asked in every third reading of a block alone, the blocks in turn.
 """
 
 from __future__ import annotations
@@ -37,6 +40,8 @@ _NOISE_CHANGE = 1.1
 _EXACT_PER_M = 1e-5
 """Less noise than this is none: it is a tenth of a millimetre at 3 m, and rounding makes some [1/m]. What exact depth
 says stands, and the field is not asked."""
+_READINGS_PER_TURN = 3
+"""A block is read as a whole once in so many readings."""
 
 _NOTHING = np.zeros(0, np.int64), np.zeros(0, np.int8)
 """No voxel that the field decides."""
@@ -61,6 +66,10 @@ class FieldGeometry:
         self._state: Int8[np.ndarray, "layers rows cols"] = np.zeros((0, 0, 0), np.int8)
         self._column_version: Int32[np.ndarray, "block_rows block_cols"] = np.zeros((0, 0), np.int32)
         self._read_frame: Int32[np.ndarray, "block_layers block_rows block_cols"] = np.zeros((0, 0, 0), np.int32)
+        self._whole_frame = self._read_frame.copy()
+        """Frame of each block's last reading as a whole; 0 for none."""
+        self._turn: Int8[np.ndarray, "block_layers block_rows block_cols"] = np.zeros((0, 0, 0), np.int8)
+        """Readings of each block until it is read as a whole again."""
         self._read_up_to = 0
         self._noise_per_m = math.inf
 
@@ -88,27 +97,53 @@ class FieldGeometry:
         rows, cols = self._block_window(raw, box_xy_m)
         near = np.zeros(self._read_frame.shape, np.bool_)
         near[:, rows, cols] = True
+        stamp = self._occupancy.block_stamp
         changed = near & (raw.column_version > self._read_frame)
-        blocks = changed | (near & (self._occupancy.block_stamp > self._read_frame))
+        # The last frame of a block that has left the view is one to read it as a whole after.
+        blocks = changed | (near & (stamp > self._whole_frame))
         if not blocks.any():
             return
         self._read_frame[blocks] = raw.version
-        places = np.argwhere(blocks)
-        voxels, read = self._ask_field(places, raw, sdf_m) if self._noise_per_m else _NOTHING
-        moved = self._blocks.write(raw.state, places, voxels, read, self._state)
+        self._turn[blocks] -= 1
+        first = blocks & (self._whole_frame == 0)
+        whole = first | (blocks & (self._turn < 0))
+        moved = self._read_blocks(np.argwhere(whole), raw, sdf_m, whole=True)
+        moved = np.concatenate([moved, self._read_blocks(np.argwhere(blocks & ~whole), raw, sdf_m, whole=False)])
+        self._whole_frame[whole] = raw.version
+        self._turn[whole] = _READINGS_PER_TURN - 1
+        # Blocks that came into view together are not all read as a whole in the same decision ever after.
+        self._turn[first] = np.argwhere(first).sum(axis=1) % _READINGS_PER_TURN
         self._column_version[changed.any(axis=0)] = raw.version
-        rows_cols = places[moved][:, 1:]
-        self._column_version[rows_cols[:, 0], rows_cols[:, 1]] = raw.version
+        self._column_version[moved[:, 1], moved[:, 2]] = raw.version
+
+    def _read_blocks(
+        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery, *, whole: bool
+    ) -> Int64[np.ndarray, "k 3"]:
+        """Read blocks, given by layer, row and column, and return those in which a state has changed.
+
+        Args:
+            places: the blocks.
+            raw: the states by depth alone.
+            sdf_m: the field.
+            whole: whether the field is asked where it agreed with the depth so far, too.
+        """
+        if not len(places):
+            return places
+        voxels, read = self._ask_field(places, raw, sdf_m, whole=whole) if self._noise_per_m else _NOTHING
+        return places[self._blocks.write(raw.state, places, voxels, read, self._state)]
 
     def _ask_field(
-        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery
+        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> tuple[Int64[np.ndarray, " n"], Int8[np.ndarray, " n"]]:
-        """Decide the hits in blocks, and what was observed beside them, by the field.
+        """Decide the hits in blocks, and what was observed beside them, by the field; see :meth:`_read_blocks`.
 
         Returns:
             Indices of these voxels into the raveled grid, block by block, and their states.
         """
-        voxels = self._blocks.to_read(raw.state, places)
+        has_hits = self._occupancy.block_stamp[tuple(places.T)] > 0
+        voxels = self._blocks.to_read(raw.state, places[has_hits])
+        if not whole:
+            voxels = voxels[raw.state.reshape(-1)[voxels] != self._state.reshape(-1)[voxels]]
         layer_row_col = np.stack(np.unravel_index(voxels, raw.state.shape), axis=1)
         points_m = (layer_row_col[:, ::-1] + self._corner) * raw.resolution_m
         seen_m, hit = raw.seen_range_m.reshape(-1)[voxels], raw.state.reshape(-1)[voxels] == OCCUPIED
@@ -140,6 +175,7 @@ class FieldGeometry:
         if max(noise, self._noise_per_m) > _NOISE_CHANGE * min(noise, self._noise_per_m):
             self._noise_per_m = noise
             self._read_frame.fill(0)
+            self._whole_frame.fill(0)
 
     def _block_window(self, raw: VoxelGrid, box_xy_m: Float[np.ndarray, "2 2"] | None) -> tuple[slice, slice]:
         """Rows and columns of the blocks that touch a box, give or take two voxels."""
@@ -159,5 +195,7 @@ class FieldGeometry:
         self._state = embed(self._state, raw.state.shape, start, UNKNOWN)
         shape = tuple(n // BLOCK for n in raw.state.shape)
         self._read_frame = embed(self._read_frame, shape, start // BLOCK, 0)
+        self._whole_frame = embed(self._whole_frame, shape, start // BLOCK, 0)
+        self._turn = embed(self._turn, shape, start // BLOCK, 0)
         self._column_version = embed(self._column_version, shape[1:], start[1:] // BLOCK, 0)
         self._corner = corner.copy()

@@ -193,7 +193,7 @@ class NeuralMap:
         They come from the last-layer variance, whatever method is configured for :meth:`uncertainty`, because that
         predicts the true error best (:mod:`anm_mj.mapping.expected_error`).
         """
-        points, _ = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m)
+        points = self._surface.places(self.backend.query_sdf, centre_xy_m, radius_m)
         density_exponent = self.config.schedule.density_exponent
         variance = last_layer_variance(self.backend, self._occupancy, points, density_exponent)
         count = observation_density(self._occupancy, points).astype(np.float32)

@@ -178,12 +178,21 @@ class OccupancyGrid:
 
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
         """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
-        low = np.rint((points_m - reach_m) / self.config.voxel_m).astype(np.int64)
-        high = np.rint((points_m + reach_m) / self.config.voxel_m).astype(np.int64)
+        layers, rows, cols = self._state.shape
+        state = self._state.reshape(-1)
+        # Low and high voxel along x, y and z, as offsets into the raveled grid.
+        offsets, insides = [], []
+        for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
+            ends = points_m[:, axis] + np.array([[-reach_m], [reach_m]])
+            voxel = np.rint(ends / self.config.voxel_m).astype(np.int64) - self._corner[axis]
+            insides.append((voxel >= 0) & (voxel < count))
+            offsets.append(np.where(insides[-1], voxel, 0) * stride)
         near = np.zeros(len(points_m), bool)
-        for corner in range(8):
-            pick = np.array([corner & 1, corner >> 1 & 1, corner >> 2 & 1], bool)
-            near |= self.state_of(np.where(pick, high, low)) == OCCUPIED
+        if not len(state):
+            return near
+        for x, y, z in np.ndindex(2, 2, 2):
+            inside = insides[0][x] & insides[1][y] & insides[2][z]
+            near |= (state[offsets[0][x] + offsets[1][y] + offsets[2][z]] == OCCUPIED) & inside
         return near
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
+from anm_mj.mapping.field_blocks import blocks_of
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.types import OCCUPIED, SdfQuery
@@ -24,7 +25,8 @@ class _Patch:
 
     stamp: int
     xyz_m: Float32[np.ndarray, "n 3"]
-    normal: Float32[np.ndarray, "n 3"]
+    normal: Float32[np.ndarray, "n 3"] | None
+    """None as long as nobody asked for normals."""
 
 
 class SurfaceExtractor:
@@ -45,23 +47,35 @@ class SurfaceExtractor:
 
         A block's points are those at the time of the last frame that had a hit in it.
         """
-        keys, stamps = self._blocks_about(centre_xy_m, radius_m)
+        patches = self._up_to_date(sdf, centre_xy_m, radius_m, with_normals=True)
+        normals = [p.normal for p in patches if p.normal is not None]
+        points, inside = _within(patches, centre_xy_m, radius_m)
+        return points[inside], np.concatenate([np.zeros((0, 3), np.float32), *normals])[inside]
+
+    def places(self, sdf: SdfQuery, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> Float32[np.ndarray, "n 3"]:
+        """The points alone: normals cost four queries each."""
+        points, inside = _within(
+            self._up_to_date(sdf, centre_xy_m, radius_m, with_normals=False), centre_xy_m, radius_m
+        )
+        return points[inside]
+
+    def _up_to_date(
+        self, sdf: SdfQuery, centre_xy_m: Float[np.ndarray, "2"], radius_m: float, *, with_normals: bool
+    ) -> list[_Patch]:
+        """The patches that reach into the disc, after those that a frame has touched were made anew."""
+        stamps = self._blocks_about(centre_xy_m, radius_m)
         stale = {
             key: stamp
-            for key, stamp in zip(keys, stamps, strict=True)
-            if key not in self._patches or self._patches[key].stamp != stamp
+            for key, stamp in stamps.items()
+            if (patch := self._patches.get(key)) is None
+            or patch.stamp != stamp
+            or (with_normals and patch.normal is None)
         }
-        self._refresh(sdf, stale)
-        patches = [self._patches[key] for key in keys]
-        points = np.concatenate([np.zeros((0, 3), np.float32), *(p.xyz_m for p in patches)])
-        normals = np.concatenate([np.zeros((0, 3), np.float32), *(p.normal for p in patches)])
-        inside = np.hypot(*(points[:, :2] - centre_xy_m).T) <= radius_m
-        return points[inside], normals[inside]
+        self._refresh(sdf, stale, with_normals=with_normals)
+        return [self._patches[key] for key in stamps]
 
-    def _blocks_about(
-        self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float
-    ) -> tuple[list[tuple[int, int, int]], list[int]]:
-        """Blocks with hits that reach into the disc, as x, y, z indices, and the frames that last hit them."""
+    def _blocks_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> dict[tuple[int, int, int], int]:
+        """Blocks with hits that reach into the disc, by x, y, z indices, and the frames that last hit them."""
         stamp = self._occupancy.block_stamp
         layer, row, col = np.nonzero(stamp)
         block = np.stack((col, row, layer), axis=1) + self._occupancy.corner // BLOCK
@@ -69,18 +83,17 @@ class SurfaceExtractor:
         centre = (block[:, :2] + 0.5) * edge_m
         near = np.hypot(*(centre - centre_xy_m).T) <= radius_m + edge_m
         keys = [(int(x), int(y), int(z)) for x, y, z in block[near]]
-        return keys, stamp[layer, row, col][near].tolist()
+        return dict(zip(keys, stamp[layer, row, col][near].tolist(), strict=True))
 
-    def _refresh(self, sdf: SdfQuery, stale: dict[tuple[int, int, int], int]) -> None:
+    def _refresh(self, sdf: SdfQuery, stale: dict[tuple[int, int, int], int], *, with_normals: bool) -> None:
         """Look for crossings in the given blocks, all in one query."""
         if not stale:
             return
         cells, corner = self._active_cells(np.array(list(stale)))
         points = crossings(sdf, cells, corner, self._spacing_m)
         edge = self._occupancy.config.voxel_m
-        # Normals cost four queries each, so what is not kept gets none.
         points = points[self._occupancy.near_occupied(points, REACH_VOXELS * edge)]
-        normals = gradient_directions(sdf, points)
+        normals = gradient_directions(sdf, points) if with_normals else None
         points = points.astype(np.float32)
         # A crossing belongs to the block of its nearest voxel, so that each is stored once.
         owner = np.floor_divide(np.rint(points / edge).astype(np.int64), BLOCK)
@@ -90,30 +103,47 @@ class SurfaceExtractor:
         none = np.zeros(0, np.int64)
         for key, stamp in stale.items():
             mine = found.get(key, none)
-            self._patches[key] = _Patch(stamp, points[mine], normals[mine])
+            self._patches[key] = _Patch(stamp, points[mine], None if normals is None else normals[mine])
 
     def _active_cells(
         self, blocks: Int64[np.ndarray, "n 3"]
     ) -> tuple[Bool[np.ndarray, "x y z"], Int64[np.ndarray, "3"]]:
         """Which lattice cells touch an occupied voxel of the given blocks, and the index of the first cell."""
-        edge = self._occupancy.config.voxel_m
-        grid = self._occupancy.grid.state
-        voxels = []
-        for block in blocks:
-            x, y, z = block * BLOCK - self._occupancy.corner
-            part = grid[z : z + BLOCK, y : y + BLOCK, x : x + BLOCK]
-            voxels.append(np.argwhere(part == OCCUPIED)[:, ::-1] + block * BLOCK)
-        occupied = np.concatenate(voxels)
-        if not len(occupied):
+        places = (blocks - self._occupancy.corner // BLOCK)[:, ::-1]
+        occupied = blocks_of(self._occupancy.grid.state)[tuple(places.T)] == OCCUPIED
+        corner, touched = self._touched_cells(blocks)
+        # As counts, axis by axis: which voxels touch a cell along one axis does not depend on the others.
+        count = occupied.astype(np.float32) @ touched[:, 0, None]
+        count = touched[:, 1, None].swapaxes(-1, -2) @ count
+        count = np.einsum("bzi,bzyx->biyx", touched[:, 2], count, optimize=True)
+        block, z, y, x = np.nonzero(count > 0.0)
+        if not len(block):
             return np.zeros((0, 0, 0), bool), np.zeros(3, np.int64)
-        low = np.floor((occupied - 0.5) * (edge / self._spacing_m) + 1e-6).astype(np.int64)
-        high = np.floor((occupied + 0.5) * (edge / self._spacing_m) - 1e-6).astype(np.int64)
-        corner = low.min(axis=0)
-        low, high = low - corner, high - corner
-        cells = np.zeros(high.max(axis=0) + 1, bool)
-        for offset in np.ndindex(*((high - low).max(axis=0) + 1)):
-            cells[tuple(np.minimum(low + offset, high).T)] = True
-        return cells, corner
+        cell = corner[block] + np.stack((x, y, z), axis=1)
+        low = cell.min(axis=0)
+        cells = np.zeros(cell.max(axis=0) - low + 1, bool)
+        cells[tuple((cell - low).T)] = True
+        return cells, low
+
+    def _touched_cells(
+        self, blocks: Int64[np.ndarray, "n 3"]
+    ) -> tuple[Int64[np.ndarray, "n 3"], Float32[np.ndarray, "n 3 voxels cells"]]:
+        """The first lattice cell at each block, and whether a voxel touches each cell from there on (0, 1), by axis."""
+        per_voxel = self._occupancy.config.voxel_m / self._spacing_m
+        voxel = blocks[:, :, None] * BLOCK + np.arange(BLOCK)
+        low = np.floor((voxel - 0.5) * per_voxel + 1e-6).astype(np.int64)
+        high = np.floor((voxel + 0.5) * per_voxel - 1e-6).astype(np.int64)
+        first = low[:, :, 0]
+        cell = first[:, :, None, None] + np.arange((high[:, :, -1] - first).max() + 1)
+        return first, ((low[..., None] <= cell) & (cell <= high[..., None])).astype(np.float32)
+
+
+def _within(
+    patches: list[_Patch], centre_xy_m: Float[np.ndarray, "2"], radius_m: float
+) -> tuple[Float32[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+    """The points of patches, and which of them lie in the disc."""
+    points = np.concatenate([np.zeros((0, 3), np.float32), *(p.xyz_m for p in patches)])
+    return points, np.hypot(*(points[:, :2] - centre_xy_m).T) <= radius_m
 
 
 def crossings(
