@@ -18,9 +18,9 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from anm_mj.bench.curves import COLOURS, LINES, MARKS
 from anm_mj.bench.engine import RESULT
 from anm_mj.bench.result import OBSERVABLE, Result, read_result
+from anm_mj.bench.style import style
 from anm_mj.errors import AnmError
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.viz.figure_file import save_figure
@@ -82,8 +82,8 @@ def draw(runs: Runs, out: Path) -> None:
         for k, scene in enumerate(scenes):
             found = sorted((key[2], result) for key, result in runs.items() if key[:2] == (policy, scene))
             scale, final = [s for s, _ in found], [r.curve[-1, OBSERVABLE] for _, r in found]
-            colour, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
-            axes.plot(scale, final, ls=LINES[k % len(LINES)], lw=1.5, color=colour, label=scene if not panel else None)
+            colour, line, mark = (style(k)[key] for key in ("color", "ls", "marker"))
+            axes.plot(scale, final, ls=line, lw=1.5, color=colour, label=scene if not panel else None)
             for x, y, (_, result) in zip(scale, final, found, strict=True):
                 ended = result.metrics["steps"] < result.job["steps"]
                 axes.plot(x, y, ls="", marker=mark, ms=6, color=colour, mfc="white" if ended else colour)

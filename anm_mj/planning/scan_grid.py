@@ -12,6 +12,7 @@ through passages that they pass.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -133,10 +134,11 @@ class ScanGrid:
         """The grid as a map; clearance is the distance to the nearest obstacle [m], not to unknown ground."""
         state = np.where(self.log_odds > 0, np.int8(OCCUPIED), np.int8(FREE))
         state[np.isnan(self.log_odds)] = UNKNOWN
-        cells, nearest = ndimage.distance_transform_edt(state != OCCUPIED, return_indices=True)
-        clear_m = (np.asarray(cells) - 0.5) * RESOLUTION_M
-        near = (np.asarray(cells) > 0) & (np.asarray(cells) <= NEAR_CELLS) & (state == OCCUPIED).any()
-        clear_m[near] = self._to_surfaces_m(state == OCCUPIED, np.argwhere(near), np.asarray(nearest)[:, near].T)
+        found: Any = ndimage.distance_transform_edt(state != OCCUPIED, return_indices=True)
+        cells, nearest = found
+        clear_m = (cells - 0.5) * RESOLUTION_M
+        near = (cells > 0) & (cells <= NEAR_CELLS) & (state == OCCUPIED).any()
+        clear_m[near] = self._to_surfaces_m(state == OCCUPIED, np.argwhere(near), nearest[:, near].T)
         return TopDownMap(clear_m.astype(np.float32), state, RESOLUTION_M, self.origin_xy_m.copy())
 
     def _to_surfaces_m(
@@ -232,7 +234,9 @@ class ScanGrid:
             return
         start = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)[::-1] if old.size else np.zeros(2, int)
         self.log_odds = embed(old, (rows, cols), start, np.nan)
-        self.surface_m = np.stack([embed(one, (rows, cols), start, np.nan) for one in self.surface_m])
+        self.surface_m = np.stack(
+            [embed(self.surface_m[k], (rows, cols), start, np.nan) for k in range(len(self.surface_m))]
+        )
         self.origin_xy_m = low
 
 
