@@ -15,9 +15,10 @@ import time
 from contextlib import suppress
 from typing import Any
 
+import tyro
+
 from anm_mj.viz.page_server import PageServer
 
-CONNECTIONS = 1000
 KINDS = {
     "silent": b"",
     "half a request": b"GET / HTTP/1.1\r\nHost: 127.0.0.1",
@@ -27,17 +28,17 @@ KINDS = {
 }
 
 
-def main() -> None:
-    """Measure and print."""
+def main(connections: int = 1000) -> None:
+    """Measure and print, with so many connections of each kind."""
     server, spawn = PageServer(), multiprocessing.get_context("spawn")
     for name, words in KINDS.items():
         files, most, begin = _num_files(), 0, time.process_time()
-        process = spawn.Process(target=_open, args=(server.port, words))
+        process = spawn.Process(target=_open, args=(server.port, words, connections))
         process.start()
         while process.is_alive():
             most = max(most, _num_files() - files)
             time.sleep(0.05)
-        spent_ms = 1e3 * (time.process_time() - begin) / CONNECTIONS
+        spent_ms = 1e3 * (time.process_time() - begin) / connections
         print(f"{name:16s} {spent_ms:6.2f} ms each, {most} file descriptors at most")
     server.close()
     with socket.socket() as client:
@@ -48,10 +49,10 @@ def _num_files() -> int:
     return len(os.listdir("/proc/self/fd"))
 
 
-def _open(port: int, words: bytes) -> None:
+def _open(port: int, words: bytes, count: int) -> None:
     """Open connections, say something on each, and hold them to the end."""
     held: list[Any] = []
-    for _ in range(CONNECTIONS):
+    for _ in range(count):
         client = socket.socket()
         client.setblocking(False)
         client.connect_ex(("127.0.0.1", port))
@@ -65,4 +66,4 @@ def _open(port: int, words: bytes) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -15,7 +15,8 @@ class CheckpointConfig:
     every_steps: int = setting(100, at_least=0)
     """Steps from one checkpoint to the next; 0 = none are written."""
     loop_share: float = setting(0.02, at_most=1.0)
-    """The loop spends at most this share of its time on checkpoints; where one takes long, the next one waits."""
+    """The loop spends at most this share of its time on checkpoints; where one takes long, the next one waits. 1 = they
+    never wait."""
 
     def __post_init__(self) -> None:
         check_settings(self, "checkpoint", CheckpointError)

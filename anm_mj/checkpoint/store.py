@@ -152,7 +152,9 @@ class Checkpointer:
     def _is_affordable(self, loop_s: float) -> bool:
         """Whether one more, at the price of the last, stays within the share of the loop's time."""
         last_s = self.spent_s - self._spent_before_s
-        return self.last_step is None or self.spent_s + last_s <= self._config.loop_share * loop_s
+        if self.last_step is None or self._config.loop_share == 1.0:
+            return True
+        return self.spent_s + last_s <= self._config.loop_share * loop_s
 
     @property
     def _is_writing(self) -> bool:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from PIL import EpsImagePlugin, Image
+from PIL import EpsImagePlugin, Image, UnidentifiedImageError
 
 from anm_mj.utils.read_file import open_regular
 
@@ -40,6 +40,9 @@ def read_picture(file: Any) -> Iterator[Image.Image]:
     """The same of a binary file that is open, or of bytes in memory."""
     try:
         image = Image.open(file, formats=FORMATS)
+    except UnidentifiedImageError as err:
+        # Its own words name an object of Python.
+        raise OSError("it is no image, or of a format that is not read") from err
     except (Image.DecompressionBombError, SyntaxError) as err:
         raise ValueError(str(err)) from err
     with image:

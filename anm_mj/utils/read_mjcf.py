@@ -178,11 +178,15 @@ def _check_place(path: Path, name: str, own: Path) -> None:
 
 
 def _check_picture(path: Path) -> None:
-    """Raises OSError or ValueError for a picture that is none or too large; MuJoCo's own formats are regular files."""
-    if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp", ".tga"):
+    """Raises ValueError for a picture that is none or too large; MuJoCo's own formats are regular files."""
+    if path.suffix.lower() not in (".png", ".jpg", ".jpeg", ".bmp", ".tga"):
+        open_regular(path).close()
+        return
+    try:
         with open_picture(path):
             return
-    open_regular(path).close()
+    except (OSError, ValueError) as err:
+        raise ValueError(f"{path.name}: {err}") from err
 
 
 def _check_room(name: str, attributes: dict[str, str]) -> None:

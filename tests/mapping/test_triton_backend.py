@@ -13,6 +13,8 @@ import torch
 if importlib.util.find_spec("triton") is None:
     pytest.skip(f"Triton is not made for {sys.platform}", allow_module_level=True)
 
+pytestmark = pytest.mark.slow  # Opt-in, and the interpreter takes a minute.
+
 CONFIGS = ("guided", "uniform")
 TRUNCATION_SHARE = 1e-4
 

@@ -75,7 +75,7 @@ def test_the_place_of_a_wrong_value_is_named():
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(png(60_000, 60_000), "pixels"), (png(20_000, 6_000), "pixels"), (b"%!PS-Adobe-3.0 EPSF-3.0\n", "identify")],
+    [(png(60_000, 60_000), "pixels"), (png(20_000, 6_000), "pixels"), (b"%!PS-Adobe-3.0 EPSF-3.0\n", "no image")],
 )
 def test_huge_pictures_and_programs_are_refused(content, says, tmp_path):
     (tmp_path / "x.png").write_bytes(content)
