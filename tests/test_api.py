@@ -62,6 +62,7 @@ def test_without_pandas_it_is_one_sentence(run, monkeypatch):
         run.data_frame()
 
 
+@pytest.mark.slow
 def test_a_users_script_passes_a_strict_type_checker(tmp_path):
     pyright = shutil.which("pyright", path=str(Path(sys.executable).parent))
     if pyright is None:

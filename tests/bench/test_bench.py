@@ -110,6 +110,7 @@ def test_existing_runs_are_skipped(file, tmp_path):
     assert (again.skipped, again.failures) == (8, [])
 
 
+@pytest.mark.slow
 def test_a_dead_worker_costs_only_its_run(file, tmp_path):
     bench = run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:deadly")
     assert len(bench.failures) == 4

@@ -197,6 +197,7 @@ class Faulty(RandomWalk):
 """
 
 
+@pytest.mark.slow
 def test_a_policy_that_fails_leaves_a_complete_run_and_a_sentence(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])

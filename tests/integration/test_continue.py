@@ -41,6 +41,7 @@ def read(folder, name):
     return json.loads((folder / name).read_text())
 
 
+@pytest.mark.slow
 def test_a_continued_run_knows_what_was_covered(small, former, tmp_path):
     out = tmp_path / "runs" / "next"
     latest = tmp_path / "runs" / "latest"

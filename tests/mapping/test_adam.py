@@ -1,6 +1,7 @@
 import subprocess
 import sys
 
+import pytest
 import torch
 
 from anm_mj.mapping.backends.adam import Adam

@@ -182,6 +182,7 @@ def test_a_closed_camera_says_so():
         camera.render(data)
 
 
+@pytest.mark.slow
 def test_a_camera_that_nobody_closed_ends_silently():
     program = "import anm_mj; robot = anm_mj.make_robot(anm_mj.load_scene('room'), image_px=16); robot.observe()"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
