@@ -271,6 +271,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
         sensor=config.sensor,
         camera=config.camera,
         anticipates=True,
+        forgets_textures=True,
     )
 
 

@@ -19,11 +19,11 @@ FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.05, z_max_m=1.35)
 """Of the robot in ``models/diff_drive``."""
 
 
-def clearance_of(*meshes: trimesh.Trimesh) -> Clearance:
-    """The clearance of ``FOOTPRINT`` among some meshes; among none, everything is free."""
+def clearance_of(*meshes: trimesh.Trimesh, footprint: Footprint = FOOTPRINT) -> Clearance:
+    """The clearance of a footprint among some meshes; among none, everything is free."""
     mesh = trimesh.util.concatenate(list(meshes)) if meshes else trimesh.Trimesh()
     vertices = np.asarray(mesh.vertices, dtype=float).reshape(-1, 3)
-    return Clearance(vertices, np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3), FOOTPRINT)
+    return Clearance(vertices, np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3), footprint)
 
 
 @pytest.fixture(scope="session")

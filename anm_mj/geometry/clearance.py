@@ -41,7 +41,6 @@ class Clearance:
         self._mesh = _build_tree(vertices, faces, footprint)
         self._mesh_placement = coal.Transform3s.Identity()
         self._collision_request = coal.CollisionRequest()
-        self._distance_request = coal.DistanceRequest()
 
     @property
     def footprint(self) -> Footprint:
@@ -51,18 +50,6 @@ class Clearance:
     def collides(self, pose: Pose2) -> bool:
         """Whether the footprint touches a triangle at a pose; takes tens of microseconds."""
         return self._collides(self._cylinder, pose)
-
-    def distance_m(self, pose: Pose2) -> float:
-        """Distance from the footprint to the nearest triangle within its heights [m].
-
-        0.0 in contact, infinite without triangles.
-        """
-        if self._mesh is None:
-            return float("inf")
-        result = coal.DistanceResult()
-        placement = self._placement(pose)
-        coal.distance(self._mesh, self._mesh_placement, self._cylinder, placement, self._distance_request, result)
-        return max(result.min_distance, 0.0)
 
     def sweep_collides(self, pose: Pose2, forward_m: float, turn_rad: float = 0.0) -> bool:
         """Whether a motion from a free pose touches a triangle.
@@ -110,14 +97,14 @@ class Clearance:
 
 def _build_tree(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], footprint: Footprint
-) -> coal.BVHModelOBBRSS | None:
+) -> coal.BVHModelOBB | None:
     """Tree over the triangles that reach into the footprint's heights; None without any."""
     z = vertices[faces, 2]
     faces = faces[(z.max(axis=1) > footprint.z_min_m) & (z.min(axis=1) < footprint.z_max_m)]
     if len(faces) == 0:
         return None
     used, renumbered = np.unique(faces, return_inverse=True)
-    mesh = coal.BVHModelOBBRSS()
+    mesh = coal.BVHModelOBB()
     mesh.beginModel(len(faces), len(used))
     mesh.addVertices(np.ascontiguousarray(vertices[used], dtype=np.float64))
     mesh.addTriangles(np.ascontiguousarray(renumbered.reshape(-1, 3), dtype=np.int64))

@@ -18,6 +18,7 @@ from anm_mj.robot.presets import preset_config, robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
+from anm_mj.utils.memory import forget_content
 from anm_mj.utils.threads import usual_num_threads
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def make_robot(
     sensor: SensorConfig | None = None,
     camera: CameraConfig | None = None,
     anticipates: bool = False,
+    forgets_textures: bool = False,
 ) -> SimRobot:
     """A simulated robot in a scene, at its start pose.
 
@@ -62,6 +64,8 @@ def make_robot(
         camera: optics and mount of the camera where they differ from the robot's file; None = nowhere.
         anticipates: whether it may render the next image while the present one is worked on, where there are cores for
             both and the drive knows where it will be; the images are the same.
+        forgets_textures: whether the model gives its textures back once GL has them, so that they are held once; no
+            other camera can render the model then.
 
     Returns:
         The robot; close it when done.
@@ -89,6 +93,7 @@ def make_robot(
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
+    from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.robot import SimRobot
 
     description = describe_robot(path, config, mount, image_px)
@@ -116,6 +121,8 @@ def make_robot(
         lambda: make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend),
         anticipates and drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1,
     )
+    if forgets_textures and imager.kind == GlCamera.kind:
+        forget_content(model.tex_data)
     T_base_camera = description.T_base_camera if pose == "odometry" else None
     return SimRobot(
         model,

@@ -71,6 +71,15 @@ def test_image_size(robot):
     assert (observation.intrinsics.fx, observation.intrinsics.cx) == pytest.approx((32.0, 32.0))
 
 
+def test_forgotten_textures_stay_in_the_images():
+    with make_robot(load_scene("room"), image_px=64) as whole:
+        image = whole.observe().rgb
+        pixels = whole.model.tex_data.copy()
+    with make_robot(load_scene("room"), image_px=64, forgets_textures=True) as lean:
+        assert np.array_equal(lean.observe().rgb, image)
+        assert np.count_nonzero(lean.model.tex_data) < np.count_nonzero(pixels)
+
+
 def test_the_default_start_is_the_scenes_first(room):
     with make_robot(room, image_px=16) as robot:
         start, pose = room.starts[0], robot.pose

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anm_mj.utils.memory import malloc_trim
+from anm_mj.utils.memory import forget_content, malloc_trim
 
 
 def resident_mib() -> float:
@@ -21,3 +21,21 @@ def test_malloc_trim():
     malloc_trim()
     assert resident_mib() < before - 50.0
     assert kept.all()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_forgotten_content():
+    whole = np.ones(2**23)
+    before = resident_mib()
+    forget_content(whole[1:-1])
+    assert resident_mib() < before - 60.0
+    # What lies beside it stays.
+    assert whole[0] == whole[-1] == 1.0
+    assert np.count_nonzero(whole) < 2 * 4096
+
+
+def test_an_array_without_a_whole_page_keeps_its_content():
+    few = np.arange(100)
+    forget_content(few)
+    forget_content(few[:0])
+    assert (few == np.arange(100)).all()
