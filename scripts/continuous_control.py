@@ -24,7 +24,7 @@ from anm_mj.planning.policies.registry import make_policy
 from anm_mj.protocols import Policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.types import TURN_STEP_RAD, Action, MotionResult, Observation, Plan, Twist
+from anm_mj.types import TURN_STEP_RAD, Action, MotionResult, Observation, Plan, StopReason, Twist
 
 if TYPE_CHECKING:
     from anm_mj.sim.robot import SimRobot
@@ -42,6 +42,7 @@ class Budget:
         self.robot, self.mapper, self.policy = robot, mapper, policy
         self.curve, self.steps = CompletionCurve(truth), steps
         self.spent, self.collisions, self._frames = 0.0, 0, 0
+        self.fault: StopReason | None = None
         self.observation = self.perceive()
 
     def perceive(self) -> Observation:
@@ -60,13 +61,14 @@ class Budget:
         # Like a refused action, a refused motion costs a unit.
         self.spent += max(result.equivalent_steps, float(result.collided))
         self.collisions += result.collided
+        self.fault = self.fault or result.fault
         if math.floor(self.spent) > before:
             self.perceive()
 
     @property
     def left(self) -> bool:
-        """Whether budget is left."""
-        return self.spent < self.steps
+        """Whether budget is left, and the robot can drive."""
+        return self.spent < self.steps and self.fault is None
 
 
 def main(
@@ -107,10 +109,12 @@ def main(
             f"{seen:.1f} % completion ratio in {budget.spent:.0f} of {steps} units, {budget.curve.path_m:.1f} m, "
             f"{robot.data.time:.0f} s, {budget.collisions} collisions."
         )
+        if budget.fault is not None:
+            print(f"The robot can drive no more: {budget.fault.name}.")
 
 
 def carry_out(plan: Plan, budget: Budget) -> None:
-    """Execute a plan until it is done, an obstacle stops the robot, or the budget is spent."""
+    """Execute a plan until it is done, something stops the robot, or the budget is spent."""
     robot, start = budget.robot, budget.spent
     for action in plan.actions:
         if not budget.left:
@@ -127,7 +131,7 @@ def carry_out(plan: Plan, budget: Budget) -> None:
             break
         result = robot.drive(twist, PERIOD_S)
         budget.pay(result)
-        if result.collided or (plan.valid_steps and budget.spent - start > plan.valid_steps):
+        if not budget.left or result.collided or (plan.valid_steps and budget.spent - start > plan.valid_steps):
             return
     for heading_rad in plan.headings_rad:
         if not budget.left:

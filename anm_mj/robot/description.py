@@ -39,11 +39,12 @@ from anm_mj.robot.isolate import give_free_joint, isolate_robot
 from anm_mj.robot.joint_positions import at_key_frame
 from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
 from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
+from anm_mj.robot.presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
 from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
-from anm_mj.utils.read_mjcf import read_spec
+from anm_mj.utils.read_mjcf import OutsideError, read_spec
 
 Mount = tuple[CameraConfig, int]
 """What differs from the robot's camera, and the image size where that does not say [px]."""
@@ -125,7 +126,9 @@ def describe_robot(
     """
     config, mount = config or RobotConfig(), (camera or CameraConfig(), image_px)
     try:
-        spec = read_spec(path, mujoco.MjSpec.from_file, robot=True)
+        spec = read_spec(path, mujoco.MjSpec.from_file, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+    except OutsideError as err:
+        raise RobotError(f"The robot {path} is not read: {err}.") from err
     except (ValueError, OSError) as err:
         raise RobotError(f"MuJoCo cannot read the robot {path} ({err}); give an MJCF file with one robot.") from err
     name_all(spec.bodies, "body")

@@ -26,6 +26,8 @@ MODELS = data_folder("models")
 """One folder per builtin robot, and the presets."""
 FOLDERS_VARIABLE = "ANM_MJ_ROBOTS"
 """Environment variable with folders that hold downloaded robots."""
+_MOST_LETTERS = 120
+"""Longer words of git are not quoted."""
 _NAMES_ELEMENT = ("keyframe", "camera", "left_wheel", "right_wheel")
 """Settings that name an element of the file."""
 
@@ -124,10 +126,14 @@ def _known() -> str:
     return ", ".join([*builtin, *robot_presets()])
 
 
+def robot_folders() -> list[Path]:
+    """The user's folders with downloaded robots."""
+    return [Path(folder).expanduser() for folder in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if folder]
+
+
 def _in_folders(preset: RobotPreset) -> Path | None:
     """The file of a robot in the user's folders; the one with the shortest path."""
-    folders = [Path(f).expanduser() for f in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if f]
-    found = [file for folder in folders for file in folder.rglob("*.xml") if _matches(file, preset)]
+    found = [file for folder in robot_folders() for file in folder.rglob("*.xml") if _matches(file, preset)]
     return min(found, key=lambda file: (len(file.name), len(str(file)), str(file)), default=None)
 
 
@@ -160,14 +166,22 @@ def _fetched(name: str, preset: RobotPreset | None) -> Path:
         with open(os.devnull, "w", encoding="utf-8") as sink, redirect_stdout(sink), redirect_stderr(sink):
             path = getattr(importlib.import_module(f"robot_descriptions.{module}"), "MJCF_PATH", "")
     except Exception as err:  # The package passes on whatever git and the network raise.
-        reason = " ".join(str(err).split())[:200]
-        raise RobotError(
-            f"The package robot_descriptions could not fetch {module} ({type(err).__name__}: {reason}); check the "
-            f"network, or {by_hand}."
-        ) from err
+        what = f"The package robot_descriptions could not fetch {module} ({_reason(err)})"
+        raise RobotError(f"{what}; check the network, or {by_hand}.") from err
     if not path or not Path(path).is_file():
         raise RobotError(f"{module} of robot_descriptions has no MJCF file; {by_hand}.")
     return Path(path)
+
+
+def _reason(err: Exception) -> str:
+    """What went wrong while git or the network fetched something, without git's commands and progress."""
+    text = " ".join(str(err).split())
+    host = re.search(r"resolve (?:host|hostname|proxy):? '?([\w.-]+)", text)
+    if host:
+        return f"{host[1]} cannot be reached"
+    fatal = re.findall(r"(?:fatal|error): (.+?)(?=\s+(?:fatal|error): |$)", text)
+    said = (fatal[-1] if fatal else text).strip(" '\".")
+    return said if 0 < len(said) <= _MOST_LETTERS else f"{type(err).__name__} of its download"
 
 
 def _text(file: Path, depth: int = 3) -> str:

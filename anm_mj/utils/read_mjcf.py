@@ -10,7 +10,7 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,26 +29,43 @@ MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
 _COPY_COST = 8
 _MAX_MIB = 256
 """Largest MJCF file [MiB]."""
+LEVELS_UP = 3
+"""A file may name others as far up as this number of folders above its own, as in ``../../assets``."""
 _COUNTED = ("replicate", "flexcomp", "composite")
 """Elements that stand for as many others as their attribute ``count`` says."""
 
 
-def read_spec(path: Path, parse: Callable[[str], Any], *, beside: bool = True, robot: bool = False) -> Any:
+class OutsideError(ValueError):
+    """A model names a file that lies where its files may not."""
+
+
+def read_spec(
+    path: Path,
+    parse: Callable[[str], Any],
+    *,
+    levels_up: int = LEVELS_UP,
+    others: Sequence[Path] = (),
+    option: str = "",
+    robot: bool = False,
+) -> Any:
     """The parsed and uncompiled model (``mujoco.MjSpec``) in an MJCF or URDF file.
 
     Args:
         path: The file.
         parse: ``mujoco.MjSpec.from_file``.
+        levels_up: How many folders above its own the files that it names may lie; 0 = in its own alone.
+        others: Further folders where they may lie.
+        option: What names such folders, for the message.
         robot: Whether it is a robot, which is built several times.
-        beside: Whether the files that it names may lie beside its folder, as in ``../meshes``, or only in it.
 
     Raises:
         OSError: It, or a file that it names, cannot be read.
-        ValueError: MuJoCo cannot read it, it asks for too much, or it names files from elsewhere.
+        OutsideError: It names files from elsewhere.
+        ValueError: MuJoCo cannot read it, or it asks for too much.
     """
     most = MAX_ROBOT_ELEMENTS if robot else MAX_ELEMENTS
     folder = Path(os.path.realpath(path)).parent
-    own = folder.parent if beside else folder
+    own = _Places(top_folder(folder, levels_up), tuple(others), option)
     elements = _Counter(folder, own).elements(path)
     if elements > most:
         raise ValueError(
@@ -63,15 +80,70 @@ def read_spec(path: Path, parse: Callable[[str], Any], *, beside: bool = True, r
     return spec
 
 
+def top_folder(folder: Path, levels_up: int) -> Path:
+    """The folder below which the files that a model names may lie.
+
+    Args:
+        folder: The model's own, links followed.
+        levels_up: How many folders above it that may be. Beyond the first, it is never the user's home or above.
+    """
+    home = Path.home()
+    top = folder
+    for level, above in enumerate(folder.parents[:levels_up]):
+        is_shared = above == Path(above.anchor) or (level > 0 and (above == home or above in home.parents))
+        if is_shared:
+            break
+        top = above
+    return top
+
+
+def named_files(path: Path, others: Sequence[Path] = ()) -> list[Path]:
+    """The files that exist of those that an MJCF file and its includes name; none where it cannot be read.
+
+    Args:
+        path: The file.
+        others: As :func:`read_spec`.
+    """
+    folder = Path(os.path.realpath(path)).parent
+    counter = _Counter(folder, _Places(top_folder(folder, LEVELS_UP), tuple(others)))
+    try:
+        counter.elements(path)
+    except (OSError, ValueError):
+        return []
+    found = {folder / below / name for below in counter.folders for name in counter.names}
+    return sorted(file for file in {*found, *counter.known} if os.path.isfile(file))
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where the files that a model names may lie."""
+
+    top: Path
+    others: tuple[Path, ...] = ()
+    option: str = ""
+    """What names further folders."""
+
+    def check(self, path: Path, name: str) -> None:
+        """Raises OutsideError for a file that lies elsewhere."""
+        if any(is_below(path, folder) for folder in (self.top, *self.others)):
+            return
+        also = f", or give its folder by {self.option}" if self.option else ""
+        raise OutsideError(f"it names {name!r}, which lies outside of {self.top}: copy it there{also}")
+
+
 @dataclass
 class _Counter:
     """Counts elements, those of included files with them."""
 
     folder: Path
     """Names of files are relative to it, wherever they stand."""
-    own: Path
+    own: _Places
     known: dict[Path, int] = field(default_factory=dict)
     """Elements by file; 0 while one is being counted."""
+    folders: set[str] = field(default_factory=lambda: {""})
+    """Where ``<compiler>`` looks for files."""
+    names: set[str] = field(default_factory=set)
+    """Files that elements name."""
 
     def elements(self, path: Path) -> int:
         """Number of elements of a file.
@@ -85,13 +157,17 @@ class _Counter:
         # MuJoCo takes comments that XML forbids.
         text = re.sub(rb"<!--.*?-->", b"", read_bytes(path, _MAX_MIB), flags=re.DOTALL)
         models: dict[str, Path] = {}
-        factors, total = [1], 0
+        # How often the elements that are open stand in the model, and whether they are copies.
+        factors, total = [(1, False)], 0
         for name, attributes in _tags(text):
             if name is None:
                 factors.pop()
                 continue
-            times, more = factors[-1], 1
+            (times, copied), more = factors[-1], 1
             _check_room(name, attributes)
+            if name == "compiler":
+                self.folders |= {attributes[key] for key in ("assetdir", "meshdir", "texturedir") if key in attributes}
+            self.names |= {text for key, text in attributes.items() if key.startswith("file")}
             count = _product(attributes.get("count", "1")) if name in _COUNTED else 1
             if name == "include":
                 more += self.elements(self._file(path, attributes.get("file", "")))
@@ -100,8 +176,9 @@ class _Counter:
                 models[attributes.get("name", below.stem)] = below
             elif name == "attach" and attributes.get("model") in models:
                 more += _COPY_COST * self.elements(models[attributes["model"]])
-            total += times * (more + (_COPY_COST * count if count > 1 else 0))
-            factors.append(times * (_COPY_COST * count if name == "replicate" and count > 1 else 1))
+            total += times * (_COPY_COST if copied else 1) * more + (times * _COPY_COST * count if count > 1 else 0)
+            repeats = name == "replicate" and count > 1
+            factors.append((times * count if repeats else times, copied or repeats))
         self.known[path] = total
         return total
 
@@ -115,7 +192,7 @@ class _Counter:
         found = next((place for place in places if place.is_file()), None)
         if found is None:
             raise ValueError(f"it includes {name!r}, which is no file")
-        _check_place(found, name, self.own)
+        self.own.check(found, name)
         return found
 
 
@@ -147,7 +224,7 @@ def _product(text: str) -> int:
         return 1
 
 
-def _check_assets(spec: Any, folder: Path, own: Path) -> None:
+def _check_assets(spec: Any, folder: Path, own: _Places) -> None:
     """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears.
 
     Raises:
@@ -165,16 +242,11 @@ def _check_assets(spec: Any, folder: Path, own: Path) -> None:
         path = folder / below / (Path(name).name if spec.strippath else name)
         if not path.exists():
             continue
-        _check_place(path, name, own)
+        own.check(path, name)
         if is_picture or path.suffix.lower() == ".png":
             _check_picture(path)
         else:
             open_regular(path).close()
-
-
-def _check_place(path: Path, name: str, own: Path) -> None:
-    if not is_below(path, own):
-        raise ValueError(f"it names {name!r}, which lies outside of {own}: copy it there")
 
 
 def _check_picture(path: Path) -> None:

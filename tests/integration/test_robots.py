@@ -1,6 +1,7 @@
 """The user's own robot, its odometry and its sequences, from the command line or a script to what they leave."""
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from anm_mj.config import make_config
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.run import run
+from anm_mj.types import MotionResult, StopReason, WheelSpeeds
 from tests.scene.small import make_small_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -83,6 +85,17 @@ def test_recorded_sequence(scene, tmp_path):
     assert "simulators: set()" in said
     assert (tmp_path / "map" / "mesh.ply").stat().st_size > 10_000
     assert (tmp_path / "map" / "topdown.png").stat().st_size > 10_000
+
+
+def test_continuous_control_ends_where_the_robot_can_drive_no_more():
+    budget_class = runpy.run_path(str(ROOT / "scripts" / "continuous_control.py"))["Budget"]
+    budget = budget_class.__new__(budget_class)
+    budget.spent, budget.collisions, budget.steps, budget.fault = 0.0, 0, 10, None
+    assert budget.left
+    budget.pay(MotionResult(False, WheelSpeeds(0.0, 0.0), 0.0, 0.0, 0.1, StopReason.TOPPLED))
+    budget.pay(MotionResult(False, WheelSpeeds(0.0, 0.0), 0.0, 0.0, 0.1))
+    assert budget.fault is StopReason.TOPPLED
+    assert not budget.left
 
 
 @pytest.mark.slow

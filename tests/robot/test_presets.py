@@ -7,6 +7,7 @@ import pytest
 
 from anm_mj.config import make_config
 from anm_mj.errors import RobotError
+from anm_mj.robot import presets
 from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.presets import preset_config, robot_path, robot_presets
 from tests.robots import ROVER_XML
@@ -68,6 +69,37 @@ def test_with_the_package(monkeypatch):
         robot_path("arm_description")
     # Like a failed download: the module cannot be imported.
     with pytest.raises(RobotError, match=r"could not fetch stretch_3_mj_description .* check the network, or download"):
+        robot_path("stretch3")
+
+
+@pytest.mark.parametrize(
+    ("said", "reason"),
+    [
+        (
+            "Cmd('git') failed due to: exit code(128)\n  cmdline: git clone -v -- https://git.example/r.git\n  stderr: "
+            "'Cloning into '/x'...\nfatal: unable to access 'https://git.example/r.git/': Could not resolve host: "
+            "git.example\n'",
+            "git.example cannot be reached",
+        ),
+        ("exit code(128) stderr: 'Cloning into...\nfatal: repository not found\n'", "repository not found"),
+        ("x" * 300, "OSError of its download"),
+    ],
+)
+def test_a_failed_download_is_one_clear_sentence(monkeypatch, said, reason):
+    package = types.ModuleType("robot_descriptions")
+    package.DESCRIPTIONS = {"stretch_3_mj_description": None}
+    monkeypatch.setitem(sys.modules, "robot_descriptions", package)
+    monkeypatch.delenv("ANM_MJ_ROBOTS", raising=False)
+
+    def fail(name):
+        if name == "robot_descriptions":
+            return package
+        raise OSError(said)
+
+    monkeypatch.setattr(presets.importlib, "import_module", fail)
+    with pytest.raises(
+        RobotError, match=rf"could not fetch stretch_3_mj_description \({reason}\); check the network, or"
+    ):
         robot_path("stretch3")
 
 

@@ -6,6 +6,7 @@ Nothing is downloaded from here; where the data set's own package is installed, 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import logging
 import os
 import re
@@ -44,6 +45,8 @@ class NamedSource:
     licence: str
     groups: tuple[int, ...] | None = None
     """Geom groups that are drawn, where the set does not follow MuJoCo's habit."""
+    folders: tuple[Path, ...] = ()
+    """Where an MJCF file of the set may name files."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class _DataSet:
     """Patterns below its folder that a name may stand for, the best first."""
     help: str
     groups: tuple[int, ...] | None = None
+    packages: tuple[str, ...] = ()
+    """Packages whose files its scenes name."""
 
 
 def _molmospaces_files(name: str) -> list[str]:
@@ -94,6 +99,7 @@ _SETS = {
         _ROBOCASA_HELP,
         # Group 0 holds what collides.
         (1, 2),
+        ("robocasa", "robosuite"),
     ),
     "replicacad": _DataSet(
         "ReplicaCAD",
@@ -132,7 +138,8 @@ def find_named(src: str | Path, root: Path | None = None) -> NamedSource:
         where = ", ".join(map(str, folders)) or "no folder given"
         raise SceneError(f"{data.title} has no scene {name!r} here ({where}): {data.help}.")
     _logger.info("%s is %s", src, found)
-    return NamedSource(found, data.source_format, f"{data.title}, {name}", data.licence, data.groups)
+    own = (*folders, *_package_folders(data.packages)) if data.source_format == "mjcf" else ()
+    return NamedSource(found, data.source_format, f"{data.title}, {name}", data.licence, data.groups, own)
 
 
 _EXAMPLES = {
@@ -147,6 +154,18 @@ def _folders(data: _DataSet) -> list[Path]:
     stated = [Path(os.environ[variable]).expanduser() for variable in data.variables if os.environ.get(variable)]
     usual = [Path(folder).expanduser() for folder in data.usual]
     return [folder for folder in (*stated, *usual) if folder.is_dir()]
+
+
+def _package_folders(names: Sequence[str]) -> list[Path]:
+    """Where packages are installed, of those that are."""
+    found = []
+    for name in names:
+        try:
+            spec = importlib.util.find_spec(name)
+        except ValueError:  # A module made by hand.
+            continue
+        found += [Path(place) for place in (spec and spec.submodule_search_locations) or ()]
+    return found
 
 
 def _first(folders: Sequence[Path], patterns: Sequence[str]) -> Path | None:

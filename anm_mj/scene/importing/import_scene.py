@@ -62,7 +62,7 @@ def import_scene(
         name: Name of the scene; the name of ``out`` by default.
         licence: Licence of the source; by default the data set's, or "unknown".
         source: Where the source came from; by default the data set and the file.
-        model_paths: Folders that hold models which the source refers to.
+        model_paths: Folders that hold models, or files of a MuJoCo world, which the source refers to.
         furniture: False to leave the rooms of a floor plan empty.
         only: Patterns of names of parts; if there are any, only parts that match one are imported.
         leave_out: Patterns of names of parts that are not imported.
@@ -91,6 +91,7 @@ def import_scene(
         src, source_format = named.path, named.source_format
         source, licence = source or named.source, licence or named.licence
         groups = named.groups if groups is None else groups
+        model_paths = (*model_paths, *named.folders)
     elif root is not None:
         raise SceneError(f"{src} is no name of a data set's scene: leave --root out.")
     if source_format == "floorplan" or (source_format == "auto" and is_floorplan(src)):

@@ -10,7 +10,9 @@ from pathlib import Path
 from anm_mj.scene.folder import TOML, XML, Scene, read_scene_folder
 from anm_mj.scene.importing.datasets import find_named, is_name
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers.mjcf.model import is_mjcf
 from anm_mj.utils.files import cache_folder
+from anm_mj.utils.read_mjcf import named_files
 
 _logger = logging.getLogger(__name__)
 
@@ -49,7 +51,7 @@ def _import(given: str, path: Path, out: Path) -> Scene:
 
 
 def _state_of(path: Path) -> str:
-    """A word for a file, its size and age, and those of the files beside and below it."""
+    """A word for a file, its size and age, and those of the files that it names and of those beside and below it."""
     digest = hashlib.sha256(str(path.resolve()).encode())
     files = [path]
     for parent, below, names in os.walk(path.parent):
@@ -57,6 +59,9 @@ def _state_of(path: Path) -> str:
         files += [Path(parent) / name for name in sorted(names)]
         if len(files) > _MAX_FILES:
             break
+    if is_mjcf(path):
+        # An MJCF file names others that lie above it, too.
+        files = [*named_files(path), *files]
     for file in files[:_MAX_FILES]:
         try:
             stat = file.stat()

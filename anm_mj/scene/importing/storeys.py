@@ -51,6 +51,8 @@ def find_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Storey]:
         if level.walkable_m2 >= max(_SHARE * most, 1.0) and all(abs(level.z_m - own.z_m) > _APART_M for own in found):
             found.append(level)
     found = sorted((level for level in found if _has_walls(triangles_m, level.z_m)), key=lambda level: level.z_m)
+    if not found:
+        return []
     tops = [_top_below(triangles_m, upper.z_m) for upper in found[1:]] + [float("inf")]
     return [
         Storey(level.z_m, level.walkable_m2, level.z_m - _BELOW_M, top) for level, top in zip(found, tops, strict=True)

@@ -13,6 +13,7 @@ from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mjcf.read import read_mjcf
+from anm_mj.scene.importing.storeys import find_storeys
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear
 from anm_mj.types import Pose2
 from tests.scene.importing.mjcf.compare import agreement, eyes_in
@@ -42,6 +43,9 @@ def room_xml(half: float = 3.0, height: float = 2.5) -> str:
         f'<geom name="wall_{i}" type="box" pos="{x} {y} {height / 2}" size="{a} {b} {height / 2}"/>'
         for i, (x, y, a, b) in enumerate(walls)
     )
+
+
+ROOM_WALLS = room_xml().partition("/>")[2]
 
 
 def test_every_kind_of_geom_has_the_depth_that_mujoco_draws(house):
@@ -145,6 +149,57 @@ def test_endless_and_wide_grounds_are_cut_to_the_building(tmp_path):
     thing = '<geom type="plane" size="0 0 1"/><geom type="box" size="0.2 0.2 0.5" pos="1 0 0.5"/>'
     scene = import_scene(write_world(tmp_path / "c.xml", thing), tmp_path / "c")
     assert np.allclose(scene.bounds_m[:, :2], [[-3, -4], [5, 4]], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("half", "at", "more"),
+    [
+        # A plane that ends, with more room outside of the house than inside.
+        (5.0, "0 0 0", ""),
+        # Walls that stand within the corners of others, and a front door.
+        (0.0, "0 0 0", '<geom type="box" pos="2.6 -3.5 1.2" size="0.05 0.6 1.2"/>'),
+        # A storey of its own height, far away, and one on a plinth above the ground.
+        (0.0, "2000 -3000 12", ""),
+        (0.0, "0 0 0.8", '<geom type="box" size="2.9 2.9 0.1" pos="0 0 -0.1"/>'),
+    ],
+)
+def test_the_robot_starts_in_the_house_and_not_on_the_ground_around_it(tmp_path, half, at, more):
+    house = f'<frame pos="{at}">{ROOM_WALLS}{more}</frame>'
+    height = 12.0 if at.endswith("12") else 0.0
+    ground = f'<geom type="plane" size="{half} {half} 1" pos="0 0 {height}"/>'
+    scene = import_scene(write_world(tmp_path / "src" / "world.xml", ground + house), tmp_path / "out")
+    start = scene.starts[0]
+    assert max(abs(start.x_m), abs(start.y_m)) < 2.9
+
+
+def test_planes_that_stand_upright_are_walls(tmp_path):
+    sides = (("3 0 1.25", "-1 0 0"), ("-3 0 1.25", "1 0 0"), ("0 3 1.25", "0 -1 0"), ("0 -3 1.25", "0 1 0"))
+    walls = "".join(f'<geom type="plane" size="3 3 1" pos="{at}" zaxis="{normal}"/>' for at, normal in sides)
+    src = write_world(tmp_path / "src" / "world.xml", '<geom type="plane" size="0 0 1"/>' + walls)
+    scene = import_scene(src, tmp_path / "out")
+    assert np.allclose(np.ptp(scene.bounds_m, axis=0)[:2], 6.0, atol=0.02)
+    assert max(abs(scene.starts[0].x_m), abs(scene.starts[0].y_m)) < 2.9
+
+
+def test_the_ground_is_level_whatever_axis_points_up(tmp_path):
+    body = f'<frame euler="-90 0 0"><geom type="plane" size="0 0 1"/>{ROOM_WALLS}</frame>'
+    src = write_world(tmp_path / "src" / "world.xml", body, '<option gravity="0 -9.81 0"/>')
+    size = np.ptp(import_scene(src, tmp_path / "out").bounds_m, axis=0)
+    assert np.allclose(size, (6.1, 6.1, 2.5), atol=0.02)
+
+
+def test_a_terrain_without_walls_has_no_storeys(tmp_path):
+    rows, cols = np.indices((30, 30))
+    terraces = (np.hypot(rows - 15, cols - 15) // 5).astype(int).ravel()
+    heights = " ".join(map(str, terraces))
+    more = f'<asset><hfield name="t" nrow="30" ncol="30" size="9 9 6 1" elevation="{heights}"/></asset>'
+    src = write_world(tmp_path / "src" / "world.xml", '<geom type="hfield" hfield="t"/>', more)
+    scene = import_scene(src, tmp_path / "out")
+    assert scene.num_triangles > 1000
+    level = np.array([[[0, 0, 0], [20, 0, 0], [20, 20, 0]], [[0, 0, 0], [20, 20, 0], [0, 20, 0]]], dtype=float)
+    assert find_storeys(level) == []
+    # The level underside, a metre below, is no floor.
+    assert tomllib.loads((scene.folder / "scene.toml").read_text())["floor_removed"] > -0.05
 
 
 def test_a_wide_box_is_a_ground_and_keeps_its_texture_where_it_is_cut(tmp_path):

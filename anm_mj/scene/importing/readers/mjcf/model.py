@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from anm_mj.errors import SceneError
-from anm_mj.utils.read_mjcf import read_spec
+from anm_mj.utils.read_mjcf import OutsideError, read_spec
 
 if TYPE_CHECKING:
     import mujoco
@@ -59,11 +59,16 @@ def quiet() -> Iterator[None]:
         mujoco.set_mju_user_warning(None)
 
 
-def compiled(src: Path) -> mujoco.MjModel:
+def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
     """The model in a file.
 
+    Args:
+        src: The file.
+        folders: Where files that it names may lie, beside its own folder and those above.
+
     Raises:
-        SceneError: if the file is no MJCF, or it or what it includes is missing or damaged.
+        SceneError: if the file is no MJCF, it or what it includes is missing or damaged, or it names files from
+            elsewhere.
     """
     import mujoco
 
@@ -75,7 +80,9 @@ def compiled(src: Path) -> mujoco.MjModel:
         raise SceneError(f"{src} is no MuJoCo model: it begins with <{root_tag(src)}>, not <mujoco>.")
     try:
         with quiet():
-            return read_spec(src, mujoco.MjSpec.from_file).compile()
+            return read_spec(src, mujoco.MjSpec.from_file, others=folders, option="--model-path").compile()
+    except OutsideError as err:
+        raise SceneError(f"{src} is not read: {err}.") from err
     except (ValueError, RuntimeError, OSError, mujoco.FatalError) as err:
         said = " ".join(str(err).split()).rstrip(".")
         raise SceneError(

@@ -17,7 +17,14 @@ from jaxtyping import Bool, Float64
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mjcf.bodies import joints_of, part_names, robot_bodies
-from anm_mj.scene.importing.readers.mjcf.ground import cut_height_field, cut_plane, cut_slab, ground_box, is_wide_slab
+from anm_mj.scene.importing.readers.mjcf.ground import (
+    cut_height_field,
+    cut_plane,
+    cut_slab,
+    ground_box,
+    is_wide_slab,
+    surrounds,
+)
 from anm_mj.scene.importing.readers.mjcf.looks import Looks, geom_rgba
 from anm_mj.scene.importing.readers.mjcf.model import compiled, initial_state, up_axis
 from anm_mj.scene.importing.readers.mjcf.movables import free_bodies, movable_of
@@ -30,6 +37,10 @@ if TYPE_CHECKING:
 
 DRAWN_GROUPS = (0, 1, 2)
 """Geom groups that MuJoCo draws unless told otherwise."""
+
+_AXES = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}
+_UPRIGHT = 0.1
+"""Sine of the angle by which a wall may lean."""
 
 _ROBOT = "Left out, because actuators drive them: the robots {names}."
 _OTHERS = "Left out: {names}."
@@ -51,7 +62,7 @@ def read_mjcf(
 
     Args:
         src: The file.
-        model_paths: Of no meaning here: MJCF names its files.
+        model_paths: Folders where files that it names may lie, beside its own folder and those above.
         report: Gets what is left out.
         settle: Let all bodies drop until they rest.
         movable: Keep free bodies movable.
@@ -60,8 +71,7 @@ def read_mjcf(
     Raises:
         SceneError: if the file cannot be compiled, or nothing in it is drawn.
     """
-    del model_paths
-    model = compiled(src)
+    model = compiled(src, model_paths)
     data = initial_state(model, settle)
     reader = _Reader(model, data, groups)
     _report_left_out(model, reader.names, reader.robots, report)
@@ -106,10 +116,16 @@ class _Reader:
         self.drawn: Bool[np.ndarray, " g"] = kept & np.isin(model.geom_group, list(groups)) & (opacity > 0.0)
         self.solid: Bool[np.ndarray, " g"] = kept & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         kinds = mujoco.mjtGeom
-        self._is_plane = model.geom_type == kinds.mjGEOM_PLANE
+        # Axes of the world with the one that points up as the last.
+        self._axes = _AXES[up_axis(model)]
+        # Planes that stand upright, and end, are walls.
+        normal_up = data.geom_xmat.reshape(-1, 3, 3)[:, self._axes[2], 2]
+        is_wall = (model.geom_size[:, :2] > 0.0).all(axis=1) & (np.abs(normal_up) < _UPRIGHT)
+        self._is_plane: Bool[np.ndarray, " g"] = (model.geom_type == kinds.mjGEOM_PLANE) & ~is_wall
         self._is_field = model.geom_type == kinds.mjGEOM_HFIELD
         is_box = model.geom_type == kinds.mjGEOM_BOX
-        wide = [is_wide_slab(model.geom_size[geom], self._placement(geom)[0]) for geom in range(model.ngeom)]
+        turned = [self._placement(geom)[0][self._axes] for geom in range(model.ngeom)]
+        wide = [is_wide_slab(half, rotation) for half, rotation in zip(model.geom_size, turned, strict=True)]
         self._is_slab: Bool[np.ndarray, " g"] = is_box & np.array(wide, dtype=bool)
         self.solid_walls = self.solid & ~self._is_plane & ~self._is_field & ~self._is_slab
         """What collides and is no ground."""
@@ -142,14 +158,17 @@ class _Reader:
         standing = {geom: self._in_world(geom, shape) for geom, shape in shapes.items()}
         points = np.concatenate([*standing.values(), np.zeros((0, 3))])
         obstacles = [standing[geom][shapes[geom].faces] for geom in shapes if self.solid[geom]]
-        box = ground_box(points, np.concatenate([*obstacles, np.zeros((0, 3, 3))]))
+        solid = np.concatenate([*obstacles, np.zeros((0, 3, 3))])
+        upright, enclosed = ground_box(points[:, self._axes], solid[:, :, self._axes])
+        box = upright[:, np.argsort(self._axes)]
         for geom in grounds:
             rotation, position = self._placement(geom)
             if geom in fields:
                 cut = cut_height_field(fields[geom], rotation, position, box)
             else:
                 half = np.asarray(self._model.geom_size[geom, :2], dtype=np.float64)
-                cut = cut_plane(half, rotation, position, box)
+                around = enclosed and surrounds(half, float(rotation[self._axes[2], 2]), upright)
+                cut = cut_plane(half, rotation, position, box, around)
             if cut is not None:
                 shapes[geom] = cut
         for geom, shape in slabs.items():

@@ -31,7 +31,7 @@ class Shape:
 
 
 def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
-    """The triangles of a geom; None for a plane, which has no triangles before it is cut, and for no geom's type."""
+    """The triangles of a geom; None for an endless plane, which has none before it is cut, and for no geom's type."""
     import mujoco
 
     kinds = mujoco.mjtGeom
@@ -41,6 +41,8 @@ def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
         return _mesh(model, int(model.geom_dataid[geom]))
     if kind == kinds.mjGEOM_HFIELD:
         return _height_field(model, int(model.geom_dataid[geom]))
+    if kind == kinds.mjGEOM_PLANE:
+        return rectangle(-size[:2], size[:2]) if size[:2].all() else None
     if kind == kinds.mjGEOM_BOX:
         return _unit_box().scaled(size)
     if kind == kinds.mjGEOM_SPHERE:
@@ -52,6 +54,13 @@ def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
     if kind == kinds.mjGEOM_CAPSULE:
         return _capsule(slices, stacks, float(size[0]), float(size[1]))
     return None
+
+
+def rectangle(low_m: Float64[np.ndarray, "2"], high_m: Float64[np.ndarray, "2"]) -> Shape:
+    """A rectangle in the plane z = 0, facing along z."""
+    (a, c), (b, d) = low_m, high_m
+    vertices = np.array([[a, c, 0.0], [b, c, 0.0], [b, d, 0.0], [a, d, 0.0]])
+    return Shape(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices)
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> Shape | None:
