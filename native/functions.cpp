@@ -6,6 +6,7 @@
 #include "nearest.h"
 #include "pixels.h"
 #include "thread_pool.h"
+#include "triangles.h"
 
 namespace {
 
@@ -79,6 +80,23 @@ nb::tuple ray_batches(InFlags pixels, In cameras, Table place, Table keyframe, f
     return nb::make_tuple(to_origin, to_direction, to_rgb, to_depth);
 }
 
+// Calls `work(begin, count)` for parts of many places, several at a time.
+template <class Work>
+void in_parts(int num_threads, std::int64_t count, const Work& work) {
+    struct Call {
+        const Work& work;
+        std::int64_t count;
+    };
+    Call call{work, count};
+    const auto part = [](void* arg, int task, int) {
+        const Call& of = *static_cast<const Call*>(arg);
+        const std::int64_t begin = task * kPlacesPerTask;
+        of.work(begin, std::min(of.count - begin, kPlacesPerTask));
+    };
+    const auto tasks = static_cast<int>((count + kPlacesPerTask - 1) / kPlacesPerTask);
+    anm::thread_pool().run(num_threads, tasks, part, &call);
+}
+
 // Lowers the distance of each place to that of the nearest point; see nearest.h.
 void lower_distances(Array<const double, 2> points, Array<const double, 2> places, Array<double, 1> distance,
                      int num_threads) {
@@ -87,21 +105,26 @@ void lower_distances(Array<const double, 2> points, Array<const double, 2> place
     require(places.shape(0) == distance.size(), "each place has a distance");
     require(num_threads >= 1, "at least one thread is needed");
     nb::gil_scoped_release release;
-    struct Call {
-        const anm::PointTree tree;
-        const double* places;
-        double* distance;
-        std::int64_t count;
-    };
-    const Call call{{points.data(), static_cast<std::int64_t>(points.shape(0))}, places.data(), distance.data(),
-                    static_cast<std::int64_t>(distance.size())};
-    const auto search = [](void* arg, int task, int) {
-        const Call& of = *static_cast<const Call*>(arg);
-        const std::int64_t begin = task * kPlacesPerTask;
-        of.tree.lower(of.places + 3 * begin, of.distance + begin, std::min(of.count - begin, kPlacesPerTask));
-    };
-    const auto tasks = static_cast<int>((call.count + kPlacesPerTask - 1) / kPlacesPerTask);
-    anm::thread_pool().run(num_threads, tasks, search, const_cast<Call*>(&call));
+    const anm::PointTree tree(points.data(), static_cast<std::int64_t>(points.shape(0)));
+    in_parts(num_threads, static_cast<std::int64_t>(distance.size()), [&](std::int64_t begin, std::int64_t count) {
+        tree.lower(places.data() + 3 * begin, distance.data() + begin, count);
+    });
+}
+
+// Distance of each place to the nearest triangle; see triangles.h.
+void triangle_distances(Array<const double, 3> triangles, Array<const double, 2> places, Array<double, 1> distance,
+                        int num_threads) {
+    require(triangles.shape(1) == 3 && triangles.shape(2) == 3 && places.shape(1) == 3,
+            "a triangle has three corners, and a point three coordinates");
+    require(triangles.shape(0) > 0, "a surface is needed");
+    require(triangles.shape(0) < std::size_t{1} << 31, "these are too many triangles");
+    require(places.shape(0) == distance.size(), "each place has a distance");
+    require(num_threads >= 1, "at least one thread is needed");
+    nb::gil_scoped_release release;
+    const anm::TriangleTree tree(triangles.data(), static_cast<std::int64_t>(triangles.shape(0)));
+    in_parts(num_threads, static_cast<std::int64_t>(distance.size()), [&](std::int64_t begin, std::int64_t count) {
+        tree.distances(places.data() + 3 * begin, distance.data() + begin, count);
+    });
 }
 
 nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
@@ -123,6 +146,7 @@ void bind_functions(nb::module_& m) {
     m.def("ray_batches", &ray_batches, "pixels"_a, "cameras"_a, "place"_a, "keyframe"_a, "depth_unit"_a, "origin"_a,
           "direction"_a, "rgb"_a, "depth"_a);
     m.def("lower_distances", &lower_distances, "points"_a, "places"_a, "distance"_a, "num_threads"_a);
+    m.def("triangle_distances", &triangle_distances, "triangles"_a, "places"_a, "distance"_a, "num_threads"_a);
     m.def("lend_cores", [](int cores) { anm::thread_pool().lend(cores); }, "cores"_a);
     m.def("roofline", &roofline, "table_bytes"_a, "kernel"_a);
 }

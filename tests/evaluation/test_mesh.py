@@ -4,7 +4,8 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.evaluation.ground_truth import GroundTruth, sample_triangles
-from anm_mj.evaluation.mesh import mesh_quality, surface_distance, triangle_distance_squared
+from anm_mj.evaluation.mesh import mesh_quality
+from anm_mj.evaluation.surface_distance import triangle_distance_squared
 
 
 def plate(x_m: float, y_m: float, z_m: float, cells: int = 1) -> trimesh.Trimesh:
@@ -49,31 +50,6 @@ def test_half_a_mesh_is_accurate_but_not_complete():
     # Within 5 cm: 2.05 of 4 m. Mean distance: 0 over one half, 0 to 2 m over the other.
     assert found.completion_ratio_percent == pytest.approx(51.25, abs=2.0)
     assert found.completion_cm == pytest.approx(50.0, rel=0.05)
-
-
-def test_triangle_distance_agrees_with_an_independent_implementation():
-    rng = np.random.default_rng(3)
-    triangles, points = rng.normal(size=(500, 3, 3)), rng.normal(size=(500, 3)) * 2.0
-    nearest = trimesh.triangles.closest_point(triangles, points)
-    expected = np.sum((nearest - points) ** 2, axis=1)
-    assert triangle_distance_squared(points, triangles) == pytest.approx(expected, rel=1e-9, abs=1e-12)
-
-
-def test_triangles_without_area_are_edges_or_points():
-    line = np.array([[[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]])
-    point = np.zeros((1, 3, 3))
-    assert triangle_distance_squared(np.array([[1.5, 2.0, 0.0]]), line) == pytest.approx([4.0])
-    assert triangle_distance_squared(np.array([[0.0, 3.0, 4.0]]), point) == pytest.approx([25.0])
-
-
-def test_surface_distance_agrees_with_a_search_of_all_triangles():
-    mesh = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
-    points = np.random.default_rng(0).uniform(-1.3, 1.3, (300, 3))
-    corners = np.asarray(mesh.triangles)
-    everywhere = np.array([triangle_distance_squared(np.tile(p, (len(corners), 1)), corners).min() for p in points])
-    found = surface_distance(points, np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    assert found == pytest.approx(np.sqrt(everywhere), abs=2e-3)
-    assert np.all(found >= np.sqrt(everywhere) - 1e-12)
 
 
 def test_a_mesh_without_area_is_refused():
