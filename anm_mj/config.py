@@ -293,6 +293,9 @@ def _hint(config: RunConfig, name: str) -> str:
     if any(full.startswith(f"{name}.") for full in names):
         return f"; there are {', '.join(full for full in names if full.startswith(f'{name}.'))}."
     leaf = {full: full.rpartition(".")[2] for full in names}
+    # One wrong letter in the group, and the rest right: nothing else was meant.
+    if whole := difflib.get_close_matches(name, names, n=1, cutoff=0.9):
+        return f"; did you mean {whole[0]}?"
     close = difflib.get_close_matches(name.rpartition(".")[2], set(leaf.values()), n=3)
     found = [full for one in close for full in names if leaf[full] == one]
     if found:

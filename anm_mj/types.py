@@ -106,7 +106,9 @@ class Pose2:
     """Where the robot's base stands, in the world."""
 
     x_m: float
+    """World x [m]."""
     y_m: float
+    """World y [m]."""
     yaw_rad: float
     """Counter-clockwise from world x, in (-pi, pi]."""
 
@@ -121,6 +123,7 @@ class Footprint:
     """The space a robot sweeps: an upright cylinder about its base."""
 
     radius_m: float
+    """Of the cylinder [m]."""
     z_min_m: float
     """Lower obstacles do not matter [m]: the robot drives over them."""
     z_max_m: float
@@ -136,12 +139,15 @@ class Observation:
     time_s: float
     """Simulated time [s]."""
     rgb: UInt8[np.ndarray, "h w 3"]
+    """Colour, row 0 at the top."""
     depth_m: Float32[np.ndarray, "h w"]
     """Planar z [m]; +inf where the sensor looked farther than its range, NaN where it measured nothing."""
     intrinsics: Intrinsics
+    """Of colour and depth."""
     T_world_camera: Float[np.ndarray, "4 4"]
     """Camera to world; camera axes x right, y down, z forward."""
     pose: Pose2
+    """Where the base stands, as the robot believes it."""
     range_m: float = math.inf
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
 
@@ -224,6 +230,7 @@ class VoxelGrid:
     origin_m: Float[np.ndarray, "3"]
     """World x, y, z of the outer corner of cell [0, 0, 0]."""
     resolution_m: float
+    """Edge of a voxel [m]."""
     version: int = 0
     """Grows with every change."""
     column_version: Int[np.ndarray, "block_rows block_cols"] | None = None
@@ -261,6 +268,7 @@ class SurfacePoints:
     """Points on the zero-crossing of the SDF, with normals and uncertainty."""
 
     xyz_m: Float32[np.ndarray, "n 3"]
+    """World x, y, z [m]."""
     normal: Float32[np.ndarray, "n 3"]
     """Unit normals in the world, pointing into free space."""
     uncertainty: Float32[np.ndarray, " n"]
@@ -332,6 +340,7 @@ class TopDownMap:
     state: Int8[np.ndarray, "rows cols"]
     """FREE, OCCUPIED or UNKNOWN over the robot's body heights."""
     resolution_m: float
+    """Edge of a cell [m]."""
     origin_xy_m: Float[np.ndarray, "2"]
     """World x, y of the outer corner of cell [0, 0]."""
     surface_xy_m: Float[np.ndarray, "s 2"] = field(default_factory=lambda: np.zeros((0, 2)))
@@ -345,11 +354,13 @@ class VoronoiGraph:
     """The generalized Voronoi graph of the free plane: its vertices and the safe edges between them."""
 
     vertex_xy_m: Float[np.ndarray, "n 2"]
+    """World x, y of each vertex [m]."""
     clearance_m: Float[np.ndarray, " n"]
     """Distance of each vertex to the nearest obstacle [m]."""
     edges: Int[np.ndarray, "e 2"]
     """Vertex indices; each undirected edge once."""
     edge_length_m: Float[np.ndarray, " e"]
+    """Length of each edge [m]."""
 
     @property
     def degree(self) -> Int[np.ndarray, " n"]:
@@ -410,12 +421,17 @@ class Plan:
     valid_steps: int = 0
     """The policy decides anew after this many steps, even before the robot reaches the target; 0 = not before."""
     stop: StopReason | None = None
+    """Ends the run for this reason; None: go on."""
     unexplored: tuple[UnexploredPatch, ...] = ()
     """With a stop: the unexplored patches, largest first."""
     candidates: tuple[Candidate, ...] = ()
+    """The places that were considered, for the log of plans."""
     topdown: TopDownMap | None = None
+    """The top-down map decided on, for log, replay and film; None where the policy has none."""
     graph: VoronoiGraph | None = None
+    """The Voronoi graph decided on, likewise."""
     regions: tuple[Region, ...] = ()
+    """The regions of interest, likewise."""
     stage_ms: dict[str, float] = field(default_factory=dict)
     """Wall milliseconds per planning stage."""
 

@@ -22,8 +22,10 @@ from anm_mj.cli.main import make_parser
 from anm_mj.config import make_config
 from anm_mj.environments.config import ExploreConfig
 from anm_mj.evaluation.metrics import Metrics, RunSummary
+from anm_mj.planning.paths import ShortestPathTree
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import POLICIES, policy_class
+from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.types import (
     Footprint,
@@ -120,7 +122,10 @@ def reference() -> str:
     parts.append("## Options of an environment\n\n" + _table(rows))
     parts.append("## What a policy is given, and what it returns\n")
     parts += [_section(f"`{one.__name__}`", _summary(one), _plain(one)) for one in (PolicyContext, Plan, Observation)]
-    parts += [_section(f"`{one.__name__}`", _summary(one), _methods(one)) for one in (Policy, Mapper)]
+    parts += [_section(f"`{one.__name__}`", _summary(one), _methods(one)) for one in (Policy, Mapper, Stages)]
+    rows = _plain(ShortestPathTree) + _methods(ShortestPathTree)
+    parts.append(_section("`PlanningState`", _summary(PlanningState), _plain(PlanningState)))
+    parts.append(_section("`ShortestPathTree`", _summary(ShortestPathTree), rows))
     others = (Footprint, Intrinsics, Pose2, VoxelGrid, SurfacePoints, TopDownMap, VoronoiGraph)
     parts += [_section(f"`{one.__name__}`", _summary(one), _plain(one)) for one in others]
     return "\n".join(parts)
@@ -163,11 +168,17 @@ def _methods(protocol: type) -> list[tuple[str, str, str]]:
     """Name, signature and meaning of every method and property of a protocol."""
     rows = []
     for node in _class_node(protocol).body:
-        if isinstance(node, ast.FunctionDef):
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
             arguments = ast.unparse(node.args).removeprefix("self, ").removeprefix("self")
             call = "" if node.decorator_list else f"({arguments})"
             result = f" -> {ast.unparse(node.returns)}" if node.returns else ""
-            rows.append((f"`{node.name}`", f"`{_type_name(call + result)}`", _flat(ast.get_docstring(node) or "")))
+            rows.append(
+                (
+                    f"`{node.name}`",
+                    f"`{_type_name(call + result)}`",
+                    _flat((ast.get_docstring(node) or "").partition("\n\nArgs:")[0]),
+                )
+            )
     return rows
 
 

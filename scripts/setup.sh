@@ -118,8 +118,14 @@ install_with_pip() {
 }
 
 install_packages() {
-    say "installing $(grep -c '^[a-z].*==' requirements.txt) pinned packages (the first time: 3 GB to download, 7 GB on disk;"
-    say "without an NVIDIA GPU, UV_TORCH_BACKEND=cpu make setup saves most of both)"
+    local count
+    count=$(grep -c '^[a-z].*==' requirements.txt)
+    if [ -n "$torch_backend" ]; then
+        say "installing $count pinned packages, torch for '$torch_backend'"
+    else
+        say "installing $count pinned packages (the first time: 3 GB to download, 7 GB on disk;"
+        say "without an NVIDIA GPU, UV_TORCH_BACKEND=cpu make setup saves most of both)"
+    fi
     install_with_uv 3>&1 >>"$log" 2>&1 && return
     say "uv did not get through, going on with pip (some minutes)"
     install_with_pip >>"$log" 2>&1 || fail "packages could not be installed: $(grep -i error "$log" | tail -n 1) (all of it: $log)"

@@ -64,6 +64,7 @@ def test_a_former_name_of_a_setting_is_accepted(policy, former, present):
         ("planning.margin=0.1", "did you mean planning.margin_m"),
         ("tour_depht=3", "did you mean policy.tour_depth"),
         ("margin_m=0.1", "did you mean planning.margin_m"),
+        ("planing.margin_m=0.1", "did you mean planning.margin_m?"),
         ("planning.xyz=1", "there are planning.geometry, planning.margin_m, planning.sdf"),
         ("planning=1", "no such setting"),
         ("policy_settings=1", "no such setting"),

@@ -13,7 +13,7 @@ from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
 from anm_mj.evaluation.oracle.planner import TourPlanner
 from anm_mj.io.read_run import read_json
 from anm_mj.run import make_parts
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import write_text
 
 _SHARED = ("scene_hash", "start_pose", "robot", "drive", "pose", "sensor")
 """What a run must share with the oracle's for its poses to be worth a try."""
@@ -54,5 +54,4 @@ def write_bound(config: RunConfig, path: Path) -> None:
     lines = [
         f"{step},{float(bound[step])!r}" for step in sorted({*range(0, len(bound), CHECKPOINT_STEPS), len(bound) - 1})
     ]
-    with atomic_write(path) as partial:
-        partial.write_text("step,observable_ratio\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "step,observable_ratio\n" + "\n".join(lines) + "\n")

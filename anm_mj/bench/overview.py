@@ -61,6 +61,8 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]", ylim=(0, 102))
     right.set(xlim=(1.0, LARGEST_FACTOR))
     right.set_title(f"performance profile: runs that reach {LEVEL:.0f} % within so many times the fewest", fontsize=9)
+    if not np.isfinite(list(fewest.values())).any():
+        right.text(0.5, 0.5, f"no run reaches {LEVEL:.0f} %", transform=right.transAxes, ha="center", color="dimgray")
     for axes in (left, right):
         axes.grid(alpha=0.3)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=8)

@@ -16,7 +16,7 @@ from markdown_it import MarkdownIt
 
 from anm_mj.bench.result import variant
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import write_text
 
 PAGE, CARD, BADGE = "report.html", "data_card.md", "badge.svg"
 _STYLE = """
@@ -26,7 +26,9 @@ th, td { padding: .2rem .6rem; border-bottom: 1px solid #ddd; white-space: nowra
 th { background: #f3f3f3; text-align: left; white-space: normal; min-width: 4.5rem; }
 td:first-child { position: sticky; left: 0; background: #fff; }
 tr:hover td { background: #f6f9fc; }
+p { overflow-x: auto; }
 img { max-width: 100%; height: auto; }
+@media (max-width: 44rem) { p img { max-width: none; width: 44rem; } }
 h2 { margin-top: 2.5rem; border-top: 1px solid #ddd; padding-top: 1rem; }
 """
 
@@ -54,12 +56,12 @@ def write_page(
     for section in sections:
         heading, _, body = section.partition("\n")
         parts += [f"<h2>{html.escape(heading)}</h2>", *map(_image, pictures.get(heading, ())), render(body)]
-    parts.append(render(card))
+    parts.append(render(f"#{card}"))  # Its title is a heading of this page.
     text = (
         f'<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n<title>{html.escape(title)}</title>\n'
         f"<style>{_STYLE}</style>\n" + "\n".join(parts) + "\n</html>\n"
     )
-    _write(out / PAGE, text)
+    write_text(out / PAGE, text)
 
 
 def _image(path: Path) -> str:
@@ -143,8 +145,3 @@ def badge_svg(label: str, value: str) -> str:
         f'<text x="7" y="14" {text}>{html.escape(label)}</text>'
         f'<text x="{left + 7}" y="14" {text}>{html.escape(value)}</text></svg>\n'
     )
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_write(path) as partial:
-        partial.write_text(text, encoding="utf-8")

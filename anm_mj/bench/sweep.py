@@ -168,6 +168,8 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
     """
     try:
         content = read_toml(path)
+    except FileNotFoundError as err:
+        raise BenchError(f"There is no file {path}; give a TOML file with scenes and policies.") from err
     except (OSError, ValueError) as err:
         raise BenchError(f"{path} cannot be read ({err}); give a TOML file with scenes and policies.") from err
     provided: dict[str, GeneratedScene | ImportedScene] = {}

@@ -35,6 +35,7 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     from rich.console import Console
 
     from anm_mj.cli.bar import progress_bar
+    from anm_mj.cli.folder_line import print_folder
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.evaluation.evaluate import completion_with_halved_intrinsics, evaluate_run
@@ -51,7 +52,8 @@ def _evaluate(parsed: argparse.Namespace) -> int:
             fixed_views = evaluate_fixed_views(parsed.run, scene=parsed.scene, on_progress=on_progress)
     with ProgressLine(console) as line:
         metrics = evaluate_run(parsed.run, line.surveying, novel_views, fixed_views)
-    print_metrics(console, metrics, parsed.run)
+    print_metrics(console, metrics)
+    print_folder(console, parsed.run)
     if parsed.halved_intrinsics:
         other = completion_with_halved_intrinsics(parsed.run)
         console.print(

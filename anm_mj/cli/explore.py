@@ -196,6 +196,7 @@ def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metr
     """
     from rich.console import Console
 
+    from anm_mj.cli.folder_line import print_folder
     from anm_mj.cli.log import log_to
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import Interrupt, ProgressLine
@@ -217,7 +218,8 @@ def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metr
     finally:
         if viewer is not None:
             viewer.close()
-    print_metrics(console, metrics, folder.path)
+    print_metrics(console, metrics)
+    print_folder(console, folder.path)
     return POLICY_FAILED if metrics.stop_reason == StopReason.POLICY_ERROR else 0
 
 

@@ -75,4 +75,5 @@ def _say(console: Console, path: Path) -> None:
         if path.is_file()
         else sum(each.stat().st_size for each in path.rglob("*") if each.is_file())
     )
-    console.print(f"Wrote {path} ({size / 1e6:.1f} MB).", highlight=False, soft_wrap=True)
+    amount = f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"
+    console.print(f"Wrote {path} ({amount}).", highlight=False, soft_wrap=True)

@@ -74,6 +74,7 @@ def add_map(commands: Any) -> None:
 
 def _map(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.bar import progress_bar
+    from anm_mj.cli.folder_line import print_folder
     from anm_mj.cli.progress import Interrupt
     from anm_mj.config import ConfigError, make_config
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
@@ -127,7 +128,7 @@ def _map(parsed: argparse.Namespace) -> int:
             stop_requested=interrupt.requested,
             on_frame=show,
         )
-    console.print(f"Run folder: {folder.path}", highlight=False, soft_wrap=True)
+    print_folder(console, folder.path)
     return 0
 
 

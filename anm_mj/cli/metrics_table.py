@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rich.console import Console
 from rich.table import Table
 
 from anm_mj.evaluation.metrics import Metrics
 
 
-def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
-    """Print the metrics of a run and where its folder lies."""
+def print_metrics(console: Console, metrics: Metrics) -> None:
+    """Print the metrics of a run."""
     table = Table(box=None, show_header=False)
     for label, value, unit in (
         ("completion ratio (< 5 cm)", metrics.completion_ratio, "%"),
@@ -35,4 +33,3 @@ def print_metrics(console: Console, metrics: Metrics, folder: Path) -> None:
             table.add_row(label, f"{value:.2f}" if isinstance(value, float) else str(value), unit)
     table.add_row("stop reason", metrics.stop_reason or "killed", "")
     console.print(table)
-    console.print(f"Run folder: {folder}", highlight=False, soft_wrap=True)

@@ -42,7 +42,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
 
     scene = load_scene(parsed.scene)
     backend = select_backend()
-    from anm_mj.sim.views import SceneViews
+    from anm_mj.sim.views import CUT_M, SceneViews
     from anm_mj.viz.scene_sheet import VIEWS, write_sheet
 
     console = Console(markup=False)
@@ -72,7 +72,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
         )
     out = parsed.out or Path(f"{scene.folder.resolve().name}_check.png")
     shown = poses[:VIEWS]
-    write_sheet(check, views.top_view(), views.top_corners_m, views.interior_views(shown), shown, out)
+    write_sheet(check, views.top_view(), views.top_corners_m, CUT_M, views.interior_views(shown), shown, out)
     console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
     for problem in check.problems:
         Console(stderr=True, markup=False).print(

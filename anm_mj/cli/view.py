@@ -36,15 +36,15 @@ def _view(parsed: argparse.Namespace) -> int:
     from anm_mj.io.write import writing
     from anm_mj.replay.page import replay_page
     from anm_mj.replay.timeline import read_timeline
-    from anm_mj.utils.files import atomic_write
+    from anm_mj.utils.files import write_text
 
     console = Console(markup=False)
     timeline = read_timeline(parsed.run)
     with progress_bar(console, "reading the run") as on_progress:
         page = replay_page(timeline, parsed.scene, on_progress)
     if parsed.export_html is not None:
-        with writing(parsed.export_html), atomic_write(parsed.export_html) as partial:
-            partial.write_text(page, encoding="utf-8")
+        with writing(parsed.export_html):
+            write_text(parsed.export_html, page)
         console.print(f"Wrote {parsed.export_html} ({len(page) / 1e6:.1f} MB).", highlight=False, soft_wrap=True)
         return 0
     _show(console, page, parsed.port, browser=not parsed.no_browser)

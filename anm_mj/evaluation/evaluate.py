@@ -39,7 +39,7 @@ from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import write_text
 
 OUR_ROBOT = "diff_drive"
 """Robot of runs whose manifest names none."""
@@ -106,8 +106,7 @@ def write_results(
 
     with writing(folder.path):
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
-        with atomic_write(folder.curve) as partial:
-            partial.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+        write_text(folder.curve, "\n".join(lines) + "\n")
         draw_curve(
             folder.curve_picture,
             np.array([row.step for row in curve.rows], dtype=np.int64),

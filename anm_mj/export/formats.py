@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import RunFolderError
+from anm_mj.utils.close_names import close_name
 
 
 @dataclass(frozen=True)
@@ -96,5 +97,7 @@ def _expanded(name: str) -> list[str]:
     if name == ALL:
         return [each for each, entry in FORMATS.items() if not entry.extra]
     if name not in FORMATS:
-        raise RunFolderError(f"There is no format '{name}'; choose from {', '.join((*FORMATS, ALL))}.")
+        raise RunFolderError(
+            f"There is no format '{name}'{close_name(name, (*FORMATS, ALL))}; choose from {', '.join((*FORMATS, ALL))}."
+        )
     return [name]

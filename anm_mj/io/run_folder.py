@@ -14,6 +14,7 @@ from typing import Any
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.to_json import write_json
+from anm_mj.utils.close_names import close_name
 
 RUNS = Path("runs")
 """Default parent of run folders, relative to the working directory."""
@@ -56,7 +57,8 @@ class RunFolder:
             RunFolderError: There is no such folder, or it contains no run.
         """
         if not os.path.isdir(path):  # Unlike Path.is_dir, never an error.
-            raise RunFolderError(f"{path} is not a folder; give the folder that a run wrote.")
+            close = close_name(str(path), _folders_beside(path))
+            raise RunFolderError(f"{path} is not a folder{close}; give the folder that a run wrote.")
         folder = cls(path)
         for needed in (folder.steps, folder.frames, folder.camera):
             if not needed.is_file():
@@ -197,6 +199,14 @@ class RunFolder:
     def depth(self, step: int) -> Path:
         """Reduced depth of the observation after ``step`` actions: 16-bit PNG [mm], 0 without a hit."""
         return self.path / "depth" / f"{step:06d}.png"
+
+
+def _folders_beside(path: Path) -> list[str]:
+    """The folders in the same place as a path."""
+    try:
+        return [str(one) for one in path.parent.iterdir() if one.is_dir()]
+    except OSError:
+        return []
 
 
 def _stem(scene_name: str, policy: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from anm_mj.io.write import writing
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import write_text
 
 
 def to_json(value: object) -> Any:
@@ -41,5 +41,5 @@ def write_json(path: Path, value: object) -> None:
     Raises:
         RunFolderError: The file cannot be written.
     """
-    with writing(path), atomic_write(path) as partial:
-        partial.write_text(json.dumps(to_json(value), indent=2) + "\n", encoding="utf-8")
+    with writing(path):
+        write_text(path, json.dumps(to_json(value), indent=2) + "\n")

@@ -43,10 +43,13 @@ class ShortestPathTree:
     connection_xy_m: dict[int, Float[np.ndarray, "k 2"]]
     """Path from the robot to each vertex that it is connected to, both ends included [m]."""
     graph: VoronoiGraph
+    """The graph that the paths lead along."""
     topdown: TopDownMap
+    """The map that they are cleared with."""
     safe_m: float
     """Least clearance of paths [m]."""
     pose: Pose2
+    """Where the robot stands, and all paths begin."""
 
     def path_to(self, vertex: int) -> Float[np.ndarray, "k 2"]:
         """Polyline from the robot to a vertex, with detours cut off; empty when there is no path [m]."""

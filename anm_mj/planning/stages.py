@@ -41,12 +41,19 @@ class PlanningState:
     """What the stages read out of the map for one decision."""
 
     pose: Pose2
+    """Where the robot stands."""
     topdown: TopDownMap
+    """The top-down map."""
     graph: VoronoiGraph
+    """The Voronoi graph; its vertices are the places to go to."""
     paths: ShortestPathTree
+    """The shortest path to every vertex of the graph."""
     regions: tuple[Region, ...]
+    """The regions of interest."""
     camera_height_m: float
+    """Height of the camera above the floor [m]."""
     watch: Stopwatch = field(default_factory=Stopwatch)
+    """What each stage took."""
     decisions: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, np.int64))
     """Vertices at which there is something to decide; read together with the regions."""
     frontier_xy_m: Float[np.ndarray, "f 2"] = field(default_factory=lambda: np.zeros((0, 2)))

@@ -16,7 +16,7 @@ from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_a
 from anm_mj.scene.raster import border_labels, clip_to_slab, distance_cells, label_components, rasterise
 from anm_mj.scene.rooms import RoomPlan, find_rooms
 from anm_mj.types import Footprint, Pose2
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import write_text
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import read_text
 
@@ -140,8 +140,7 @@ def disable_backface_culling(scene: Scene) -> bool:
         changed = re.sub(r"(?m)^cull_face\s*=\s*true\s*$", "cull_face = false", text)
         if changed == text:
             return False
-        with atomic_write(path) as partial:
-            partial.write_text(changed, encoding="utf-8")
+        write_text(path, changed)
     except (OSError, ValueError) as err:
         raise SceneError(f"{path} cannot be written ({err}): set cull_face = false in it by hand.") from err
     return True

@@ -21,7 +21,7 @@ from anm_mj.types import Pose2
 from anm_mj.utils.raycast import embree_installed
 
 EYE_HEIGHT_M = 1.25
-_CUT_M = 2.0
+CUT_M = 2.0
 """The top view omits everything above this height [m]."""
 NOTHING = (238, 240, 243)
 """Colour of the top view where nothing is; walls and floors may be white."""
@@ -63,7 +63,7 @@ class SceneViews:
         width_m = float(np.ptp(scene.bounds_m[:, :2], axis=0).max()) + 0.5
         # From so far away that floor and cut have nearly the same scale, and the picture fits the plan.
         self._height_m = 30.0 * width_m
-        fovy = math.degrees(2.0 * math.atan(width_m / 2.0 / (self._height_m - _CUT_M / 2.0)))
+        fovy = math.degrees(2.0 * math.atan(width_m / 2.0 / (self._height_m - CUT_M / 2.0)))
         x, y = scene.bounds_m[:, :2].mean(axis=0)
         self.top_corners_m = np.array([[x, y], [x, y]]) + np.array([[-0.5], [0.5]]) * width_m
         """South-west and north-east corner of the top view, world [m]."""
@@ -83,7 +83,7 @@ class SceneViews:
         """Colour image from above, cut at a height of 2 m; x to the right and y up, light where nothing is."""
         vis = self._model.vis.map
         before = vis.znear, vis.zfar
-        vis.znear, vis.zfar = self._height_m - _CUT_M, self._height_m + 10.0
+        vis.znear, vis.zfar = self._height_m - CUT_M, self._height_m + 10.0
         try:
             camera = make_camera(self._model, "above", size_px, size_px, cull_face=False, backend=self._backend)
             with closing(camera):

@@ -30,6 +30,16 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all, in UTF-8 and with line feeds as they are.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with atomic_write(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+
+
 def cache_folder(name: str = "") -> Path:
     """A folder in the user's cache (``XDG_CACHE_HOME`` or ``~/.cache``); its content may be deleted at any time."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "anm_mj" / name

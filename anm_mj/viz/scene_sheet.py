@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -38,6 +39,7 @@ def write_sheet(
     check: SceneCheck,
     above: UInt8[np.ndarray, "h w 3"],
     above_m: Float[np.ndarray, "2 2"],
+    cut_m: float,
     views: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     poses: Sequence[Pose2],
     out: Path,
@@ -48,6 +50,7 @@ def write_sheet(
         check: The findings.
         above: The scene from above, x to the right, y up.
         above_m: South-west and north-east corner of that picture, world [m].
+        cut_m: Height at which it is cut [m].
         views: From inside; the first six are shown.
         poses: Where each view was taken.
         out: The file.
@@ -65,7 +68,10 @@ def write_sheet(
     left = figure.add_subplot(grid[0, :3])
     right = figure.add_subplot(grid[0, 3:], sharex=left, sharey=left)
     left.imshow(above, extent=(above_m[0, 0], above_m[1, 0], above_m[0, 1], above_m[1, 1]))
-    left.set_title("from above, cut at 2 m", fontsize=10)
+    # Walls of solid models are hollow, and look like floor from above.
+    lines_m = list(cut_lines(*check.scene.triangles(), cut_m))
+    left.add_collection(LineCollection(lines_m, colors=DOOR, lw=0.8, rasterized=True))
+    left.set_title(f"from above, cut at {cut_m:g} m", fontsize=10)
     side_m = float(max(width_m, depth_m))
     tips_m = [
         ARROW_SHARE * side_m * np.array([np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)]) + pose.xy_m for pose in poses
@@ -83,12 +89,27 @@ def write_sheet(
     for axes in (left, right):
         axes.set(xlim=(low[0] - MARGIN_M, high[0] + MARGIN_M), ylim=(low[1] - MARGIN_M, high[1] + MARGIN_M))
         axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", facecolor=GROUND)
-    figure.legend(handles=_legend(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
+    figure.legend(handles=_legend(cut_m), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
     kind = out.suffix[1:] if out.suffix[1:] in KINDS else PICTURE
     try:
         write_figure(figure, out, kind)
     except OSError as err:
         raise SceneError(f"{out} cannot be written ({err.strerror}): choose another place with --out.") from err
+
+
+def cut_lines(
+    vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], height_m: float
+) -> Float[np.ndarray, "s 2 2"]:
+    """Where triangles cross a height: the x, y of both ends of a segment per triangle [m]."""
+    above = vertices_m[:, 2] > height_m
+    count = above[faces].sum(axis=1)
+    crossing = faces[(count == 1) | (count == 2)]
+    # The vertex that is alone on its side first; both segments that leave it cross.
+    alone = np.argmax(above[crossing] == (above[crossing].sum(axis=1) == 1)[:, None], axis=1)
+    corners = vertices_m[crossing[np.arange(len(crossing))[:, None], (alone[:, None] + np.arange(3)) % 3]].astype(float)
+    start, ends = corners[:, :1], corners[:, 1:]
+    share = (height_m - start[..., 2:]) / (ends[..., 2:] - start[..., 2:])
+    return (start + share * (ends - start))[..., :2]
 
 
 def _title(check: SceneCheck) -> str:
@@ -157,7 +178,7 @@ def _mark_view(axes: Axes, number: int, pose: Pose2, tip_m: Float[np.ndarray, "2
     axes.text(x, y, str(number), ha="center", va="center", fontsize=8, color=VIEW, weight="bold", bbox=box)
 
 
-def _legend() -> list[Line2D | Patch]:
+def _legend(cut_m: float) -> list[Line2D | Patch]:
     def mark(shape: str, colour: str, words: str) -> Line2D:
         return Line2D([], [], ls="", marker=shape, color=colour, label=words)
 
@@ -166,6 +187,7 @@ def _legend() -> list[Line2D | Patch]:
         Patch(fc=full, label="room: the robot can stand"),
         Patch(fc=pale, label="room: it cannot stand"),
         Patch(fc=CUT_OFF, label="cut off from the rooms"),
+        Line2D([], [], color=DOOR, lw=0.8, label=f"walls at {cut_m:g} m"),
         mark("o", DOOR, "door"),
         mark("X", NARROW, "door too narrow"),
         mark("D", DOOR, "start"),

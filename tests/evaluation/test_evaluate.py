@@ -81,8 +81,11 @@ def test_a_run_without_frames_has_no_completion(tmp_path):
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
-    with pytest.raises(RunFolderError, match="is not a folder"):
+    with pytest.raises(RunFolderError, match="is not a folder;"):
         evaluate_run(tmp_path / "nowhere")
+    (tmp_path / "latest").mkdir()
+    with pytest.raises(RunFolderError, match=r"did you mean .*/latest\?"):
+        evaluate_run(tmp_path / "lates")
     with pytest.raises(RunFolderError, match=r"is not the folder of a run: it has no steps\.jsonl"):
         evaluate_run(tmp_path)
 

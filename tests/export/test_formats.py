@@ -275,7 +275,7 @@ def test_what_a_run_lacks_is_one_sentence(run_folder, tmp_path, capsys):
         ("colmap", "--keep-images"),
         ("nav2", "holds no top-down map"),
         ("sdf", "the run did not end"),
-        ("gbl", "There is no format 'gbl'; choose from glb"),
+        ("gbl", "There is no format 'gbl' (did you mean glb?); choose from glb"),
     ):
         assert main(["export", str(tmp_path), "--format", name, "--out", str(tmp_path / "out")]) == 2
         assert words in " ".join(capsys.readouterr().err.split())

@@ -24,7 +24,7 @@ from anm_mj.scene.generation.shell import Surface, add_passage, add_room_shell
 from anm_mj.scene.generation.voxel_light import VOXEL_M, VoxelLighting
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import write_text
 
 _logger = logging.getLogger(__name__)
 
@@ -108,8 +108,7 @@ def write_building(
     info = replace(info, rooms=num, budget_steps=_BASE_STEPS + _STEPS_PER_ROOM * num, cull_face=True)
     scene = write_scene(submeshes, info, out, choose_starts(area, DEFAULT_FOOTPRINT))
     if moves:
-        with atomic_write(out / MOVED) as partial:
-            partial.write_text(json.dumps({"moved": [move.entry for move in moves]}, indent=1) + "\n", "utf-8")
+        write_text(out / MOVED, json.dumps({"moved": [move.entry for move in moves]}, indent=1) + "\n")
     return scene
 
 

@@ -77,7 +77,10 @@ def _storey_score(triangles_m: Float[np.ndarray, "f 3 3"]) -> float:
     A building on its side has levels too, its walls, but they are smaller than floors, and there are more of them.
     """
     storeys: list[Level] = []
-    for level in sorted(levels(triangles_m), key=lambda level: -level.walkable_m2):
+    found, top_m = levels(triangles_m), float(triangles_m[:, :, 2].max())
+    # What nothing rises above is a roof, or the outside of a wall of a building on its side.
+    inside = [level for level in found[1:] if level.z_m < top_m - _HEADROOM_M]
+    for level in sorted(found[:1] + inside, key=lambda level: -level.walkable_m2):
         if all(abs(level.z_m - taken.z_m) > _HEADROOM_M for taken in storeys):
             storeys.append(level)
     height_m = float(np.ptp(triangles_m[:, :, 2]))

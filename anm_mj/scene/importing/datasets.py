@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from anm_mj.errors import SceneError
-from anm_mj.utils.files import atomic_write, cache_folder
+from anm_mj.utils.files import cache_folder, write_text
 
 _logger = logging.getLogger(__name__)
 
@@ -230,8 +230,7 @@ def _composed(name: str) -> Path | None:
             f"The package robocasa could not compose {name} ({type(err).__name__}: {err}): {_ROBOCASA_HELP}."
         ) from err
     out.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(out) as partial:
-        partial.write_text(text)
+    write_text(out, text)
     return out
 
 

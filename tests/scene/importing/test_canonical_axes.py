@@ -23,6 +23,15 @@ def test_the_up_axis_is_found_whatever_is_usual(mesh, preferred):
     assert find_up(_triangles(to_y_up(mesh)), preferred) == "y"
 
 
+@pytest.mark.parametrize("preferred", ["y", "z"])
+def test_the_outside_of_a_wall_is_no_storey(preferred):
+    walls = [((0, 0), (7.1, 0.1)), ((0, 4), (7.1, 4.1)), ((0, 0), (0.1, 4)), ((7, 0), (7.1, 4)), ((4, 0), (4.1, 1.5))]
+    solid = [box((*low, 0.0), (*high, 2.5)) for low, high in walls]
+    house = trimesh.util.concatenate([box((0.0, 0.0, -0.1), (7.1, 4.1, 0.0)), *solid])
+    assert find_up(_triangles(house), preferred) == "z"
+    assert find_up(_triangles(to_y_up(house)), preferred) == "y"
+
+
 def test_a_cube_without_evidence_keeps_the_usual_axis():
     cube = _triangles(room(2.5, 2.5, 2.5))
     assert find_up(cube, "y") == "y"
