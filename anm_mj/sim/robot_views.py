@@ -16,6 +16,8 @@ from anm_mj.types import Footprint
 SIDES = ("from the front", "from its left", "from above")
 _FOVY_DEG = 12.0
 _RED, _BLUE = (0.85, 0.15, 0.1, 0.45), (0.1, 0.35, 0.9, 1.0)
+_NOTHING = (238, 240, 243)
+"""Colour where nothing is; as in the views of scenes."""
 
 
 def robot_views(
@@ -56,7 +58,13 @@ def robot_views(
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(T_base_root[:3, :3]).ravel())
     body.pos, body.quat, body.alt.type = T_base_root[:3, 3], quat, mujoco.mjtOrientation.mjORIENTATION_QUAT
     world = drawn.worldbody
-    world.add_light(pos=[1.0, 1.0, 4.0], dir=[-0.2, -0.2, -1.0], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    world.add_light(
+        pos=[1.0, 1.0, 4.0],
+        dir=[-0.2, -0.2, -1.0],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=[0.35, 0.35, 0.35],
+        specular=[0.0, 0.0, 0.0],
+    )
     flat = {"contype": 0, "conaffinity": 0, "group": 0}
     world.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX, size=[2, 2, 0.01], pos=[0, 0, -0.012], rgba=[0.8, 0.8, 0.8, 1], **flat
@@ -84,11 +92,13 @@ def robot_views(
     model = drawn.compile()
     model.vis.map.znear = 0.1 * distance / model.stat.extent
     model.vis.map.zfar = 3.0 * distance / model.stat.extent
-    model.vis.headlight.ambient[:] = 0.5
+    # The sum of all lights leaves light colours, from above too, what they are.
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:], model.vis.headlight.specular[:] = 0.45, 0.25, 0.0
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     images = []
     for name in ("front", "left", "above"):
         with closing(make_camera(model, f"view_{name}", size_px, size_px, cull_face=False, backend=backend)) as camera:
-            images.append(camera.render(data)[0])
+            rgb, depth_m = camera.render(data)
+            images.append(np.where(np.isnan(depth_m)[..., None], np.array(_NOTHING, np.uint8), rgb))
     return images
