@@ -28,7 +28,7 @@ td:first-child { position: sticky; left: 0; background: #fff; }
 tr:hover td { background: #f6f9fc; }
 p { overflow-x: auto; }
 img { max-width: 100%; height: auto; }
-@media (max-width: 44rem) { p img { max-width: none; width: 44rem; } }
+@media (max-width: 44rem) { p img { max-width: none; width: 36rem; } }
 h2 { margin-top: 2.5rem; border-top: 1px solid #ddd; padding-top: 1rem; }
 """
 

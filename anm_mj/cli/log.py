@@ -5,11 +5,23 @@ from __future__ import annotations
 import logging
 
 from rich.console import Console
-from rich.logging import RichHandler
+
+
+class _Lines(logging.Handler):
+    """Prints a record as one line however wide the console is: what is stored in a file or copied stays whole."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            self._console.print(self.format(record), markup=False, highlight=False, soft_wrap=True)
+        except Exception:
+            self.handleError(record)
 
 
 def log_to(console: Console, *, verbose: bool = False) -> None:
     """Send what the project logs to a console, with ``verbose`` details too, and of other packages only warnings."""
-    handler = RichHandler(console=console, show_time=False, show_level=False, show_path=False)
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[handler], force=True)
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Lines(console)], force=True)
     logging.getLogger("anm_mj").setLevel(logging.DEBUG if verbose else logging.INFO)
