@@ -100,7 +100,7 @@ def draw(rows: list[Row], scene: str, path: Path) -> None:
 
     figure = Figure(figsize=(9.0, 6.0), dpi=110, layout="constrained")
     steps = [row.step for row in rows]
-    quantities = (("covered", "observable surface covered [%]"), ("step_ms", "median time of a step [ms]"))
+    quantities = (("covered", "observable surface covered [%]"), ("cpu_ms", "processor's time of a step [ms]"))
     quantities += (("rss_mib", "memory [MiB]"), ("disk_mib", "run folder [MiB]"))
     for axes, (name, label) in zip(figure.subplots(2, 2).flat, quantities, strict=True):
         axes.plot(steps, [getattr(row, name) for row in rows], marker=".")
