@@ -33,6 +33,10 @@ _NUM_STARTS = 8
 _MAX_PLACES = 1_000_000
 _MIN_AREA_M2 = 0.5
 """A scene with less room was misread, or is too small for a robot [m2]."""
+_WALLED_DIRECTIONS = 7
+"""A place with obstacles in so many of eight directions lies indoors: beside a building, half of them are open."""
+_MOSTLY_WALLED = 0.9
+"""Where at least this share of the floor is indoors, doors and windows alone make the rest seem outdoors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +47,18 @@ class NavigableArea:
     clearance_m: Float32[np.ndarray, "rows cols"]
     """Distance from a cell's centre to the nearest obstacle or missing floor, on the grid [m]; 0 in an obstacle."""
     component: Int[np.ndarray, "rows cols"]
-    """0 where the cylinder may not stand; else the number of the connected component, 1 being the largest."""
+    """0 where the cylinder may not stand; else the number of the connected component, 1 being the one with the most
+    floor indoors, or the largest where there is none."""
+    indoors: Bool[np.ndarray, "rows cols"]
+    """Whether obstacles stand around a place, in seven of eight directions."""
 
     @property
     def area_m2(self) -> float:
-        """Area of the largest component, counted at the cylinder's axis [m2]."""
+        """Area of the first component, counted at the cylinder's axis [m2]."""
         return float(np.count_nonzero(self.component == 1)) * self.grid.resolution_m**2
 
     def nearest(self, xy_m: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "2"]:
-        """Centre of the cell of the largest component that is nearest to a place in the world [m]."""
+        """Centre of the cell of the first component that is nearest to a place in the world [m]."""
         places = self.places(1)
         return places[np.argmin(((places - xy_m) ** 2).sum(axis=1))]
 
@@ -85,17 +92,36 @@ def navigable_area(
     labels, num = label_components((clearance >= footprint.radius_m) & floor)
     sizes = np.bincount(labels.ravel(), minlength=num + 1)
     sizes[0] = 0
+    indoors = _indoors(blocked)
+    walled = np.bincount(labels[indoors], minlength=num + 1)
+    walled[0] = 0
     largest_m2 = float(sizes.max()) * grid.resolution_m**2
     if largest_m2 < _MIN_AREA_M2:
         raise SceneError(
             f"A robot of radius {footprint.radius_m:g} m and height {footprint.z_max_m:g} m has only {largest_m2:.2g} "
             f"m2 to move on a floor within {FLOOR_TOLERANCE_M * 100:g} cm of z = 0: check the up axis and the scale."
         )
+    # The ground around a building with shut doors may be larger than its rooms.
+    is_building = float(walled.max()) * grid.resolution_m**2 >= _MIN_AREA_M2
+    order = np.lexsort((-sizes, -walled if is_building else -sizes))
     rank = np.zeros(num + 1, dtype=np.int64)
-    rank[np.argsort(-sizes, kind="stable")[:num]] = np.arange(1, num + 1)
+    rank[order[:num]] = np.arange(1, num + 1)
     # A robot can drive along the edge of the floor, but starts should keep away from it.
     to_edge = (distance_cells(floor) * grid.resolution_m).astype(np.float32)
-    return NavigableArea(grid, np.minimum(clearance, to_edge), rank[labels])
+    return NavigableArea(grid, np.minimum(clearance, to_edge), rank[labels], indoors)
+
+
+def _indoors(blocked: Bool[np.ndarray, "rows cols"]) -> Bool[np.ndarray, "rows cols"]:
+    """Cells from which rays along the two axes and the two diagonals meet an obstacle in nearly every direction."""
+    met = np.zeros(blocked.shape, np.uint8)
+    for turned in (0, 1, 2, 3):
+        cells, count = np.rot90(blocked, turned), np.rot90(met, turned)
+        count += np.logical_or.accumulate(cells, axis=0)
+        row = np.zeros(cells.shape[1], bool)
+        for k in range(len(cells)):
+            row = cells[k] | np.concatenate([[False], row[:-1]])
+            count[k] += row
+    return (met >= _WALLED_DIRECTIONS) & ~blocked
 
 
 def _grid_for(triangles_m: Float[np.ndarray, "f 3 3"]) -> Grid:
@@ -123,16 +149,21 @@ def pooled(area: NavigableArea, cells: int) -> NavigableArea:
     number = np.where(area.component > 0, area.component, np.iinfo(area.component.dtype).max)
     best = np.pad(number, padding, constant_values=np.iinfo(number.dtype).max).reshape(shape).min(axis=(1, 3))
     clearance = np.pad(area.clearance_m, padding).reshape(shape).max(axis=(1, 3))
+    indoors = np.pad(area.indoors, padding).reshape(shape).any(axis=(1, 3))
     grid = Grid(area.grid.origin_xy_m, area.grid.resolution_m * cells, shape[0], shape[2])
-    return NavigableArea(grid, clearance, np.where(best == np.iinfo(number.dtype).max, 0, best))
+    return NavigableArea(grid, clearance, np.where(best == np.iinfo(number.dtype).max, 0, best), indoors)
 
 
 def choose_starts(area: NavigableArea, footprint: Footprint, num: int = _NUM_STARTS) -> tuple[Pose2, ...]:
-    """Start poses in the largest component, by farthest-point sampling, facing the longest free line of sight.
+    """Start poses in the first component, by farthest-point sampling, facing the longest free line of sight.
 
-    The first, the default, is nearest to the middle of the floor.
+    The first, the default, is nearest to the middle of the floor. Where the component reaches outdoors, the others lie
+    indoors as well.
     """
     reachable = area.component == 1
+    walled = reachable & area.indoors
+    if _MIN_AREA_M2 / area.grid.resolution_m**2 <= walled.sum() < _MOSTLY_WALLED * reachable.sum():
+        reachable = walled
     roomy = reachable & (area.clearance_m >= footprint.radius_m + _START_MARGIN_M)
     rows, cols = np.nonzero(roomy if np.count_nonzero(roomy) >= num else reachable)
     # One in a few of a million places serves as well.

@@ -34,6 +34,36 @@ def test_two_rooms_are_one_component_through_a_door_and_two_without():
     assert _area(two_rooms(door_width=0.3)).component.max() == 2
 
 
+def _on_a_wide_ground(*meshes: trimesh.Trimesh):
+    return _area(box((-15.0, -15.0, -0.2), (20.0, 20.0, 0.0)), *meshes)
+
+
+def _starts_inside(area) -> bool:
+    return all(0.0 < start.x_m < 6.0 and 0.0 < start.y_m < 4.0 for start in choose_starts(area, FOOTPRINT))
+
+
+def test_the_robot_starts_in_a_building_and_not_on_the_ground_around_it():
+    area = _on_a_wide_ground(room())
+    assert area.component.max() == 2
+    assert area.area_m2 < 24.0
+    assert _starts_inside(area)
+
+
+def test_the_robot_starts_in_a_building_whose_door_is_open():
+    # Only a wall at the right, a doorway of 0.9 m in it.
+    walls = [box((-0.1, -0.1, 0.0), (0.0, 4.1, 2.5)), box((0.0, -0.1, 0.0), (6.1, 0.0, 2.5))]
+    walls += [box((0.0, 4.0, 0.0), (6.1, 4.1, 2.5)), box((6.0, 0.0, 0.0), (6.1, 1.5, 2.5))]
+    area = _on_a_wide_ground(*walls, box((6.0, 2.4, 0.0), (6.1, 4.0, 2.5)))
+    assert area.component.max() == 1
+    assert _starts_inside(area)
+
+
+def test_a_floor_without_walls_is_taken_as_it_is():
+    area = _area(box((-5.0, -5.0, -0.2), (5.0, 5.0, 0.0)), box((1.0, 1.0, 0.0), (2.0, 2.0, 1.0)))
+    assert not area.indoors.any()
+    assert area.area_m2 > 90.0
+
+
 def test_below_a_table_is_no_place_for_a_tall_robot():
     area = _area(room(), table(2.0, 1.5))
     low = _area(room(), table(2.0, 1.5), footprint=Footprint(0.18, 0.05, 0.5))

@@ -25,9 +25,11 @@ _DIRECTIONS = np.array([[0.97, 0.21, 0.1], [-0.93, 0.31, 0.2], [0.19, -0.95, 0.1
 def report_reach(area: NavigableArea, placed: Placed, doors: Doors) -> None:
     """Log why the robot reaches little of a scene: shut doors, other storeys."""
     cells = np.bincount(area.component.ravel())[1:]
-    all_m2 = float(cells.sum()) * area.grid.resolution_m**2
+    # Ground around a building is no floor that a door shuts off.
+    rest = (area.component > 1) & area.indoors
+    all_m2 = float(cells[0] + np.count_nonzero(rest)) * area.grid.resolution_m**2
     if area.area_m2 < _MOST * all_m2:
-        all_m2 -= sum(_solid_pieces_m2(area, cells, placed))
+        all_m2 -= sum(_solid_pieces_m2(area, np.bincount(area.component[rest | (area.component == 1)])[1:], placed))
     if not placed.storey_taken and len(placed.storeys) > 1:
         floors = ", ".join(f"{number} at {own.floor_m:+.2f} m" for number, own in enumerate(placed.storeys, 1))
         _logger.warning(
