@@ -8,11 +8,12 @@ replaced: by a real robot, another map, another policy.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from anm_mj.control.follow import Follower
-from anm_mj.errors import PlanError
+from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import Anticipates, Mapper, Policy, Recorder, Robot, Viewer
 from anm_mj.sensor_monitor import SensorMonitor
@@ -20,6 +21,8 @@ from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
+
+_UNTRAINED = MapUpdate(math.nan, 0, 0)
 
 STUCK_COLLISIONS = 12
 """A robot that collides this often on its path, without a free step in between, is stuck."""
@@ -50,6 +53,8 @@ class LoopState:
         """Time spent in the loop, without set-up and recording."""
         self.collisions = 0
         """On paths, without a free step in between."""
+        self.map_failed = False
+        """Whether the map cannot be trained any further."""
         self.plan: Plan | None = None
         self.observation: Observation | None = None
         """The last one."""
@@ -107,7 +112,7 @@ def explore(
     if state.observation is None:
         with state.total.stage("observe"):
             first = state.monitor.check(robot.observe())
-        _learn(first, mapper, policy, state.total)
+        state.map_failed = _learn(first, mapper, policy, state.total) is None
         state.observation = first
         recorder.observation(first)
     observation, plan = state.observation, state.plan
@@ -115,6 +120,8 @@ def explore(
     def outcome(reason: StopReason) -> Outcome:
         return Outcome(reason, state.step, state.loop_s, observation)
 
+    if state.map_failed:
+        return outcome(StopReason.MAP_ERROR)
     for step in range(state.step + 1, num_steps + 1):
         between_steps(state)
         if stop_requested():
@@ -164,8 +171,12 @@ def explore(
         state.total.add(watch)
         state.step, state.plan, state.observation = step, plan, observation
         recorder.observation(observation)
+        state.map_failed = update is None
+        update = update or _UNTRAINED
         recorder.step(step, result, observation.pose, update, watch.ms)
         on_step(StepReport(step, observation, plan, update, state.loop_s))
+        if state.map_failed:
+            return outcome(StopReason.MAP_ERROR)
         if state.monitor.fault is not None:
             _logger.error("%s; the run ends at step %d.", state.monitor.fault, step)
             return outcome(StopReason.SENSOR_FAULT)
@@ -187,10 +198,14 @@ def _observe(robot: Robot) -> Observation | None:
         return None
 
 
-def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate:
-    """Take a frame into the map, and tell the policy."""
-    with watch.stage("map"):
-        update = mapper.integrate(observation)
+def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:
+    """Take a frame into the map, and tell the policy; None where the map cannot be trained any further."""
+    try:
+        with watch.stage("map"):
+            update = mapper.integrate(observation)
+    except MapError as err:
+        _logger.error("%s The run ends.", err)
+        return None
     with watch.stage("plan"):
         policy.observe(observation)
     return update

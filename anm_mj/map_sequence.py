@@ -25,6 +25,7 @@ from anm_mj.planning.policies.registry import make_policy
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Policy
 from anm_mj.types import Footprint, Observation, Plan
+from anm_mj.utils.files import atomic_write
 
 MESH_RESOLUTION_M = 0.05
 RECORDED = "recorded"
@@ -90,8 +91,8 @@ def _finish(
     """Map, mesh, top-down map and its picture."""
     from anm_mj.viz.plots import draw_topdown
 
-    with writing(folder.map):
-        neural_map.save(folder.map)
+    with writing(folder.map), atomic_write(folder.map) as partial:
+        neural_map.save(partial)
     write_mesh(folder.mesh, neural_map.mesh(MESH_RESOLUTION_M))
     stages = Stages(config.planning, footprint)
     for pose in log.poses:

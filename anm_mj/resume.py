@@ -31,7 +31,7 @@ from anm_mj.io.run_folder import RunFolder, refuse_links
 from anm_mj.planning.policies.guarded_policy import describe_error
 from anm_mj.planning.policies.registry import POLICIES
 from anm_mj.protocols import Viewer
-from anm_mj.run import Parts, Watched, checkpoint_roots, make_parts, run_loop, true_view
+from anm_mj.run import Parts, Watched, checkpoint_roots, make_parts, run_loop, saying_how_to_go_on, true_view
 from anm_mj.types import StopReason
 from anm_mj.utils.read_file import convert
 from anm_mj.viz.viewer import NullViewer
@@ -107,7 +107,7 @@ def resume(
             _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
             watched = Watched(viewer or NullViewer(), stop_requested, on_step, on_end)
             begin -= float(stored.facts.get("wall_s", 0.0))
-            with _of_stored_state(stored):
+            with _of_stored_state(stored), saying_how_to_go_on(folder):
                 return folder, run_loop(parts, folder, recorder, state, watched, begin)
 
 

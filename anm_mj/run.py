@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from anm_mj.checkpoint.classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig, default_steps
+from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth, reachable_area
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
@@ -79,7 +80,8 @@ def run(
         malloc_trim()
         with RunRecorder(folder, surface, true_view(parts), config.record, before=before) as recorder:
             watched = Watched(viewer or NullViewer(), stop_requested, on_step, on_end)
-            metrics = run_loop(parts, folder, recorder, LoopState(), watched, begin)
+            with saying_how_to_go_on(folder):
+                metrics = run_loop(parts, folder, recorder, LoopState(), watched, begin)
     return folder, metrics
 
 
@@ -144,6 +146,21 @@ def make_parts(
         if former is not None:
             facts = replace(facts, continued_from=former.provenance)
         yield Parts(config, scene, robot, mapper, explorer, _wrapped(explorer, config, robot), truth, facts)
+
+
+@contextmanager
+def saying_how_to_go_on(folder: RunFolder) -> Iterator[None]:
+    """Add to the error of a folder that cannot be written any more how the run goes on from its checkpoint.
+
+    Raises:
+        RunFolderError: the block raised one.
+    """
+    try:
+        yield
+    except RunFolderError as err:
+        if not any(folder.checkpoints.glob("*.checkpoint")):
+            raise
+        raise RunFolderError(f"{err} Then go on with: anm-mj explore --resume {folder.path}") from err
 
 
 def run_loop(
@@ -270,6 +287,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
         seed=config.seed,
         sensor=config.sensor,
         camera=config.camera,
+        motion=config.motion,
         anticipates=True,
         forgets_textures=True,
     )

@@ -1,8 +1,8 @@
 """Measure what continuing a run costs and finds: the figures of docs/reliability.md.
 
-    scripts/continue_figures.py OUT [--policies gvg anm-s] [--seeds 0 1 2] [--houses 4 7]
+    scripts/continue_figures.py OUT [--scenes home] [--steps 4000] [--policies gvg anm-s] [--seeds 0 1 2] [--houses 4 7]
 
-For each policy and seed: a whole run of `home`, its continuation, and half a run with its continuation, from where it
+For each scene, policy and seed: a whole run, its continuation, and half a run with its continuation, from where it
 ended and from the scene's start. For each house: three pieces of furniture moved between two runs, the second of which
 sees the whole house again, and what it marks against the true surfaces of both.
 """
@@ -43,34 +43,38 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--scenes", nargs="*", default=["home"])
+    parser.add_argument("--steps", type=int, help="budget of the whole run (default: the scene's own)")
     parser.add_argument("--seeds", type=int, nargs="*", default=[0])
     parser.add_argument("--houses", type=int, nargs="*", default=[4])
     parser.add_argument("--preset", default="default")
     parser.add_argument("--policies", nargs="*", default=["gvg"])
     parser.add_argument("--goal", default="coverage")
     parsed = parser.parse_args()
-    for policy, seed in itertools.product(parsed.policies, parsed.seeds):
-        folder = parsed.out / f"home-{policy}-{parsed.goal}-{seed}"
-        print(json.dumps(_home(folder, seed, parsed.preset, policy, parsed.goal)), flush=True)
+    for scene, policy, seed in itertools.product(parsed.scenes, parsed.policies, parsed.seeds):
+        folder = parsed.out / f"{Path(scene).name}-{policy}-{parsed.goal}-{seed}"
+        options = {"policy": policy, "seed": seed, "preset": parsed.preset, "goal": parsed.goal}
+        print(json.dumps(_halves(folder, scene, parsed.steps, options)), flush=True)
     for house in parsed.houses:
         print(json.dumps(_moved(parsed.out / f"house{house}", house, parsed.preset)), flush=True)
 
 
-def _home(out: Path, seed: int, preset: str, policy: str, goal: str) -> dict[str, object]:
+def _halves(out: Path, scene: str, budget: int | None, options: dict[str, Any]) -> dict[str, object]:
     """Steps of a whole run, of its continuation, and of half a run with what follows it."""
-    options = {"policy": policy, "seed": seed, "preset": preset, "goal": goal}
-    whole = _explored(out / "whole", "home", **options)
+    whole = _explored(out / "whole", scene, steps=budget, **options)
     steps = whole.metrics["steps"]
-    again = _explored(out / "again", "home", continue_from=out / "whole", **options)
-    half = _explored(out / "half", "home", steps=steps // 2, **options)
+    again = _explored(out / "again", scene, steps=budget, continue_from=out / "whole", **options)
+    half = _explored(out / "half", scene, steps=steps // 2, **options)
     last = read_run(out / "half").frames[-1].pose
     there = last.x_m, last.y_m, float(np.degrees(last.yaw_rad))
     found = {"whole": _numbers(whole), "again": _numbers(again), "half": _numbers(half)}
     for name, start in (("rest", there), ("rest from the start", None)):
-        rest = _explored(out / name.replace(" ", "-"), "home", continue_from=out / "half", start=start, **options)
+        rest = _explored(
+            out / name.replace(" ", "-"), scene, steps=budget, continue_from=out / "half", start=start, **options
+        )
         share = (half.metrics["steps"] + rest.metrics["steps"]) / steps
         found[name] = {**_numbers(rest), "steps of both to those of the whole": round(share, 3)}
-    return {"home": policy, "seed": seed, "goal": goal, **found}
+    return {"scene": Path(scene).name, **options, **found}
 
 
 def _moved(out: Path, house: int, preset: str) -> dict[str, object]:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.errors import PlanError
+from anm_mj.errors import MapError, PlanError
 from anm_mj.explore import STUCK_COLLISIONS, explore
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import default_settings, make_policy
@@ -97,6 +97,25 @@ def test_an_obstacle_that_shows_up_on_the_way_makes_the_policy_decide_anew():
 def test_a_plan_that_asks_for_nothing_is_refused():
     with pytest.raises(PlanError, match="holds neither an action nor a stop"):
         run(Scripted(Plan("nothing", np.zeros((0, 2)))), seen_room(), Pose2(1.0, 1.5, 0.0))
+
+
+@pytest.mark.parametrize("failing_frame", [0, 3])
+def test_a_map_that_cannot_be_trained_any_further_ends_the_run_with_all_recorded(failing_frame, monkeypatch, caplog):
+    world = seen_room()
+    integrate = world.integrate
+
+    def fail(observation):
+        if observation.step == failing_frame:
+            raise MapError("The training loss became nan.")
+        return integrate(observation)
+
+    monkeypatch.setattr(world, "integrate", fail, raising=False)
+    turns = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
+    outcome, recorder = run(Scripted(turns), world, Pose2(1.0, 1.5, 0.0))
+    assert outcome.stop_reason is StopReason.MAP_ERROR
+    assert outcome.num_steps == len(recorder.steps) == failing_frame
+    assert len(recorder.observations) == failing_frame + 1
+    assert "The training loss became nan. The run ends." in caplog.text
 
 
 def test_gvg_is_complete_in_a_room_that_is_known():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import shlex
 import shutil
 import sys
@@ -25,9 +26,12 @@ from anm_mj.bench.scene_picture import draw_scene
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.bench.worker import EXPLORE
 from anm_mj.io.manifest import git_revision
+from anm_mj.io.run_folder import refuse_links
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.scene.folder import load_scene
+from anm_mj.utils.files import atomic_write
 from anm_mj.utils.package_data import checkout
+from anm_mj.utils.read_file import read_text
 from anm_mj.viz.figure_file import KINDS, PICTURE
 
 TABLES_EVERY_S = 60.0
@@ -120,7 +124,9 @@ def _only_writer(out: Path) -> Iterator[None]:
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
-        lock = (out / LOCK).open("w")
+        # Anybody may have made what is there.
+        refuse_links(out.resolve())
+        lock = os.fdopen(os.open(out / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666), "w")
     except OSError as err:
         raise BenchError(f"{out} cannot be written ({err.strerror}); choose a folder you may write to.") from err
     with lock:
@@ -150,8 +156,9 @@ def _make_missing(
         for unfinished in runs.glob(".*"):
             shutil.rmtree(unfinished, ignore_errors=True)
         text = shlex.join(_without_folders(command))
-        (out / "command.txt").write_text(f"{text}\n", encoding="utf-8")
-        shutil.copyfile(file, out / "bench.toml") if file.resolve() != (out / "bench.toml").resolve() else None
+        _write_text(out / "command.txt", f"{text}\n")
+        if file.resolve() != (out / "bench.toml").resolve():
+            _write_text(out / "bench.toml", read_text(file))
     except OSError as err:
         raise BenchError(f"{out} cannot be written ({err.strerror}); choose a folder you may write to.") from err
     there = {job.name for job in finished(jobs, runs)}
@@ -174,6 +181,12 @@ def _make_missing(
     return Bench(out, jobs, len(there), failures)
 
 
+def _write_text(path: Path, text: str) -> None:
+    """Replace a file, whatever is in its place."""
+    with atomic_write(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
 def _without_folders(command: Sequence[str]) -> list[str]:
     """A command line without the folders of this machine."""
     return [Path(word).name if Path(word).is_absolute() else word for word in command]
@@ -183,7 +196,7 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
     """Write the tables and pictures of the existing runs; while the comparison goes on, no vector graphics.
 
     Raises:
-        RunFolderError: A file of a run is damaged.
+        BenchError: A file of a run is damaged.
     """
     results = [read_result(out / "runs" / job.name) for job in finished(jobs, out / "runs")]
     if not results:
@@ -191,7 +204,7 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
     rows = tidy_rows(results)
     write_csv(out / "results.csv", rows)
     table = markdown(rows, command)
-    (out / "table.md").write_text(table, encoding="utf-8")
+    _write_text(out / "table.md", table)
     folders = {job.scene_name: job.scene for job in jobs}
     pictures: dict[str, list[Path]] = {}
     for name in dict.fromkeys(result.job["scene_name"] for result in results):
@@ -219,9 +232,9 @@ def _write_report(
         pictures[""] += draw_overview(path, [cut for cut in cuts if cut.budget_by == by])
     title = f"Comparison {out.resolve().name}"
     card = data_card(rows, title, command)
-    (out / CARD).write_text(card, encoding="utf-8")
+    _write_text(out / CARD, card)
     about = headline(rows)
     badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
     if badge:
-        (out / BADGE).write_text(badge, encoding="utf-8")
+        _write_text(out / BADGE, badge)
     write_page(out, title, table, card, badge, pictures)

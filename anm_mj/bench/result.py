@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
+from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
 from anm_mj.bench.engine import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.statistics import restricted_steps
 from anm_mj.bench.sweep import BenchError
 from anm_mj.bench.worker import BOUND
-from anm_mj.evaluation.metrics import EpisodeStatistics, read_metrics
+from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, read_metrics
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
+from anm_mj.io.run_shapes import Count, Number, StepShape
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.types import Action
+from anm_mj.utils.read_file import convert, read_text
+from anm_mj.utils.settings import of_type
 
 USUAL = {
     "preset": "default",
@@ -35,6 +42,37 @@ COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
 NUM_COLUMNS = 5
 UNKNOWN_REVISION = "unknown"
+
+
+class JobShape(Struct):
+    """What ``result.json`` says of the run that was made."""
+
+    scene_name: str
+    scene_hash: str
+    policy: str
+    start: Count
+    start_pose: tuple[Number, Number, Number]
+    seed: int
+    steps: Annotated[int, Meta(ge=1, le=10**9)]
+    preset: str
+    settings: list[str]
+    sensor: str = USUAL["sensor"]
+    robot: str = USUAL["robot"]
+    drive: str = USUAL["drive"]
+    pose: str = USUAL["pose"]
+    goal: str = USUAL["goal"]
+    cuts: list[tuple[str, Count]] = []
+
+
+class _Git(Struct):
+    revision: str | None = None
+    changed: bool = False
+
+
+class _MadeBy(Struct):
+    """What a manifest says of the program."""
+
+    git: _Git | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +124,13 @@ class Result:
     def bound(self) -> Float[np.ndarray, "n 2"] | None:
         """Step, and the most that any tour can have covered by then [%]; None for runs that no oracle made."""
         path = self.folder / BOUND
-        return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2) if path.is_file() else None
+        if not path.exists():
+            return None
+        with _of(self.folder):
+            table = np.loadtxt(read_text(path).splitlines(), delimiter=",", skiprows=1, ndmin=2)
+            if table.shape[1:] != (2,) or not len(table) or not np.isfinite(table).all():
+                raise ValueError(f"{path.name} has no two columns of numbers")
+            return table
 
     def at_budgets(self) -> list[Result]:
         """The run at each budget of its comparison; itself if there is one only.
@@ -104,8 +148,10 @@ class Result:
             return replace(self, job=job, budget_by=name)
         curve = self.curve[self.curve[:, 0] <= steps]
         log = EpisodeStatistics()
-        for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
-            log = log.after(Action[line["action"]], line["collided"], line["moved_m"], {})
+        with _of(self.folder):
+            for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
+                done = convert(line, StepShape)
+                log = log.after(Action[done.action], done.collided, done.moved_m, {})
         metrics = {key: None for key in self.metrics if key != "stage_hz"} | {
             "completion_ratio": curve[-1, COMPLETION],
             "completion_cm": curve[-1, 2],
@@ -134,21 +180,53 @@ def read_result(folder: Path) -> Result:
     """A finished run of a comparison.
 
     Raises:
-        RunFolderError: A file is damaged.
-        BenchError: The curve holds no rows.
+        BenchError: A file is damaged.
     """
-    manifest = read_json(folder / "manifest.json") if (folder / "manifest.json").is_file() else {}
-    lines = (folder / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
-    if not lines:
-        raise BenchError(f"{folder / 'curve.csv'} holds no rows; delete {folder} and start again.")
+    manifest = folder / "manifest.json"
+    with _of(folder):
+        job, metrics = read_json(folder / RESULT), read_metrics(folder / "metrics.json")
+        convert(job, JobShape)
+        for field in fields(Metrics):
+            if field.name in metrics:
+                of_type(Metrics, field.name, metrics[field.name])
+        made_by = convert(read_json(manifest) if manifest.is_file() else {}, _MadeBy)
+        return Result(
+            folder=folder,
+            job=job,
+            metrics=metrics,
+            revision=revision_text(None if made_by.git is None else asdict(made_by.git)),
+            curve=_read_curve(folder / "curve.csv"),
+        )
+
+
+def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:
+    """The rows of a curve.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is none.
+    """
+    lines = read_text(path).splitlines()[1:]
     cells = [[float(cell) if cell else float("nan") for cell in line.split(",")[:NUM_COLUMNS]] for line in lines]
-    return Result(
-        folder=folder,
-        job=read_json(folder / RESULT),
-        metrics=read_metrics(folder / "metrics.json"),
-        revision=revision_text(manifest.get("git")),
-        curve=np.array(cells),
-    )
+    if not cells or any(len(row) != NUM_COLUMNS for row in cells):
+        raise ValueError(f"{path.name} holds no rows of {NUM_COLUMNS} numbers")
+    curve = np.array(cells)
+    if np.isinf(curve).any() or not (np.diff(curve[:, 0], prepend=-1.0) > 0.0).all():
+        raise ValueError(f"the steps in {path.name} do not grow")
+    return curve
+
+
+@contextmanager
+def _of(folder: Path) -> Iterator[None]:
+    """Say of whatever a run's files lead to which run it was.
+
+    Raises:
+        BenchError: the block raised an error of reading.
+    """
+    try:
+        yield
+    except (RunFolderError, OSError, ValueError, LookupError, TypeError) as err:
+        raise BenchError(f"The run {folder} is damaged ({err}); delete it, and give the command again.") from err
 
 
 def revision_text(git: Mapping[str, Any] | None) -> str:

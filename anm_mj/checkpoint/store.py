@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import math
 import os
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -15,13 +17,15 @@ from anm_mj.checkpoint.classes import KnownClasses
 from anm_mj.checkpoint.config import CheckpointConfig
 from anm_mj.checkpoint.encode import Graph, encode
 from anm_mj.checkpoint.file import StoredState, read_checkpoint, write_checkpoint
-from anm_mj.errors import CheckpointError
+from anm_mj.errors import CheckpointError, RunFolderError
 from anm_mj.utils.read_file import read_text
 
 _logger = logging.getLogger(__name__)
 
 NUM_KEPT = 2
 """Checkpoints of a run that are kept."""
+SPARE_BYTES = 16 << 20
+"""A checkpoint leaves this much of the disk to the logs, which the run cannot do without [bytes]."""
 _PATTERN = "*.checkpoint"
 _REFUSED = "refused.txt"
 
@@ -40,10 +44,18 @@ class CheckpointStore:
             OSError: It cannot be written.
         """
         self.folder.mkdir(exist_ok=True)
+        needed = sum(array.nbytes for array in graph.arrays) + SPARE_BYTES
+        if shutil.disk_usage(self.folder).free < needed:
+            raise OSError(errno.ENOSPC, f"it needs {needed >> 20} MiB, more than the disk has free")
         size = write_checkpoint(self.folder / f"{step:06d}.checkpoint", step, facts, graph)
         for path in self._newest_first()[NUM_KEPT:]:
             path.unlink(missing_ok=True)
         return size
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no checkpoint was written yet."""
+        return not self._newest_first()
 
     def newest(self, accept: Callable[[StoredState], None] = lambda state: None) -> StoredState:
         """The newest checkpoint that is whole; it is logged where that is not the last one written.
@@ -120,6 +132,8 @@ class Checkpointer:
         """Step of the last checkpoint; None before the first."""
         self._enabled = config.every_steps > 0
         self._thread: threading.Thread | None = None
+        self._failed: OSError | None = None
+        """Why not even a first checkpoint was written."""
         self._spent_before_s = 0.0
         self.spent_s = 0.0
         """Time spent so far, also that of the writing thread's processor [s]."""
@@ -132,7 +146,16 @@ class Checkpointer:
         Args:
             step: Number of actions so far.
             loop_s: Time spent in the loop so far [s].
+
+        Raises:
+            RunFolderError: Not even a first one could be written: the run would lose all at its end.
         """
+        if self._failed is not None:
+            raise RunFolderError(
+                f"No checkpoint can be written in {self._store.folder.parent} "
+                f"({self._failed.strerror or self._failed}); free some space, choose another folder, or do without by "
+                "--set checkpoint.every_steps=0."
+            )
         if not self._enabled or step == self.last_step:
             return
         since = math.inf if self.last_step is None else step - self.last_step
@@ -142,6 +165,8 @@ class Checkpointer:
     def finish(self, step: int, *, resumable: bool) -> None:
         """End: with a last checkpoint where the run may be resumed, else with all of them removed."""
         self._wait()
+        if self._failed is not None:
+            self._warn(0, self._failed)
         if resumable:
             if self._enabled and step != self.last_step:
                 self._take(step)
@@ -191,13 +216,19 @@ class Checkpointer:
                 _force_to_disk(path)
             self.num_bytes = self._store.write(step, facts, graph)
         except OSError as err:
-            _logger.warning(
-                "No checkpoint was written at step %d (%s); free some space below %s.",
-                step,
-                err.strerror or err,
-                self._store.folder.parent,
-            )
+            if self._store.is_empty:
+                self._failed = err
+                return
+            self._warn(step, err)
         self.spent_s += time.thread_time() - begin
+
+    def _warn(self, step: int, err: OSError) -> None:
+        _logger.warning(
+            "No checkpoint was written at step %d (%s); free some space below %s.",
+            step,
+            err.strerror or err,
+            self._store.folder.parent,
+        )
 
 
 def _force_to_disk(path: Path) -> None:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from anm_mj.evaluation.metrics import Metrics
     from anm_mj.io.run_folder import RunFolder
 
-POLICY_FAILED = 2
-"""Exit status of a run that its policy ended by an error; its files are complete."""
+RUN_FAILED = 2
+"""Exit status of a run that an error of its policy or of its map has ended; its files are complete."""
 
 
 def add_explore(commands: Any) -> None:
@@ -220,7 +220,7 @@ def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metr
             viewer.close()
     print_metrics(console, metrics)
     print_folder(console, folder.path)
-    return POLICY_FAILED if metrics.stop_reason == StopReason.POLICY_ERROR else 0
+    return RUN_FAILED if metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR) else 0
 
 
 def _on_step(line: Any, viewer: Any) -> Any:

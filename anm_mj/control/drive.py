@@ -12,6 +12,7 @@ from anm_mj.control.look_at import LookAt, PlanarLookAt
 from anm_mj.control.motion import MotionLimits
 from anm_mj.control.odometry import Odometer, odometer_of
 from anm_mj.control.simulated_base import simulated_base
+from anm_mj.control.traction import TractionMonitor
 from anm_mj.errors import RobotError
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics, kinematics_of
@@ -59,6 +60,13 @@ class WheelDrive:
         self._description = description
         self._period_s = period_s
         self._look_at: LookAt | None = None
+        self._traction = TractionMonitor()
+        self._sticks = (False, False)
+        """Whether the wheels of the left and of the right side stick."""
+
+    def stick(self, *, left: bool, right: bool) -> None:
+        """Say of the wheels of each side whether they stick from now on, to try how a run takes it."""
+        self._sticks = left, right
 
     @property
     def pose(self) -> Pose2:
@@ -79,6 +87,13 @@ class WheelDrive:
                 self._look_at = LookAt(self._description, self._kinematics, self._limits, period_s=self._period_s)
         self._look_at.reset()
         return self._look_at
+
+    def _turned_rad(self, start_angles_rad: Float[np.ndarray, " n"]) -> tuple[float, float]:
+        """What the encoders of both sides measured since they read these angles [rad]; 0 without wheels."""
+        if not self._description.wheel_joints:
+            return 0.0, 0.0
+        left, right = (self._base.wheel_angles_rad - start_angles_rad).tolist()
+        return left, right
 
     def _mean_speeds(self, start_s: float, start_angles_rad: Float[np.ndarray, " n"]) -> WheelSpeeds:
         """Mean wheel speeds since a time and its wheel angles; 0 without wheels."""

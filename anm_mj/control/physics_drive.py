@@ -30,6 +30,8 @@ _UNSTABLE = (
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
 """What MuJoCo warns of when it resets a simulation."""
+_STUCK_DAMPING = 1e3
+"""Damping of a wheel's joint that no motor overcomes [N m s/rad]."""
 _TURN_LAG_RAD = math.radians(5.0)
 """A robot that lags its turning reference by more is held fast."""
 
@@ -122,7 +124,6 @@ class PhysicsDrive(WheelDrive):
         limits = limits or limits_of(description, max_wheel_radps)
         super().__init__(model, data, description, limits, odometer, prefix, period_s=self._config.servo_period_s)
         self._max_wheel_radps = max_wheel_radps
-        self._traction = TractionMonitor()
         obstacles = static_obstacles(model)
         self._servo: WheelServo | PlanarServo
         if isinstance(self._kinematics, RobotKinematics):
@@ -146,6 +147,9 @@ class PhysicsDrive(WheelDrive):
         self._signs = np.array(description.wheel_signs)
         self._touched = False
         actuator, geom = mujoco.mjtObj.mjOBJ_ACTUATOR, mujoco.mjtObj.mjOBJ_GEOM
+        wheels = [element_id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + name) for name in description.wheel_joints]
+        self._wheel_dofs = model.jnt_dofadr[wheels].reshape(2, -1) if wheels else np.zeros((2, 0), int)
+        self._free_damping = model.dof_damping.copy()
         self._motors = np.array([element_id(model, actuator, prefix + name) for name in description.motors])
         self._is_shell = np.zeros(model.ngeom, dtype=bool)
         self._is_shell[[element_id(model, geom, prefix + name) for name in description.shell]] = True
@@ -174,6 +178,12 @@ class PhysicsDrive(WheelDrive):
         self._traction = TractionMonitor()
         self._odometer.reset(pose, self._base.wheel_angles_rad)
 
+    def stick(self, *, left: bool, right: bool) -> None:
+        """Say of the wheels of each side whether they stick from now on; see the base class."""
+        super().stick(left=left, right=right)
+        for dofs, sticks in zip(self._wheel_dofs, self._sticks, strict=True):
+            self._model.dof_damping[dofs] = _STUCK_DAMPING if sticks else self._free_damping[dofs]
+
     def act(self, action: Action) -> ActionResult:
         """Execute an action until the robot rests at the commanded pose or an obstacle stops it."""
         self._brake()
@@ -194,16 +204,33 @@ class PhysicsDrive(WheelDrive):
             collided=collided,
             wheel_speeds=self._mean_speeds(start_s, start_angles),
             moved_m=_distance_m(start, end),
-            fault=self._fault(failed=collided or off_m > self._config.pushed_m),
+            fault=self._fault(
+                failed=collided or off_m > self._config.pushed_m,
+                driven_rad=self._kinematics.wheel_motion(*action_motion(action)),
+                turned_rad=self._turned_rad(start_angles),
+            ),
         )
 
-    def _fault(self, *, failed: bool) -> StopReason | None:
-        """Why the robot can drive no more after an action; None while it can."""
+    def _fault(
+        self,
+        *,
+        failed: bool,
+        driven_rad: tuple[float, float] = (0.0, 0.0),
+        turned_rad: tuple[float, float] = (0.0, 0.0),
+    ) -> StopReason | None:
+        """Why the robot can drive no more after a motion; None while it can.
+
+        Args:
+            failed: the motion ended away from where it should.
+            driven_rad: rotation of both sides' wheels that the motion asks for; 0 = it is not known.
+            turned_rad: rotation that their encoders measured.
+        """
         if self._diverged:
             return StopReason.DIVERGED
         if self._base.tilt_rad > self._config.toppled_rad:
             return StopReason.TOPPLED
-        return self._traction.after(failed=failed, touched=self._touched or self._touches_anything())
+        touched = self._touched or self._touches_anything()
+        return self._traction.after(failed=failed, touched=touched, driven_rad=driven_rad, turned_rad=turned_rad)
 
     def _touches_anything(self) -> bool:
         """Whether the robot's shell touches anything, or is as near to it as the servo goes."""

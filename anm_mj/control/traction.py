@@ -1,26 +1,50 @@
-"""Notices a robot that does not follow its wheels although nothing is in the way: it slides, or cannot move."""
+"""Notices a robot that does not do what it is driven to with nothing in the way: it slides, or a wheel sticks."""
 
 from __future__ import annotations
 
+import logging
+
 from anm_mj.types import StopReason
+
+_logger = logging.getLogger(__name__)
 
 _FAILURES = 6
 """Actions in a row that fail without contact, until the robot is given up."""
+_TURNED_SHARE = 0.1
+"""A wheel that turns by less than this share of what it was driven by sticks."""
+_SIDES = "left", "right"
 
 
 class TractionMonitor:
-    """Counts actions that did not bring the base to where they should, without anything in the way."""
+    """Counts actions that did not bring the base to where they should, or a wheel, without anything in the way."""
 
     def __init__(self) -> None:
         """Start without a failure."""
         self._failures = 0
+        self._stuck = [0, 0]
 
-    def after(self, *, failed: bool, touched: bool) -> StopReason | None:
-        """NO_TRACTION after several failures in a row; None before.
+    def after(
+        self, *, failed: bool, touched: bool, driven_rad: tuple[float, float], turned_rad: tuple[float, float]
+    ) -> StopReason | None:
+        """WHEEL_STUCK or NO_TRACTION after several failures in a row; None before.
 
         Args:
             failed: the action ended away from where it should.
             touched: an obstacle may be the reason.
+            driven_rad: rotation of the left and the right wheel that the action asks for.
+            turned_rad: rotation that their encoders measured.
         """
         self._failures = self._failures + 1 if failed and not touched else 0
+        for side, (driven, turned) in enumerate(zip(driven_rad, turned_rad, strict=True)):
+            # What an obstacle stops says nothing about the wheels.
+            if abs(turned) >= _TURNED_SHARE * abs(driven):
+                self._stuck[side] = 0
+            elif not touched:
+                self._stuck[side] += 1
+                if self._stuck[side] == 1:
+                    _logger.warning(
+                        "The %s wheel turned by %.2f rad where it was driven by %.2f rad.", _SIDES[side], turned, driven
+                    )
+        if max(self._stuck) >= _FAILURES:
+            return StopReason.WHEEL_STUCK
         return StopReason.NO_TRACTION if self._failures >= _FAILURES else None

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from anm_mj.io.read_run import Run
 from anm_mj.io.write import writing
+from anm_mj.utils.read_file import read_text
 
 
 def export_tum(run: Run, out: Path) -> list[Path]:
@@ -17,7 +18,7 @@ def export_tum(run: Run, out: Path) -> list[Path]:
     camera, base = out / "trajectory_camera.tum", out / "trajectory_base.tum"
     with writing(camera):
         camera.write_text("".join(_tum_line(frame.time_s, frame.T_world_camera) for frame in run.frames))
-        base.write_text(run.folder.trajectory.read_text())
+        base.write_text(read_text(run.folder.trajectory))
     return [camera, base]
 
 

@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
+from anm_mj.io.bag_limits import limit_rosbags
 from anm_mj.io.bag_poses import FrameTree, Track
 from anm_mj.io.sequence import Frame, Sequence
 from anm_mj.types import Intrinsics
@@ -64,6 +65,7 @@ def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | 
         from rosbags.typesys import Stores, get_typestore
     except ImportError as err:
         raise RunFolderError("Bags need the package rosbags: pip install 'anm-mj[ros]'.") from err
+    limit_rosbags()
     unknown = [role for role in topics if role not in ROLES]
     if unknown:
         raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(ROLES)}.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -20,6 +21,7 @@ from anm_mj.mapping.field_geometry import FieldGeometry
 from anm_mj.mapping.former_surface import FormerSurface
 from anm_mj.mapping.grid_layout import doubled_table
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
+from anm_mj.mapping.last_good import LastGood, are_finite
 from anm_mj.mapping.last_layer import last_layer_variance, observation_density
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
@@ -42,10 +44,18 @@ from anm_mj.types import (
 if TYPE_CHECKING:
     import trimesh
 
+_logger = logging.getLogger(__name__)
+
 _FINAL_RATES = (1 / 2, 1 / 4, 1 / 8, 1 / 16)
 """Factors on the learning rates over the parts of the final training."""
 _DRAWN_TOGETHER = 10
 """Iterations whose rays are drawn in one go, because the price of a draw hardly depends on its size."""
+MAX_FAILURES = 5
+"""So many frames in a row whose loss was not finite end the training."""
+
+
+class _NotFinite(Exception):
+    """The training loss is not finite."""
 
 
 class NeuralMap:
@@ -55,7 +65,7 @@ class NeuralMap:
     parameters are the same bit for bit on a CPU.
     """
 
-    REBUILT = ("backend", "_device", "_mesh")
+    REBUILT = ("backend", "_device", "_mesh", "_good")
 
     def __init__(
         self, config: MappingConfig, *, seed: int, device: str = "auto", field_is_geometry: bool = True
@@ -88,6 +98,10 @@ class NeuralMap:
         self._num_frames = 0
         self._last: Observation | None = None
         """The last frame that was not blind."""
+        self._good = LastGood()
+        """After a resume, the state that the run resumed from."""
+        self._failures = 0
+        """Frames in a row whose loss was not finite."""
 
     @property
     def engine_name(self) -> str:
@@ -97,8 +111,11 @@ class NeuralMap:
     def integrate(self, observation: Observation) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
 
+        A training loss that is not finite takes the parameters back to the last good ones (:mod:`.last_good`); the
+        frame's training ends there, its loss is NaN, and the next frame goes on from them.
+
         Raises:
-            MapError: If the training loss is not finite.
+            MapError: If the loss is not finite in :data:`MAX_FAILURES` frames in a row.
         """
         schedule = self.config.schedule
         observation = _measured(observation)
@@ -119,11 +136,26 @@ class NeuralMap:
             num_iterations = schedule.iterations
         self._num_frames += 1
         self._last = observation
-        loss = math.nan
-        for rays in self._batches(observation, num_iterations, first=first):
-            corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
-            loss = self._step(rays, corner, observation.step)
-        return MapUpdate(loss, num_iterations, len(self._keyframes))
+        loss, done = math.nan, 0
+        if num_iterations and self._good.is_due(self._num_frames):
+            self._keep_good(observation.step)
+        try:
+            for rays in self._batches(observation, num_iterations, first=first):
+                corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
+                loss = self._step(rays, corner)
+                done += 1
+        except _NotFinite as err:
+            loss = math.nan
+            self._failures += 1
+            self._roll_back(f"The training loss became {err} at step {observation.step}")
+            if self._failures >= MAX_FAILURES:
+                raise MapError(
+                    f"The training loss became {err} at step {observation.step}, as in the {MAX_FAILURES - 1} frames "
+                    "before; check that depth and pose are possible, or lower the learning rates."
+                ) from err
+        else:
+            self._failures = 0 if num_iterations else self._failures
+        return MapUpdate(loss, done, len(self._keyframes))
 
     def finish(self) -> int:
         """Train on the keyframes once more, at falling learning rates, when no frame is to come.
@@ -132,26 +164,30 @@ class NeuralMap:
         falling rate they settle.
 
         Returns:
-            How many iterations it trained: ``schedule.final_iterations``, or none where nothing was observed.
-
-        Raises:
-            MapError: If the training loss is not finite.
+            How many iterations it trained: ``schedule.final_iterations``, or none where nothing was observed, or where
+            the loss was not finite and the map is as it was before.
         """
         count, optimizer = self.config.schedule.final_iterations // len(_FINAL_RATES), self.config.optimizer
         if self._last is None or not count:
             return 0
-        for share in _FINAL_RATES:
-            rates = share * optimizer.table_learning_rate, share * optimizer.decoder_learning_rate
-            slower = replace(optimizer, table_learning_rate=rates[0], decoder_learning_rate=rates[1])
-            self._take_engine(replace(self.config, optimizer=slower), self.backend.get_state())
-            for rays in self._batches(self._last, count, first=False):
-                corner = None if self.config.loss.smoothness == 0.0 else self._smoothness_corner()
-                self._step(rays, corner, self._last.step)
-        self._take_engine(self.config, self.backend.get_state())
+        self._keep_good(self._last.step)
+        done = count * len(_FINAL_RATES)
+        try:
+            for share in _FINAL_RATES:
+                rates = share * optimizer.table_learning_rate, share * optimizer.decoder_learning_rate
+                slower = replace(optimizer, table_learning_rate=rates[0], decoder_learning_rate=rates[1])
+                self._take_engine(replace(self.config, optimizer=slower), self.backend.get_state())
+                for rays in self._batches(self._last, count, first=False):
+                    corner = None if self.config.loss.smoothness == 0.0 else self._smoothness_corner()
+                    self._step(rays, corner)
+        except _NotFinite as err:
+            done = 0
+            self._roll_back(f"The loss of the final training became {err}")
+        self._take_engine(self.config, self._finite_state())
         # What was read from the field before is read anew.
         self._surface = SurfaceExtractor(self._occupancy, self.config.surface_lattice_m)
         self._geometry = FieldGeometry(self._occupancy) if self._geometry is not None else None
-        return count * len(_FINAL_RATES)
+        return done
 
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Signed distance at world points [m], positive in free space, truncated to +-``truncation_m``.
@@ -259,7 +295,7 @@ class NeuralMap:
         Keyframes and the optimiser's moments are not kept: a loaded map answers as the saved one does, and can take in
         more frames, but replays none of the earlier ones.
         """
-        arrays = {f"field.{name}": value for name, value in self.backend.get_state().items()}
+        arrays = {f"field.{name}": value for name, value in self._finite_state().items()}
         arrays |= {f"occupancy.{name}": value for name, value in self._occupancy.get_state().items()}
         write_map(path, SavedMap(self.config, self.seed, self._num_frames, arrays))
 
@@ -332,7 +368,7 @@ class NeuralMap:
 
     def checkpoint_state(self) -> dict[str, np.ndarray]:
         """Parameters and optimiser of the engine, for a checkpoint."""
-        state = {**self.backend.get_state(), **self.backend.get_optimizer()}
+        state = {**self._finite_state(), **self.backend.get_optimizer()}
         for copy in state.values():
             copy.flags.writeable = False  # So that nobody copies them again.
         return state
@@ -379,6 +415,7 @@ class NeuralMap:
                 return
             state = self.backend.get_state()
             state["table"] = doubled_table(state["table"], field)
+            self._good.double_table(field)
             self.config = replace(self.config, field=replace(field, log2_table_size=field.log2_table_size + 1))
             self._take_engine(self.config, state)
 
@@ -387,19 +424,44 @@ class NeuralMap:
         self.backend = make_backend(config, seed=self.seed, device=self._device)
         self.backend.set_state(state)
 
-    def _step(self, rays: RayBatch, corner_m: Float[np.ndarray, "3"] | None, step: int) -> float:
+    def _step(self, rays: RayBatch, corner_m: Float[np.ndarray, "3"] | None) -> float:
         """One training iteration; its loss.
 
         Raises:
-            MapError: If it is not finite.
+            _NotFinite: If that is not finite.
         """
         losses = self.backend.step(rays, int(self._rng.integers(1 << 32)), corner_m)
         if not math.isfinite(losses.total):
-            raise MapError(
-                f"The training loss became {losses.total} at step {step} ({losses}); check that depth and pose are "
-                "finite, or lower the learning rates."
-            )
+            terms = ", ".join(f"{name} {value:g}" for name, value in losses._asdict().items() if name != "total")
+            raise _NotFinite(f"{losses.total:g} ({terms})")
         return losses.total
+
+    def _keep_good(self, step: int) -> None:
+        """Keep the present parameters as good ones, or go back to the former ones where they are not finite."""
+        if not self._good.keep(self.backend.get_state(), self._num_frames):
+            self._roll_back(f"Parameters of the map were not finite any more at step {step}")
+
+    def _finite_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+        """The parameters, which are taken back to the last good ones where they are not finite."""
+        state = self.backend.get_state()
+        if are_finite(state) or self._good.parameters is None:
+            return state
+        self._roll_back("Parameters of the map were not finite any more")
+        return self.backend.get_state()
+
+    def _roll_back(self, why: str) -> None:
+        """Take the last good parameters, and start the optimiser afresh.
+
+        Args:
+            why: the beginning of the sentence that is logged.
+        """
+        good = self._good.parameters
+        if good is None:
+            _logger.warning("%s, and no good ones were kept.", why)
+            return
+        frames = self._num_frames - self._good.frame
+        _logger.warning("%s; the map goes back to what it was %d frames before, and goes on from there.", why, frames)
+        self.backend.set_state(good)
 
     def _batches(self, observation: Observation, count: int, *, first: bool) -> Iterator[RayBatch]:
         """Rays of the keyframes and, after the first frame, of the one at hand, for so many iterations."""

@@ -13,6 +13,7 @@ from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
+from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.sim.sensors.faults import SensorFaults
 from anm_mj.sim.sensors.odometry import NoisyOdometry
@@ -26,6 +27,15 @@ class AnticipatingDrive(Protocol):
 
     def anticipate(self, action: Action, data: mujoco.MjData) -> None:
         """Write the positions after an action into other data of the same model, as if nothing were in the way."""
+        ...
+
+
+@runtime_checkable
+class StickingDrive(Protocol):
+    """A drive whose wheels can be made to stick."""
+
+    def stick(self, *, left: bool, right: bool) -> None:
+        """Say of the wheels of each side whether they stick from now on."""
         ...
 
 
@@ -51,6 +61,7 @@ class SimRobot:
         robot_hash: str = "",
         sensor: SensorConfig | None = None,
         seed: int = 0,
+        motion: MotionConfig | None = None,
     ):
         """Combine the parts.
 
@@ -65,6 +76,7 @@ class SimRobot:
             robot_hash: identifies the robot.
             sensor: errors of camera and odometry; None = none.
             seed: of these errors.
+            motion: names a fault of the wheels; None = none.
         """
         self._model = model
         self._data = data
@@ -77,6 +89,7 @@ class SimRobot:
         self._sensor = Sensor(self._sensor_config, seed)
         self._odometry = NoisyOdometry(self._sensor_config, seed)
         self._faults = SensorFaults(sensor or SensorConfig(), seed)
+        self._motion = motion or MotionConfig()
         self._true_depth_m: Float32[np.ndarray, "h w"] | None = None
         self._step = 0
         self._coming: mujoco.MjData | None = None
@@ -180,6 +193,7 @@ class SimRobot:
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""
+        self._begin_fault()
         result = self._drive.act(action)
         self._step += action != Action.STOP
         return result
@@ -205,7 +219,15 @@ class SimRobot:
         Raises:
             RobotError: if the duration is not positive, or the velocity not finite.
         """
+        self._begin_fault()
         return self._drive.drive(twist, duration_s)
+
+    def _begin_fault(self) -> None:
+        """Let a wheel stick from the step on that the settings name."""
+        fault = self._motion.fault
+        if fault != "none" and isinstance(self._drive, StickingDrive):
+            now = self._step >= self._motion.fault_step
+            self._drive.stick(left=now and fault == "left-wheel", right=now and fault == "right-wheel")
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
         """Turn on the spot until the camera's axis and a point share a vertical plane.

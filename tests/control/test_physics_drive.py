@@ -10,7 +10,7 @@ from anm_mj.control.motion import action_motion
 from anm_mj.control.physics_drive import PhysicsDrive, PhysicsDriveConfig
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
-from anm_mj.types import Action, Pose2
+from anm_mj.types import Action, Pose2, StopReason
 
 _WALL_AT_1M = '<geom type="box" pos="1.05 0 1" size="0.05 3 1"/>'
 
@@ -169,3 +169,22 @@ def test_invalid_servo_settings():
 def test_a_scene_without_the_robot_is_refused(compile_scene, description):
     with pytest.raises(RobotError, match='no joint "other/base"'):
         PhysicsDrive(*compile_scene(), description, prefix="other/")
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_a_wheel_that_sticks_is_noticed_at_once_and_given_up_after_six_actions(make_drive, left, caplog):
+    drive, _ = make_drive()
+    assert drive.act(Action.MOVE_FORWARD).fault is None
+    drive.stick(left=left, right=not left)
+    first = drive.act(Action.MOVE_FORWARD)
+    speeds = first.wheel_speeds
+    assert abs(speeds.left_radps if left else speeds.right_radps) < 0.01
+    turns = [Action.TURN_LEFT, Action.TURN_RIGHT, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.MOVE_FORWARD]
+    faults = [drive.act(action).fault for action in turns]
+    assert faults == [None] * 4 + [StopReason.WHEEL_STUCK]
+    (said,) = [record.message for record in caplog.records]
+    assert said.startswith(f"The {'left' if left else 'right'} wheel turned by 0.0")
+    drive.stick(left=False, right=False)
+    drive.place(Pose2(0.0, 0.0, 0.0))
+    assert drive.act(Action.MOVE_FORWARD).fault is None
+    assert drive.pose.x_m == pytest.approx(0.065, abs=0.003)

@@ -14,6 +14,7 @@ import numpy as np
 
 from tests.corpus import hostile
 from tests.corpus.arrays import damaged_checkpoint, damaged_npz, damaged_safetensors
+from tests.corpus.changes import write
 from tests.corpus.commands import READERS_OF, commands
 from tests.corpus.damage import damaged_bytes, damaged_json, damaged_numbers, damaged_values
 
@@ -54,10 +55,6 @@ class Case:
     """Words of the command line; the working directory holds ``in``, and ``out`` is for what it makes."""
 
 
-def _write(name: str, content: bytes, folder: Path) -> None:
-    (folder / name).write_bytes(content)
-
-
 def damaged_cases(paths: dict[str, Path], seed: int, per_file: int) -> Iterator[Case]:
     """Damage to every file of every input; its readers take turns."""
     for kind, path in paths.items():
@@ -75,7 +72,7 @@ def damaged_cases(paths: dict[str, Path], seed: int, per_file: int) -> Iterator[
                 ("a link to itself", hostile.loop),
             )
             # One by one: all contents together would fill the memory.
-            contents = ((label, partial(_write, name, changed)) for label, changed in _changes(file, rng, per_file))
+            contents = ((label, partial(write, name, changed)) for label, changed in _changes(file, rng, per_file))
             cases = chain(contents, ((label, partial(_placed, name, place)) for label, place in places))
             turns = READERS_OF.get(file.name, range(len(readers))) if kind == "run" else range(len(readers))
             for number, (label, change) in enumerate(cases):

@@ -36,12 +36,17 @@ def commands(kind: str, paths: dict[str, Path]) -> list[tuple[str, ...]]:
         ]
     if kind == "bench":
         return [("bench", name, "--out", "out")]
+    if kind == "benched":
+        return [("bench", "in/bench.toml", "--out", name)]
     if kind in SEQUENCES:
         return [("map", name, *_SHORT, "--out", "out")]
     return [("scene", "import", name, "out", *(("--up", "z") if kind in ("obj", "ply", "stl") else ()))]
 
 
-SEQUENCES = ("tum", "nerfstudio", "replica", "sequence", "bag", "mcap")
+SEQUENCES = (
+    *("tum", "nerfstudio", "replica", "sequence"),
+    *("bag", "bag-file", "bag-message", "mcap", "mcap-zstd", "bag1", "bag1-bz2"),
+)
 """Kinds of recorded sequences."""
 READERS_OF = {
     "config.json": (0, 1, 5),

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from tests.io.test_rosbag import images, poses_by_tf, write_bag
+from tests.io.test_rosbag import images, poses_by_tf, write_bag, write_bag_of_ros_1
 from tests.io.test_sequence_layouts import write_nerfstudio, write_ours, write_replica, write_tum
 
 WRITERS: dict[str, Callable[[Path], None]] = {
@@ -25,7 +26,17 @@ def write_recordings(folder: Path) -> dict[str, Path]:
         paths[kind] = folder / kind / "walk"
         paths[kind].mkdir(parents=True)
         write(paths[kind])
-    for kind, storage in (("bag", StoragePlugin.SQLITE3), ("mcap", StoragePlugin.MCAP)):
+    for kind, storage, compression in (
+        ("bag", StoragePlugin.SQLITE3, CompressionMode.NONE),
+        ("bag-file", StoragePlugin.SQLITE3, CompressionMode.FILE),
+        ("bag-message", StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+        ("mcap", StoragePlugin.MCAP, CompressionMode.NONE),
+        ("mcap-zstd", StoragePlugin.MCAP, CompressionMode.STORAGE),
+    ):
         (folder / kind).mkdir()
-        paths[kind] = write_bag(folder / kind / "walk", images() + poses_by_tf(), storage)
+        paths[kind] = write_bag(folder / kind / "walk", images() + poses_by_tf(), storage, compression)
+    for kind, compression in (("bag1", "LZ4"), ("bag1-bz2", "BZ2")):
+        (folder / kind).mkdir()
+        form = Writer1.CompressionFormat[compression]
+        paths[kind] = write_bag_of_ros_1(folder / kind / "walk.bag", form)
     return paths

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -150,6 +151,9 @@ def write_sources(folder: Path, robot: Path, with_run: bool = True) -> dict[str,
         explore = ("explore", paths["scene"], "--preset", "quick", *settings)
         paths["run"] = folder / "run" / "run"
         _anm_mj(*explore, "--steps", "6", "--out", paths["run"])
+        paths["benched"] = folder / "benched" / "run"
+        shutil.copytree(folder / "bench", folder / "benched")
+        _anm_mj("bench", folder / "benched" / "bench.toml", "--out", paths["benched"])
         paths["killed"] = folder / "killed" / "run"
         words = [sys.executable, "-m", "tests.corpus.killed", str(paths["scene"]), str(paths["killed"])]
         subprocess.run(words, check=True, capture_output=True, cwd=Path(__file__).resolve().parents[2])

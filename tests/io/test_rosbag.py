@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
@@ -100,9 +100,11 @@ def base_of(observation):
     return observation.T_world_camera @ np.linalg.inv(T_BASE_CAMERA)
 
 
-def write_bag(path, messages, storage=StoragePlugin.SQLITE3):
+def write_bag(path, messages, storage=StoragePlugin.SQLITE3, compression=CompressionMode.NONE):
     """Write (topic, time [s], message); a recorder stamps a little later than the driver."""
-    with Writer(path, version=8, storage_plugin=storage) as bag:
+    bag = Writer(path, version=8, storage_plugin=storage)
+    bag.set_compression(compression, CompressionFormat.ZSTD)
+    with bag:
         there = {}
         for topic, time_s, message in messages:
             if topic not in there:
@@ -215,10 +217,14 @@ def test_compressed_depth(tmp_path, kind):
         np.testing.assert_allclose(found.depth_m, seen()[step].depth_m, atol=tolerance)
 
 
-def test_a_bag_of_ros_1(tmp_path):
+def write_bag_of_ros_1(path, compression=None):
+    """Write the same walk as a bag of ROS 1."""
     store = get_typestore(Stores.ROS1_NOETIC)
     store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
-    with Writer1(tmp_path / "walk.bag") as bag:
+    bag = Writer1(path)
+    if compression is not None:
+        bag.set_compression(compression)
+    with bag:
         there = {}
 
         def write(topic, time_s, message):
@@ -233,6 +239,12 @@ def test_a_bag_of_ros_1(tmp_path):
             write(DEPTH, t, image(t, np.rint(1000.0 * one.depth_m).astype(np.uint16), "16UC1", store))
             write(COLOUR, t, image(t, one.rgb[..., ::-1] + np.uint8(one.step), "bgr8", store))
             write("/camera/color/camera_info", t, calibration(t, store))
+    return path
+
+
+@pytest.mark.parametrize("compression", [None, Writer1.CompressionFormat.LZ4, Writer1.CompressionFormat.BZ2])
+def test_a_bag_of_ros_1(tmp_path, compression):
+    write_bag_of_ros_1(tmp_path / "walk.bag", compression)
     check(open_sequence(tmp_path / "walk.bag", SequenceOptions(floor_m=0.0))[0], steps=range(6))
 
 

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
+from anm_mj.mapping import last_good
 from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.config import FieldConfig
-from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.mapping.neural_map import MAX_FAILURES, NeuralMap
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from tests.mapping.ray_room import Room
 
@@ -121,13 +122,87 @@ def test_a_missing_file_is_refused(tmp_path):
         NeuralMap.load(tmp_path / "map.safetensors")
 
 
-def test_a_loss_that_is_not_finite_stops_with_step_and_value(tiny_config, room):
-    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+def spoilt(neural_map, name="sdf_out"):
+    """Parameters become NaN, as a step too far makes them."""
     state = neural_map.backend.get_state()
-    state["sdf_out"][:] = np.nan
+    state[name][:] = np.nan
     neural_map.backend.set_state(state)
-    with pytest.raises(MapError, match="became nan at step 7"):
-        neural_map.integrate(room.observe(1.5, 1.5, 0.0, step=7))
+
+
+def test_a_loss_that_is_not_finite_takes_the_map_back_to_the_last_good_state(tiny_config, room, caplog):
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    views = room.turn(1.5, 1.5, 12)
+    for observation in views[:6]:
+        neural_map.integrate(observation)
+    good = neural_map.backend.get_state()
+    assert neural_map._good.keep(good, 6)
+    spoilt(neural_map, "sdf_out")
+    update = neural_map.integrate(views[6])
+    assert math.isnan(update.loss)
+    assert update.num_iterations == 0
+    assert "at step 6; the map goes back to what it was 1 frames before" in caplog.text
+    for key, value in neural_map.backend.get_state().items():
+        np.testing.assert_array_equal(value, good[key])
+    for observation in views[7:]:
+        assert math.isfinite(neural_map.integrate(observation).loss)
+    points = _near_surface(room, np.random.default_rng(0), 500)
+    assert np.abs(neural_map.sdf(points) - room.sdf(points)).mean() < 0.03
+
+
+def test_features_that_are_not_finite_are_found_before_the_loss_shows_them(tiny_config, room, monkeypatch, caplog):
+    """The activations of the decoders may turn them into zeros."""
+    monkeypatch.setattr(last_good, "KEEP_EVERY_FRAMES", 2)
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    views = room.turn(1.5, 1.5, 6)
+    for observation in views[:3]:
+        neural_map.integrate(observation)
+    spoilt(neural_map, "table")
+    for observation in views[3:]:
+        neural_map.integrate(observation)
+    assert "not finite any more at step" in caplog.text or "; the map goes back" in caplog.text
+    assert np.isfinite(neural_map.backend.get_state()["table"]).all()
+
+
+def test_parameters_that_nothing_reads_are_found_too(tiny_config, room, caplog):
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    views = room.turn(1.5, 1.5, 3)
+    neural_map.integrate(views[0])
+    state = neural_map.backend.get_state()
+    state["table"][-1, 0] = np.inf
+    neural_map.backend.set_state(state)
+    stored = neural_map.checkpoint_state()
+    assert np.isfinite(stored["table"]).all()
+    assert "Parameters of the map were not finite any more" in caplog.text
+
+
+def test_a_loss_that_is_never_finite_ends_with_step_and_value(tiny_config, room, monkeypatch, tmp_path):
+    neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
+    views = room.turn(1.5, 1.5, MAX_FAILURES + 1)
+    neural_map.integrate(views[0])
+    step = neural_map.backend.step
+    monkeypatch.setattr(neural_map.backend, "step", lambda *_: step(*_)._replace(total=math.inf))
+    for observation in views[1:-1]:
+        assert math.isnan(neural_map.integrate(observation).loss)
+    with pytest.raises(
+        MapError, match=f"became inf .* at step {MAX_FAILURES}, as in the {MAX_FAILURES - 1} frames before"
+    ):
+        neural_map.integrate(views[-1])
+    neural_map.save(tmp_path / "map.safetensors")
+    assert NeuralMap.load(tmp_path / "map.safetensors", device="cpu").sdf(np.zeros((1, 3))).shape == (1,)
+
+
+def test_a_final_training_that_fails_leaves_the_map_as_it_was(tiny_config, room, monkeypatch, caplog):
+    config = replace(tiny_config, schedule=replace(tiny_config.schedule, final_iterations=40))
+    neural_map = NeuralMap(config, seed=0, device="cpu")
+    neural_map.integrate(room.turn(1.5, 1.5, 1)[0])
+    before = neural_map.backend.get_state()
+    kind = type(neural_map.backend)
+    step = kind.step
+    monkeypatch.setattr(kind, "step", lambda *_: step(*_)._replace(total=math.nan))
+    assert neural_map.finish() == 0
+    assert "The loss of the final training became nan" in caplog.text
+    for key, value in neural_map.backend.get_state().items():
+        np.testing.assert_array_equal(value, before[key])
 
 
 def test_what_was_learnt_stays_where_it_was_when_the_world_grows(tiny_config, room):

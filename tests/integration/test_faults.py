@@ -1,0 +1,241 @@
+"""Faults in the middle of real runs: a wheel sticks, an obstacle appears, the disk fills up, the loss is not finite."""
+
+import logging
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+import anm_mj.run
+from anm_mj.config import make_config
+from anm_mj.explore import explore
+from anm_mj.io.jsonl import read_jsonl
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.registry import make_policy
+from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.sim.make_robot import make_robot
+from anm_mj.types import OCCUPIED, Action, Pose2, StopReason
+from anm_mj.viz.viewer import NullViewer
+from tests.fake_robot import ListRecorder
+from tests.integration.test_kills import GROWING, TINY, assert_same, finished, words
+from tests.scene.shapes import room
+from tests.scene.small import make_small_scene
+
+MAY_MOUNT = (
+    shutil.which("unshare") is not None
+    and not subprocess.run(
+        ["unshare", "-m", "mount", "-t", "tmpfs", "none", "/mnt"], capture_output=True, check=False
+    ).returncode
+)
+"""A small disk to fill up can be made where one may mount."""
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scenes") / "small"
+    make_small_scene(folder)
+    return folder
+
+
+def configuration(scene, *, settings=(), **options):
+    return make_config("quick", [*TINY, *settings], scene=str(scene), seed=3, device="cpu", **options)
+
+
+@pytest.mark.parametrize("drive", ["kinematic", "physics"])
+def test_a_wheel_that_sticks_ends_the_run(small, tmp_path, drive, caplog):
+    settings = ["motion.fault=left-wheel", "motion.fault_step=5"]
+    config = configuration(small, settings=settings, drive=drive, steps=40)
+    _, metrics = anm_mj.run.run(config, out=tmp_path / "run")
+    assert metrics.stop_reason == "WHEEL_STUCK"
+    assert metrics.steps == 5 + 6
+    warned = [record.message for record in caplog.records if record.levelno >= logging.WARNING]
+    assert warned[0].startswith("The left wheel turned by ")
+    assert warned[-1] == "the robot can drive no more (WHEEL_STUCK); the run ends at step 11."
+    assert NeuralMap.load(tmp_path / "run" / "map.safetensors").occupancy.state.size > 0
+
+
+class Appearing:
+    """A robot in whose scene something appears after so many steps."""
+
+    def __init__(self, before, after, after_steps):
+        self.robot, self._after, self._steps = before, after, after_steps
+
+    @property
+    def footprint(self):
+        return self.robot.footprint
+
+    def observe(self):
+        return self.robot.observe()
+
+    def drive(self, twist, duration_s):
+        return self.robot.drive(twist, duration_s)
+
+    def act(self, action: Action):
+        if self.robot.step == self._steps:
+            pose, step = self.robot.pose, self.robot.step
+            self.robot = self._after
+            self.robot.place(pose)
+            self.robot._step = step
+        return self.robot.act(action)
+
+
+def box(low, high):
+    return trimesh.creation.box(bounds=[low, high])
+
+
+CRATE_FRONT_M = 2.85
+WALLS = [box([2.9, 0.0, 0.0], [3.1, 1.5, 2.5]), box([2.9, 2.5, 0.0], [3.1, 4.0, 2.5])]
+CRATE = box([CRATE_FRONT_M, 1.4, 0.0], [3.15, 2.6, 1.0])
+
+
+def front(grid):
+    """How much of the crate's front the map holds for occupied, up to the robot's eyes."""
+    x, y, z = np.meshgrid([CRATE_FRONT_M + 0.02], np.arange(1.6, 2.41, 0.1), np.arange(0.2, 0.81, 0.1))
+    index = np.floor((np.stack([z, y, x], -1).reshape(-1, 3) - grid.origin_m[::-1]) / grid.resolution_m).astype(int)
+    inside = ((index >= 0) & (index < grid.state.shape)).all(axis=1)
+    return float((grid.state[tuple(index[inside].T)] == OCCUPIED).sum()) / len(index)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drive", ["kinematic", "physics"])
+@pytest.mark.parametrize("policy", ["gvg", "anm-s"])
+def test_an_obstacle_that_appears_where_the_map_said_free(tmp_path, drive, policy):
+    """The only door is closed while the robot is on its way to it."""
+    scenes = []
+    for name, meshes in (("open", WALLS), ("closed", [*WALLS, CRATE])):
+        trimesh.Scene([room(), *meshes]).export(tmp_path / f"{name}.glb")
+        scenes.append(import_scene(tmp_path / f"{name}.glb", tmp_path / name))
+    start, appears = Pose2(1.0, 2.0, 0.0), 42
+    robots = [make_robot(scene, start=start, drive=drive, image_px=96) for scene in scenes]
+    config = configuration(scenes[0].folder, policy=policy)
+    mapper = NeuralMap(config.mapping, seed=3, device="cpu")
+    context = PolicyContext(robots[0].footprint, config.policy_settings, config.planning, 3, goal="coverage")
+    robot, recorder, seen = Appearing(*robots, appears), ListRecorder(), []
+
+    def note(report):
+        seen.append(front(mapper.occupancy))
+
+    outcome = explore(
+        robot, mapper, make_policy(policy, context), num_steps=400, recorder=recorder, viewer=NullViewer(), on_step=note
+    )
+    noticed = next(step for step, share in enumerate(seen, 1) if share >= 0.5) - appears
+    collisions = sum(result.collided for _, result, *_ in recorder.steps)
+    east = max(pose.x_m for _, _, pose, _ in recorder.steps)
+    print(policy, drive, outcome.stop_reason, outcome.num_steps, "noticed after", noticed, "collisions", collisions)
+    assert seen[appears - 1] == 0.0
+    assert noticed <= 20
+    assert east < CRATE_FRONT_M - robots[0].footprint.radius_m + 0.01
+    assert outcome.stop_reason in (StopReason.NO_REACHABLE_TARGET, StopReason.COMPLETE)
+    assert collisions <= 3
+    # What the map says at the end is what is there.
+    assert front(mapper.occupancy) > 0.9
+    for each in robots:
+        each.close()
+
+
+def test_a_loss_that_is_not_finite_takes_the_map_back_and_the_run_goes_on(small, tmp_path, monkeypatch, caplog):
+    config = configuration(small, settings=GROWING, steps=12)
+    engine = type(NeuralMap(config.mapping, seed=0, device="cpu").backend)
+    step, calls = engine.step, []
+
+    def spoil(self, *arguments):
+        losses = step(self, *arguments)
+        calls.append(1)
+        if len(calls) == 40:
+            state = self.get_state()
+            state["sdf_out"][:] = np.nan
+            self.set_state(state)
+        return losses
+
+    monkeypatch.setattr(engine, "step", spoil)
+    _, metrics = anm_mj.run.run(config, out=tmp_path / "run")
+    assert metrics.stop_reason == "BUDGET"
+    assert metrics.observed_accuracy_cm < 10.0
+    assert caplog.text.count("; the map goes back to what it was") == 1
+    lines = read_jsonl(tmp_path / "run" / "steps.jsonl")
+    # The iteration after the one that went wrong is the one that shows it.
+    assert [line["step"] for line in lines if line["loss"] is None] == [5 if lines[0]["iterations"] else 0]
+
+
+SCRIPT = """
+mount -t tmpfs -o size={size}k none {disk} || exit 99
+{explore} --out {disk}/run; echo "status $?"
+cp -r {disk}/run {kept}
+mount -o remount,size=1000m {disk}
+{resume} {disk}/run; echo "status $?"
+cp -r {disk}/run {resumed}
+"""
+
+
+def fill(tmp_path, scene, size_kib):
+    """What a run says on a disk that is too small, and when it is resumed on a larger one."""
+    anm_mj_command = f"{sys.executable} -m anm_mj.cli explore"
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    line = " ".join(map(str, words(scene, steps=36, settings=TINY)))
+    script = SCRIPT.format(
+        size=size_kib,
+        disk=disk,
+        kept=tmp_path / "full",
+        resumed=tmp_path / "resumed",
+        explore=f"{anm_mj_command} {line}",
+        resume=f"{anm_mj_command} --resume",
+    )
+    done = subprocess.run(
+        ["unshare", "-m", "sh", "-c", script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        env=os.environ | {"COLUMNS": "400"},
+    )
+    first, _, rest = done.stdout.partition("status ")
+    return first, int(rest[0]), rest.partition("status ")[2].strip()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(small, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    finished(*words(small, steps=36, settings=TINY), "--out", folder)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(not MAY_MOUNT, reason="no file system can be mounted here")
+@pytest.mark.parametrize("size_kib", [300, 12_000, 30_000, 36_000, 42_000])
+def test_a_disk_that_fills_up_is_one_sentence_and_the_run_goes_on_with_a_larger_one(
+    small, undisturbed, tmp_path, size_kib
+):
+    """Ground truth, first checkpoint, later checkpoints, logs, results: each disk is too small for another one."""
+    said, status, after = fill(tmp_path, small, size_kib)
+    sentence = said.strip().splitlines()[-1]
+    print(size_kib, sentence)
+    full = tmp_path / "full"
+    assert "Traceback" not in said + after
+    assert not [path for path in full.rglob(".*") if path.is_file()]
+    if status == 0:
+        assert_same(full, undisturbed)
+        return
+    assert status == 2
+    assert sentence.startswith("anm-mj: ")
+    assert "No space left on device" in sentence or "more than the disk has free" in sentence
+    for path in full.glob("depth/*.png"):
+        with Image.open(path) as image:
+            image.load()
+    for path in full.glob("*.jsonl"):
+        assert read_jsonl(path) is not None
+    kept = list(full.glob("checkpoint/*.checkpoint"))
+    assert ("Then go on with: anm-mj explore --resume" in sentence) == bool(kept)
+    if kept:
+        assert after.endswith("0"), after
+        assert_same(tmp_path / "resumed", undisturbed)
+    else:
+        # Nothing was lost: it had not begun.
+        assert not (full / "steps.jsonl").exists() or len(read_jsonl(full / "steps.jsonl")) <= 20
