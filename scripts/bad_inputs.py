@@ -7,6 +7,7 @@ or says in one sentence what is wrong and exits with status 2, and nothing outsi
 from __future__ import annotations
 
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -24,7 +25,7 @@ from tests.corpus.sources import write_sources
 
 
 def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1) -> None:
-    """Run the corpus and print a line per case that fails, and a table.
+    """Run the corpus and print a line per case that fails, and a table; Ctrl-C gives the table so far.
 
     Args:
         only: run the cases whose name contains this.
@@ -32,6 +33,7 @@ def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1) -> No
         seed: of the changes.
         every: run one case in so many.
     """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     root = Path(tempfile.mkdtemp(prefix="bad_inputs_"))
     total, failed = Counter[str](), Counter[str]()
     try:
@@ -39,12 +41,15 @@ def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1) -> No
         checker = Checker(good, root)
         cases = (case for case in all_cases(good, checker.canary, seed, per_file) if only in case.name)
         began = time.monotonic()
-        for case in islice(cases, 0, None, every):
-            fault = checker.fault(case)
-            total[case.kind] += 1
-            if fault:
-                failed[case.kind] += 1
-                print(f"{case.name}: {fault}", flush=True)
+        try:
+            for case in islice(cases, 0, None, every):
+                fault = checker.fault(case)
+                total[case.kind] += 1
+                if fault:
+                    failed[case.kind] += 1
+                    print(f"{case.name}: {fault}", flush=True)
+        except KeyboardInterrupt:
+            print("Interrupted; so far:")
         for kind, count in total.items():
             print(f"{kind:10s} {count:5d} cases, {failed[kind]} not taken well")
         print(f"{total.total()} cases, {failed.total()} not taken well, {time.monotonic() - began:.0f} s")

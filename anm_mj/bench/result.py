@@ -22,7 +22,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, read_metrics
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
-from anm_mj.io.run_shapes import Count, Number, StepShape
+from anm_mj.io.run_shapes import Count, Number
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.types import Action
@@ -62,6 +62,14 @@ class JobShape(Struct):
     pose: str = USUAL["pose"]
     goal: str = USUAL["goal"]
     cuts: list[tuple[str, Count]] = []
+
+
+class _Done(Struct):
+    """What counts of a line of ``steps.jsonl``."""
+
+    action: str
+    collided: bool
+    moved_m: Number
 
 
 class _Git(Struct):
@@ -150,7 +158,7 @@ class Result:
         log = EpisodeStatistics()
         with _of(self.folder):
             for line in read_jsonl(self.folder / "steps.jsonl")[:steps]:
-                done = convert(line, StepShape)
+                done = convert(line, _Done)
                 log = log.after(Action[done.action], done.collided, done.moved_m, {})
         metrics = {key: None for key in self.metrics if key != "stage_hz"} | {
             "completion_ratio": curve[-1, COMPLETION],

@@ -8,7 +8,7 @@ from jaxtyping import Float32
 from anm_mj.mapping.config import FieldConfig
 from anm_mj.mapping.grid_layout import doubled_table
 
-KEEP_EVERY_FRAMES = 50
+KEEP_EVERY_FRAMES = 20
 """A copy of the parameters costs milliseconds; a loss that is not finite takes back this many frames at most."""
 
 Parameters = dict[str, Float32[np.ndarray, "..."]]

@@ -460,7 +460,8 @@ class NeuralMap:
             _logger.warning("%s, and no good ones were kept.", why)
             return
         frames = self._num_frames - self._good.frame
-        _logger.warning("%s; the map goes back to what it was %d frames before, and goes on from there.", why, frames)
+        ago = f" {frames} frames ago" if frames else " before"
+        _logger.warning("%s; the map goes back to what it was%s.", why, ago)
         self.backend.set_state(good)
 
     def _batches(self, observation: Observation, count: int, *, first: bool) -> Iterator[RayBatch]:

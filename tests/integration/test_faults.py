@@ -94,12 +94,27 @@ WALLS = [box([2.9, 0.0, 0.0], [3.1, 1.5, 2.5]), box([2.9, 2.5, 0.0], [3.1, 4.0, 
 CRATE = box([CRATE_FRONT_M, 1.4, 0.0], [3.15, 2.6, 1.0])
 
 
+FRONT = np.stack(np.meshgrid([CRATE_FRONT_M], np.arange(1.6, 2.41, 0.1), np.arange(0.2, 0.81, 0.1)), -1).reshape(-1, 3)
+
+
 def front(grid):
     """How much of the crate's front the map holds for occupied, up to the robot's eyes."""
-    x, y, z = np.meshgrid([CRATE_FRONT_M + 0.02], np.arange(1.6, 2.41, 0.1), np.arange(0.2, 0.81, 0.1))
-    index = np.floor((np.stack([z, y, x], -1).reshape(-1, 3) - grid.origin_m[::-1]) / grid.resolution_m).astype(int)
+    inner = FRONT + np.array([0.02, 0.0, 0.0])
+    index = np.floor((inner[:, ::-1] - grid.origin_m[::-1]) / grid.resolution_m).astype(int)
     inside = ((index >= 0) & (index < grid.state.shape)).all(axis=1)
     return float((grid.state[tuple(index[inside].T)] == OCCUPIED).sum()) / len(index)
+
+
+def sees_front(observation):
+    """Whether half of the crate's front is in an image, where it is."""
+    T, camera = observation.T_world_camera, observation.intrinsics
+    x, y, z = ((FRONT - T[:3, 3]) @ T[:3, :3]).T
+    ahead = z > 0.1
+    z = np.where(ahead, z, 1.0)
+    col, row = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+    inside = ahead & (col >= 0) & (col < camera.width) & (row >= 0) & (row < camera.height)
+    found = observation.depth_m[row[inside].astype(int), col[inside].astype(int)]
+    return np.count_nonzero(np.abs(found - z[inside]) < 0.1) > len(FRONT) / 2
 
 
 @pytest.mark.slow
@@ -116,20 +131,23 @@ def test_an_obstacle_that_appears_where_the_map_said_free(tmp_path, drive, polic
     config = configuration(scenes[0].folder, policy=policy)
     mapper = NeuralMap(config.mapping, seed=3, device="cpu")
     context = PolicyContext(robots[0].footprint, config.policy_settings, config.planning, 3, goal="coverage")
-    robot, recorder, seen = Appearing(*robots, appears), ListRecorder(), []
+    robot, recorder, held, seen = Appearing(*robots, appears), ListRecorder(), [], []
 
     def note(report):
-        seen.append(front(mapper.occupancy))
+        held.append(front(mapper.occupancy))
+        seen.append(report.step > appears and sees_front(report.observation))
 
     outcome = explore(
         robot, mapper, make_policy(policy, context), num_steps=400, recorder=recorder, viewer=NullViewer(), on_step=note
     )
-    noticed = next(step for step, share in enumerate(seen, 1) if share >= 0.5) - appears
+    noticed = sum(seen[: next(step for step, share in enumerate(held, 1) if share >= 0.5)])
     collisions = sum(result.collided for _, result, *_ in recorder.steps)
     east = max(pose.x_m for _, _, pose, _ in recorder.steps)
-    print(policy, drive, outcome.stop_reason, outcome.num_steps, "noticed after", noticed, "collisions", collisions)
-    assert seen[appears - 1] == 0.0
-    assert noticed <= 20
+    print(
+        policy, drive, outcome.stop_reason, outcome.num_steps, "noticed after views", noticed, "collisions", collisions
+    )
+    assert held[appears - 1] == 0.0
+    assert 1 <= noticed <= 8
     assert east < CRATE_FRONT_M - robots[0].footprint.radius_m + 0.01
     assert outcome.stop_reason in (StopReason.NO_REACHABLE_TARGET, StopReason.COMPLETE)
     assert collisions <= 3
@@ -147,7 +165,7 @@ def test_a_loss_that_is_not_finite_takes_the_map_back_and_the_run_goes_on(small,
     def spoil(self, *arguments):
         losses = step(self, *arguments)
         calls.append(1)
-        if len(calls) == 40:
+        if len(calls) == 20:
             state = self.get_state()
             state["sdf_out"][:] = np.nan
             self.set_state(state)
@@ -158,14 +176,22 @@ def test_a_loss_that_is_not_finite_takes_the_map_back_and_the_run_goes_on(small,
     assert metrics.stop_reason == "BUDGET"
     assert metrics.observed_accuracy_cm < 10.0
     assert caplog.text.count("; the map goes back to what it was") == 1
-    lines = read_jsonl(tmp_path / "run" / "steps.jsonl")
-    # The iteration after the one that went wrong is the one that shows it.
-    assert [line["step"] for line in lines if line["loss"] is None] == [5 if lines[0]["iterations"] else 0]
+    (untrained,) = [line for line in read_jsonl(tmp_path / "run" / "steps.jsonl") if line["loss"] is None]
+    assert (
+        f"became nan (rgb nan, depth nan, sdf nan, free_space nan, smoothness 0) at step {untrained['step']}; the map"
+        in (caplog.text)
+    )
 
 
 SCRIPT = """
 mount -t tmpfs -o size={size}k none {disk} || exit 99
-{explore} --out {disk}/run; echo "status $?"
+{explore} --out {disk}/run & run=$!
+if [ {fill} = 1 ]; then
+  until [ "$(cat {disk}/run/steps.jsonl 2>/dev/null | wc -l)" -ge 5 ]; do sleep 0.01; done
+  cat /dev/zero > {disk}/ballast 2>/dev/null
+fi
+wait $run; echo "status $?"
+rm -f {disk}/ballast
 cp -r {disk}/run {kept}
 mount -o remount,size=1000m {disk}
 {resume} {disk}/run; echo "status $?"
@@ -173,14 +199,15 @@ cp -r {disk}/run {resumed}
 """
 
 
-def fill(tmp_path, scene, size_kib):
-    """What a run says on a disk that is too small, and when it is resumed on a larger one."""
+def on_a_disk(tmp_path, scene, size_kib, *, fill):
+    """What a run says on a disk that is too small, or that others fill, and when it is resumed on a larger one."""
     anm_mj_command = f"{sys.executable} -m anm_mj.cli explore"
     disk = tmp_path / "disk"
     disk.mkdir()
     line = " ".join(map(str, words(scene, steps=36, settings=TINY)))
     script = SCRIPT.format(
         size=size_kib,
+        fill=int(fill),
         disk=disk,
         kept=tmp_path / "full",
         resumed=tmp_path / "resumed",
@@ -209,12 +236,12 @@ def undisturbed(small, tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.skipif(not MAY_MOUNT, reason="no file system can be mounted here")
-@pytest.mark.parametrize("size_kib", [300, 12_000, 30_000, 36_000, 42_000])
+@pytest.mark.parametrize("size_kib", [300, 30_000, 41_500, 300_000])
 def test_a_disk_that_fills_up_is_one_sentence_and_the_run_goes_on_with_a_larger_one(
     small, undisturbed, tmp_path, size_kib
 ):
-    """Ground truth, first checkpoint, later checkpoints, logs, results: each disk is too small for another one."""
-    said, status, after = fill(tmp_path, small, size_kib)
+    """Too small for the truth, for a checkpoint, for a second one, and large enough until others fill it."""
+    said, status, after = on_a_disk(tmp_path, small, size_kib, fill=size_kib == 300_000)
     sentence = said.strip().splitlines()[-1]
     print(size_kib, sentence)
     full = tmp_path / "full"

@@ -140,7 +140,7 @@ def test_a_loss_that_is_not_finite_takes_the_map_back_to_the_last_good_state(tin
     update = neural_map.integrate(views[6])
     assert math.isnan(update.loss)
     assert update.num_iterations == 0
-    assert "at step 6; the map goes back to what it was 1 frames before" in caplog.text
+    assert "at step 6; the map goes back to what it was 1 frames ago" in caplog.text
     for key, value in neural_map.backend.get_state().items():
         np.testing.assert_array_equal(value, good[key])
     for observation in views[7:]:
