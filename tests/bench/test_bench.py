@@ -12,6 +12,7 @@ import pytest
 
 from anm_mj.bench.bench import run_bench
 from anm_mj.bench.sweep import BenchError
+from anm_mj.errors import RunFolderError
 from tests.scene.small import make_small_scene
 
 TIMINGS = ("wall_s", "hz", "evaluation_s", "peak_rss_mib")
@@ -373,3 +374,36 @@ def test_real_runs_resume(tmp_path):
     assert "24 runs" in again.stdout
     assert len(table(out)) == 24
     assert table(out) == table(undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("result.json", "{}"),
+        ("result.json", "[" * 10_000),
+        ("metrics.json", '{"steps": "many"}'),
+        ("manifest.json", '{"git": {"revision": 7}}'),
+        ("curve.csv", "step\n"),
+        ("curve.csv", "step\n10,1,x,2,3\n"),
+        ("curve.csv", "step\n10,1,1,1,1\n5,1,1,1,1\n"),
+    ],
+)
+def test_a_damaged_run_is_named(tmp_path, name, content):
+    file, out = tmp_path / "small.toml", tmp_path / "out"
+    file.write_text('scenes = ["home"]\npolicies = ["random"]\nstarts = 1\nseeds = [0]\nsteps = 100\n')
+    run_bench(file, out, function="tests.bench.fake:quick")
+    (run,) = (out / "runs").iterdir()
+    (run / name).write_text(content)
+    with pytest.raises(BenchError, match=f"{run.name} is damaged .*; delete it, and give the command again"):
+        run_bench(file, out, function="tests.bench.fake:quick")
+
+
+def test_nothing_is_written_through_a_link(tmp_path):
+    file, out = tmp_path / "small.toml", tmp_path / "out"
+    file.write_text('scenes = ["home"]\npolicies = ["random"]\nsteps = 100\n')
+    out.mkdir()
+    (tmp_path / "precious").write_text("kept")
+    (out / "table.md").symlink_to(tmp_path / "precious")
+    with pytest.raises(RunFolderError, match=r"table.md is a link"):
+        run_bench(file, out, function="tests.bench.fake:quick")
+    assert (tmp_path / "precious").read_text() == "kept"

@@ -14,6 +14,11 @@ def write(folder, policy, scale, observable, *, steps=300, collisions=0):
     job = {
         "policy": policy,
         "scene_name": "somewhere",
+        "scene_hash": "0",
+        "start": 0,
+        "start_pose": [0.0, 0.0, 0.0],
+        "seed": 0,
+        "preset": "default",
         "steps": 300,
         "settings": [f"sensor.noise_scale={scale}"] if scale is not None else [],
     }
