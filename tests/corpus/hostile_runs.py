@@ -74,7 +74,7 @@ def _links(paths: dict[str, Path], canary: Path) -> Iterator[Case]:
         yield Case(
             f"killed: {name} is a link out", "killed", partial(link_out, f"run/{name}", canary / "precious"), resume
         )
-    for name in ("depth", "images", "plans", "checkpoint"):
+    for name in ("depth", "rgb", "plans", "checkpoint"):
         yield Case(f"killed: {name} is a linked folder", "killed", partial(moved_out, f"run/{name}"), resume)
         for below in ("000001.png", "000003.jpg", "000009.npz"):
             link = partial(link_out, f"run/{name}/{below}", canary / "precious")
