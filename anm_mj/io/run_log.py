@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -87,7 +89,7 @@ class RunLog:
         if depth_mm is None:
             depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
         path = self._folder.depth(observation.step)
-        with writing(path):
+        with writing(path), _whole_or_not_at_all(path):
             # The lowest compression: a fifth larger than the highest, at a fraction of its time.
             Image.fromarray(depth_mm).save(path, compress_level=1)
         self._write_image(observation)
@@ -160,11 +162,22 @@ class RunLog:
         if self._record.images == "none":
             return
         path = self._folder.image(observation.step)
-        with writing(path):
+        with writing(path), _whole_or_not_at_all(path):
             if self._record.images == "full":
                 Image.fromarray(observation.rgb).save(path, quality=FULL_QUALITY, subsampling=0)
             else:
                 _small(observation.rgb).save(path, quality=SMALL_QUALITY)
+
+
+@contextmanager
+def _whole_or_not_at_all(path: Path) -> Iterator[None]:
+    """Remove what is there of a file that cannot be written to its end, as on a full disk."""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            path.unlink()
+        raise
 
 
 def _remove_after(folder: RunFolder, step: int) -> None:
