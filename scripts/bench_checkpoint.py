@@ -1,6 +1,6 @@
 """Measure what checkpoints cost a run: the figures of docs/reliability.md.
 
-    scripts/bench_checkpoint.py [home] [--steps 300] [--repeats 2]
+    scripts/bench_checkpoint.py [--scene home] [--steps 300] [--repeats 2]
 
 The same run with and without checkpoints, in turns, each in a process of its own: processor's time of the whole
 process, wall time of the loop, and the time that was spent on them.
