@@ -46,7 +46,7 @@ def limit_rosbags() -> None:
         def open(file: IO[bytes], mode: str) -> Any:
             return _LimitedFile(zstd.open(file, mode), _size_of(file))
 
-    vars(rosbag2)["zstd"] = LimitedZstd
+    rosbag2.__dict__["zstd"] = LimitedZstd
 
 
 def _unpacked(decompressor_of: Callable[[], Any], data: bytes) -> bytes:
