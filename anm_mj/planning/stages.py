@@ -79,7 +79,9 @@ class Stages:
         self._coarse_far_field = coarse_far_field
         self._with_rooms = with_rooms
         self.config = config
+        self._radius_m = footprint.radius_m
         self.safe_m = footprint.radius_m + config.margin_m
+        """Clearance that paths keep [m]."""
         self.topdown = TopDownMapper(config, footprint)
         self.region_finder = RegionFinder(config)
 
@@ -144,7 +146,7 @@ class Stages:
         """Stamp the place that a refused forward step would have led to, so that no plan leads there again."""
         if action is Action.MOVE_FORWARD:
             ahead = np.array([np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)])
-            reach_m = self.safe_m - self.config.margin_m + FORWARD_STEP_M
+            reach_m = self._radius_m + FORWARD_STEP_M
             self.topdown.add_blocked(pose.xy_m + reach_m * ahead)
 
     def is_cut_off(self, reached: Bool[np.ndarray, " n"]) -> bool:
@@ -162,3 +164,8 @@ class Stages:
             reached: whether a path leads to each vertex of the graph.
         """
         return self.is_cut_off(reached) and self.topdown.shrink_blocked()
+
+    def squeeze(self) -> bool:
+        """Keep no margin from now on, where no other way is left; whether this may open one."""
+        before, self.safe_m = self.safe_m, self._radius_m
+        return self.safe_m < before

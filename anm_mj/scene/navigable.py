@@ -121,7 +121,7 @@ def _indoors(blocked: Bool[np.ndarray, "rows cols"]) -> Bool[np.ndarray, "rows c
         for k in range(len(cells)):
             row = cells[k] | np.concatenate([[False], row[:-1]])
             count[k] += row
-    return (met >= _WALLED_DIRECTIONS) & ~blocked
+    return np.asarray((met >= _WALLED_DIRECTIONS) & ~blocked)
 
 
 def _grid_for(triangles_m: Float[np.ndarray, "f 3 3"]) -> Grid:
@@ -149,7 +149,7 @@ def pooled(area: NavigableArea, cells: int) -> NavigableArea:
     number = np.where(area.component > 0, area.component, np.iinfo(area.component.dtype).max)
     best = np.pad(number, padding, constant_values=np.iinfo(number.dtype).max).reshape(shape).min(axis=(1, 3))
     clearance = np.pad(area.clearance_m, padding).reshape(shape).max(axis=(1, 3))
-    indoors = np.pad(area.indoors, padding).reshape(shape).any(axis=(1, 3))
+    indoors = np.asarray(np.pad(area.indoors, padding).reshape(shape).any(axis=(1, 3)))
     grid = Grid(area.grid.origin_xy_m, area.grid.resolution_m * cells, shape[0], shape[2])
     return NavigableArea(grid, clearance, np.where(best == np.iinfo(number.dtype).max, 0, best), indoors)
 

@@ -23,7 +23,8 @@ Deviations from the paper:
 - Rooms stand between the local horizon and the whole graph.
 - Vertices come last when the robot saw all that surrounds them from near enough; ``visited_by`` "place" leaves that
   out, as in the released code.
-- After these come vertices beside the unknown that the robot was only near to.
+- After these come vertices beside the unknown that the robot was only near to, and then vertices beside passages that
+  seemed too narrow from afar.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ import numpy as np
 
 from anm_mj.planning.contracted_edges import components
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.policies.anm_s.candidates import CandidateFinder, Candidates
 from anm_mj.planning.policies.anm_s.config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
@@ -129,7 +131,7 @@ class AnmS:
             if plan is not None:
                 self._rotated = False
                 return plan
-        return self._to_the_unknown(now) or self._without_candidates(now)
+        return self._to_the_unknown(now) or self._to_a_gap(now) or self._without_candidates(now)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Stamp the obstacle and put the present target last."""
@@ -217,6 +219,30 @@ class AnmS:
             stage_ms=now.watch.ms,
         )
 
+    def _to_a_gap(self, now: PlanningState) -> Plan | None:
+        """To the nearest place beside a passage that seemed too narrow from afar, and a look into it."""
+        vertices, beyond_m = narrow_gaps(now)
+        xy = now.graph.vertex_xy_m[vertices]
+        been = within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M)
+        left = np.flatnonzero(~been & ~self.targets.is_given_up(xy))
+        if not len(left):
+            return None
+        chosen = left[np.argmin(now.paths.distance_m[vertices[left]])]
+        vertex, towards = int(vertices[chosen]), beyond_m[chosen] - xy[chosen]
+        path = now.paths.path_to(vertex)
+        if not len(path):
+            return None
+        self.targets.choose(xy[chosen], (), unvisited=False)
+        return Plan(
+            f"every vertex is visited: a look into a narrow passage, {now.paths.distance_m[vertex]:.1f} m away",
+            path,
+            (math.atan2(towards[1], towards[0]),),
+            topdown=now.topdown,
+            graph=now.graph,
+            regions=now.regions,
+            stage_ms=now.watch.ms,
+        )
+
     def _without_candidates(self, now: PlanningState) -> Plan:
         """One full rotation, as in the authors' released code; if that brings nothing, stop."""
         self.targets.clear()
@@ -227,7 +253,7 @@ class AnmS:
             self._rotated = True
             return _rotation(f"{what}: another full rotation", FULL_ROTATION)
         num_parts = len(np.unique(components(now.graph)[~reached]))
-        if self.stages.may_pass(reached):
+        if self.stages.may_pass(reached) or (len(narrow_gaps(now)[0]) and self.stages.squeeze()):
             return _rotation(f"{what}: {TRY_AGAIN}", 1)
         complete = reachable and not self.stages.is_cut_off(reached)
         return Plan(

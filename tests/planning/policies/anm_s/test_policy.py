@@ -238,3 +238,37 @@ def test_a_region_is_looked_at_once():
     policy.observe(observation(x, y))
     after = policy.plan(world, observation(x, y))
     assert len(after.regions) < len(plan.regions)
+
+
+def test_before_the_end_the_robot_looks_into_a_narrow_passage_and_squeezes_through():
+    # 0.4 m wide: the body of 0.36 m fits, but not with its margin on both sides.
+    world = room(8, 3, boxes=[(4.2, 0.2, 4.3, 1.5), (4.2, 1.9, 4.3, 3.2)])
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, visited_by="place")))
+    for x, y in np.stack(np.meshgrid(np.arange(0.6, 3.8, 0.4), np.arange(0.6, 3.0, 0.4)), axis=-1).reshape(-1, 2):
+        policy.stages.topdown.visit(np.array([x, y]))
+    look = policy.plan(world, observation(1.0, 1.7))
+    assert "narrow passage" in look.reason
+    assert look.target_xy_m is not None
+    assert look.target_xy_m[0] < 4.2
+    # It faces the passage there.
+    towards = np.array([4.25, 1.7]) - look.target_xy_m
+    assert abs(math.remainder(look.headings_rad[0] - math.atan2(towards[1], towards[0]), math.tau)) < 0.6
+    plans = []
+    for _ in range(16):
+        policy.stages.topdown.visit(look.target_xy_m)
+        plans.append(policy.plan(world, observation(*look.target_xy_m)))
+        if plans[-1].target_xy_m is not None and plans[-1].target_xy_m[0] > 4.3:
+            break
+        look = plans[-1] if plans[-1].target_xy_m is not None else look
+    assert plans[-1].target_xy_m is not None
+    assert plans[-1].target_xy_m[0] > 4.3
+    assert any(TRY_AGAIN in plan.reason for plan in plans)
+
+
+def test_a_passage_that_no_body_fits_through_stays_shut():
+    world = room(8, 3, boxes=[(4.2, 0.2, 4.3, 1.6), (4.2, 1.8, 4.3, 3.2)])
+    policy = AnmS(PolicyContext(BODY, AnmSConfig(bootstrap_turns=0, visited_by="place")))
+    for x, y in np.stack(np.meshgrid(np.arange(0.4, 4.2, 0.2), np.arange(0.4, 3.2, 0.2)), axis=-1).reshape(-1, 2):
+        policy.stages.topdown.visit(np.array([x, y]))
+    plans = [policy.plan(world, observation(1.0, 1.7)) for _ in range(12)]
+    assert plans[-1].stop is StopReason.COMPLETE
