@@ -22,6 +22,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
@@ -127,7 +128,9 @@ class Gvg:
                 candidates = self._candidates(state, gain, mapper, observation)
             with watch.stage("choice"):
                 plan = self._decide(state, candidates, gain)
-            if plan.stop is not None and self._stages.may_pass(np.isfinite(state.paths.distance_m)):
+            if plan.stop is not None and (
+                self._stages.may_pass(np.isfinite(state.paths.distance_m)) or self._may_squeeze(state, gain)
+            ):
                 return Plan(TRY_AGAIN, np.zeros((0, 2)), actions=(Action.TURN_LEFT,), stage_ms=watch.ms)
             if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
                 self._improving, self._target = True, None
@@ -158,6 +161,13 @@ class Gvg:
         self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
+
+    def _may_squeeze(self, state: PlanningState, gain: InformationGain) -> bool:
+        """Keep no margin from now on where much is expected behind a narrow passage; whether this may open a way."""
+        _, beyond_m = narrow_gaps(state)
+        if not len(beyond_m) or gain.best_view_gains(beyond_m).max() < self.config.large_gain_m2:
+            return False
+        return self._stages.squeeze()
 
     def _can_improve(self, mapper: Mapper) -> bool:
         """Whether views could count what they improve, and do not yet."""

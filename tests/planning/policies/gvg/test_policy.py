@@ -3,6 +3,7 @@ import numpy as np
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.policy import Gvg
+from anm_mj.planning.stages import TRY_AGAIN
 from anm_mj.types import Action, Footprint, Observation, Pose2, StopReason, SurfaceErrors
 from tests.box_room import CAMERA, camera_pose, room_depth
 from tests.planning.worlds import room
@@ -115,3 +116,18 @@ def test_a_run_is_complete_when_improvement_is_not_worth_a_step():
     plan = with_goal("both").plan(BadlyKnownRoom(error_m=0.0005), observation(Pose2(1.5, 1.5, np.pi)))
     assert plan.stop is StopReason.COMPLETE
     assert "with improvement" in plan.reason
+
+
+def plans_before_a_passage(low_m, high_m):
+    """Decisions in a known room with a passage between two heights of its wall; a dark hall lies round the corner."""
+    boxes = [(4.2, 0.2, 4.3, low_m), (4.2, high_m, 4.3, 4.2), (5.2, 0.2, 5.3, 3.4)]
+    world = room(8, 4, boxes=boxes, unknown=[(5.3, 0.2, 8.2, 4.2)])
+    gvg = policy(min_gain_m2=0.6, large_gain_m2=0.6)
+    return [gvg.plan(world, observation(Pose2(1.5, 2.0, 0.0), step)) for step in (0, 1)]
+
+
+def test_a_passage_without_room_for_a_margin_is_tried_before_the_end():
+    first, second = plans_before_a_passage(0.6, 0.95)
+    assert first.reason == TRY_AGAIN
+    # It is too narrow for the body as well.
+    assert second.stop is StopReason.COMPLETE
