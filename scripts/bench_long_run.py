@@ -9,7 +9,9 @@ collection; growth counts from the step at which the coverage of the observable 
 
 import gc
 import json
+import math
 import os
+import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,6 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 import anm_mj
+from anm_mj.errors import AnmError
 
 PART = 1000
 """Steps of a row."""
@@ -127,7 +130,11 @@ def main(
         json_file: where the rows go too.
     """
     meter = Meter(out)
-    anm_mj.explore_scene(scene, steps=steps, out=out, on_step=meter.step)
+    try:
+        anm_mj.explore_scene(scene, steps=steps, out=out, on_step=meter.step)
+    except AnmError as err:
+        print(err, file=sys.stderr)
+        sys.exit(2)
     curve = np.genfromtxt(out / "curve.csv", delimiter=",", names=True)
     for row in meter.rows:
         row.covered = float(np.interp(row.step, curve["step"], curve["observable_ratio"]))
@@ -136,7 +143,9 @@ def main(
         figures = (row.covered, row.step_ms, row.cpu_ms, row.rss_mib, row.disk_mib)
         table.add_row(str(row.step), *(f"{value:.1f}" for value in figures))
     Console().print(table)
-    print(f"memory grows by {growth_mib(meter.rows):.2f} MiB per {PART} steps once the scene is covered")
+    growth = growth_mib(meter.rows)
+    if math.isfinite(growth):
+        print(f"memory grows by {growth:.2f} MiB per {PART} steps once the scene is covered")
     if figure is not None:
         draw(meter.rows, scene, figure)
     if json_file is not None:
