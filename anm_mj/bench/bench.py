@@ -29,7 +29,7 @@ from anm_mj.io.manifest import git_revision
 from anm_mj.io.run_folder import refuse_links
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.scene.folder import load_scene
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import write_text
 from anm_mj.utils.package_data import checkout
 from anm_mj.utils.read_file import read_text
 from anm_mj.viz.figure_file import KINDS, PICTURE
@@ -156,9 +156,9 @@ def _make_missing(
         for unfinished in runs.glob(".*"):
             shutil.rmtree(unfinished, ignore_errors=True)
         text = shlex.join(_without_folders(command))
-        _write_text(out / "command.txt", f"{text}\n")
+        write_text(out / "command.txt", f"{text}\n")
         if file.resolve() != (out / "bench.toml").resolve():
-            _write_text(out / "bench.toml", read_text(file))
+            write_text(out / "bench.toml", read_text(file))
     except OSError as err:
         raise BenchError(f"{out} cannot be written ({err.strerror}); choose a folder you may write to.") from err
     there = {job.name for job in finished(jobs, runs)}
@@ -181,12 +181,6 @@ def _make_missing(
     return Bench(out, jobs, len(there), failures)
 
 
-def _write_text(path: Path, text: str) -> None:
-    """Replace a file, whatever is in its place."""
-    with atomic_write(path) as partial:
-        partial.write_text(text, encoding="utf-8")
-
-
 def _without_folders(command: Sequence[str]) -> list[str]:
     """A command line without the folders of this machine."""
     return [Path(word).name if Path(word).is_absolute() else word for word in command]
@@ -204,7 +198,7 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
     rows = tidy_rows(results)
     write_csv(out / "results.csv", rows)
     table = markdown(rows, command)
-    _write_text(out / "table.md", table)
+    write_text(out / "table.md", table)
     folders = {job.scene_name: job.scene for job in jobs}
     pictures: dict[str, list[Path]] = {}
     for name in dict.fromkeys(result.job["scene_name"] for result in results):
@@ -232,9 +226,9 @@ def _write_report(
         pictures[""] += draw_overview(path, [cut for cut in cuts if cut.budget_by == by])
     title = f"Comparison {out.resolve().name}"
     card = data_card(rows, title, command)
-    _write_text(out / CARD, card)
+    write_text(out / CARD, card)
     about = headline(rows)
     badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
     if badge:
-        _write_text(out / BADGE, badge)
+        write_text(out / BADGE, badge)
     write_page(out, title, table, card, badge, pictures)

@@ -129,10 +129,11 @@ def _ray(
 
     began = not ray.is_initialized()
     if began:
-        # Join the cluster that the environment names; without one, start a cluster here.
+        # Join the cluster that the environment names; without one, start a cluster here. Ray would look for one by
+        # itself, and find the note that a killed cluster left behind.
         known = os.environ.get("RAY_ADDRESS")
         local: dict[str, Any] = {} if known else {"num_cpus": num_workers, "include_dashboard": False}
-        _started(lambda: ray.init(address=known, log_to_driver=False, logging_level=logging.ERROR, **local))
+        _started(lambda: ray.init(address=known or "local", log_to_driver=False, logging_level=logging.ERROR, **local))
     try:
         remote = ray.remote(num_cpus=1, max_retries=0)(execute)
         pending = {remote.remote(job, *arguments): job for job in jobs}

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from jaxtyping import Float32
 
+from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.config import FieldConfig
 from anm_mj.mapping.grid_layout import doubled_table
+
+_logger = logging.getLogger(__name__)
 
 KEEP_EVERY_FRAMES = 20
 """A copy of the parameters costs milliseconds; a loss that is not finite takes back this many frames at most."""
@@ -43,15 +48,39 @@ class LastGood:
         if self._parameters is not None:
             self._parameters = {**self._parameters, "table": doubled_table(self._parameters["table"], field)}
 
-    @property
-    def parameters(self) -> Parameters | None:
-        """What was kept last; None where nothing was."""
-        return self._parameters
+    def keep_or_restore(self, backend: MapperBackend, frame: int, step: int) -> None:
+        """Keep the engine's parameters before a frame, or take it back where one of them is not finite.
 
-    @property
-    def frame(self) -> int:
-        """Number of frames that it was learnt from."""
-        return self._frame
+        Args:
+            backend: the engine.
+            frame: number of frames that it was trained on.
+            step: of the last one, for the log.
+        """
+        if not self.keep(backend.get_state(), frame):
+            self.restore(backend, frame, f"Parameters of the map were not finite any more at step {step}")
+
+    def finite_state(self, backend: MapperBackend, frame: int) -> Parameters:
+        """The engine's parameters; it is taken back first where one of them is not finite."""
+        state = backend.get_state()
+        if are_finite(state) or self._parameters is None:
+            return state
+        self.restore(backend, frame, "Parameters of the map were not finite any more")
+        return backend.get_state()
+
+    def restore(self, backend: MapperBackend, frame: int, why: str) -> None:
+        """Give an engine the parameters that were kept, and let its optimiser start afresh.
+
+        Args:
+            backend: the engine.
+            frame: number of frames that it was trained on.
+            why: the beginning of the sentence that is logged.
+        """
+        if self._parameters is None:
+            _logger.warning("%s, and no good ones were kept.", why)
+            return
+        ago = f" {frame - self._frame} frames ago" if frame > self._frame else " before"
+        _logger.warning("%s; the map goes back to what it was%s.", why, ago)
+        backend.set_state(self._parameters)
 
 
 def are_finite(parameters: Parameters) -> bool:

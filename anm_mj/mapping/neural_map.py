@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,7 +20,7 @@ from anm_mj.mapping.field_geometry import FieldGeometry
 from anm_mj.mapping.former_surface import FormerSurface
 from anm_mj.mapping.grid_layout import doubled_table
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
-from anm_mj.mapping.last_good import LastGood, are_finite
+from anm_mj.mapping.last_good import LastGood
 from anm_mj.mapping.last_layer import last_layer_variance, observation_density
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
@@ -43,8 +42,6 @@ from anm_mj.types import (
 
 if TYPE_CHECKING:
     import trimesh
-
-_logger = logging.getLogger(__name__)
 
 _FINAL_RATES = (1 / 2, 1 / 4, 1 / 8, 1 / 16)
 """Factors on the learning rates over the parts of the final training."""
@@ -138,7 +135,7 @@ class NeuralMap:
         self._last = observation
         loss, done = math.nan, 0
         if num_iterations and self._good.is_due(self._num_frames):
-            self._keep_good(observation.step)
+            self._good.keep_or_restore(self.backend, self._num_frames, observation.step)
         try:
             for rays in self._batches(observation, num_iterations, first=first):
                 corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
@@ -147,7 +144,9 @@ class NeuralMap:
         except _NotFinite as err:
             loss = math.nan
             self._failures += 1
-            self._roll_back(f"The training loss became {err} at step {observation.step}")
+            self._good.restore(
+                self.backend, self._num_frames, f"The training loss became {err} at step {observation.step}"
+            )
             if self._failures >= MAX_FAILURES:
                 raise MapError(
                     f"The training loss became {err} at step {observation.step}, as in the {MAX_FAILURES - 1} frames "
@@ -170,7 +169,7 @@ class NeuralMap:
         count, optimizer = self.config.schedule.final_iterations // len(_FINAL_RATES), self.config.optimizer
         if self._last is None or not count:
             return 0
-        self._keep_good(self._last.step)
+        self._good.keep_or_restore(self.backend, self._num_frames, self._last.step)
         done = count * len(_FINAL_RATES)
         try:
             for share in _FINAL_RATES:
@@ -182,8 +181,8 @@ class NeuralMap:
                     self._step(rays, corner)
         except _NotFinite as err:
             done = 0
-            self._roll_back(f"The loss of the final training became {err}")
-        self._take_engine(self.config, self._finite_state())
+            self._good.restore(self.backend, self._num_frames, f"The loss of the final training became {err}")
+        self._take_engine(self.config, self._good.finite_state(self.backend, self._num_frames))
         # What was read from the field before is read anew.
         self._surface = SurfaceExtractor(self._occupancy, self.config.surface_lattice_m)
         self._geometry = FieldGeometry(self._occupancy) if self._geometry is not None else None
@@ -295,7 +294,9 @@ class NeuralMap:
         Keyframes and the optimiser's moments are not kept: a loaded map answers as the saved one does, and can take in
         more frames, but replays none of the earlier ones.
         """
-        arrays = {f"field.{name}": value for name, value in self._finite_state().items()}
+        arrays = {
+            f"field.{name}": value for name, value in self._good.finite_state(self.backend, self._num_frames).items()
+        }
         arrays |= {f"occupancy.{name}": value for name, value in self._occupancy.get_state().items()}
         write_map(path, SavedMap(self.config, self.seed, self._num_frames, arrays))
 
@@ -368,7 +369,7 @@ class NeuralMap:
 
     def checkpoint_state(self) -> dict[str, np.ndarray]:
         """Parameters and optimiser of the engine, for a checkpoint."""
-        state = {**self._finite_state(), **self.backend.get_optimizer()}
+        state = {**self._good.finite_state(self.backend, self._num_frames), **self.backend.get_optimizer()}
         for copy in state.values():
             copy.flags.writeable = False  # So that nobody copies them again.
         return state
@@ -435,34 +436,6 @@ class NeuralMap:
             terms = ", ".join(f"{name} {value:g}" for name, value in losses._asdict().items() if name != "total")
             raise _NotFinite(f"{losses.total:g} ({terms})")
         return losses.total
-
-    def _keep_good(self, step: int) -> None:
-        """Keep the present parameters as good ones, or go back to the former ones where they are not finite."""
-        if not self._good.keep(self.backend.get_state(), self._num_frames):
-            self._roll_back(f"Parameters of the map were not finite any more at step {step}")
-
-    def _finite_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
-        """The parameters, which are taken back to the last good ones where they are not finite."""
-        state = self.backend.get_state()
-        if are_finite(state) or self._good.parameters is None:
-            return state
-        self._roll_back("Parameters of the map were not finite any more")
-        return self.backend.get_state()
-
-    def _roll_back(self, why: str) -> None:
-        """Take the last good parameters, and start the optimiser afresh.
-
-        Args:
-            why: the beginning of the sentence that is logged.
-        """
-        good = self._good.parameters
-        if good is None:
-            _logger.warning("%s, and no good ones were kept.", why)
-            return
-        frames = self._num_frames - self._good.frame
-        ago = f" {frames} frames ago" if frames else " before"
-        _logger.warning("%s; the map goes back to what it was%s.", why, ago)
-        self.backend.set_state(good)
 
     def _batches(self, observation: Observation, count: int, *, first: bool) -> Iterator[RayBatch]:
         """Rays of the keyframes and, after the first frame, of the one at hand, for so many iterations."""

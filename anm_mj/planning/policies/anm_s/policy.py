@@ -30,8 +30,10 @@ Deviations from the paper:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from anm_mj.planning.contracted_edges import components
 from anm_mj.planning.field_of_view import FieldOfView
@@ -193,48 +195,49 @@ class AnmS:
         The paper's graph goes on through unknown space, so that it has unvisited vertices behind a door that the robot
         passed. This graph ends before the door, and its last vertex may count as visited.
         """
-        graph, distance_m = now.graph, now.paths.distance_m
-        beside = np.flatnonzero(borders_unknown(graph, now.frontier_xy_m) & np.isfinite(distance_m))
-        xy = graph.vertex_xy_m[beside]
-        been = within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M)
-        beside = beside[~been & ~self.targets.is_given_up(xy)]
-        if not len(beside):
-            return None
-        vertex = int(beside[np.argmin(distance_m[beside])])
-        path = now.paths.path_to(vertex)
-        if not len(path):
-            return None
-        target = graph.vertex_xy_m[vertex]
-        self.targets.choose(target, (), unvisited=False)
-        away = np.linalg.norm(now.frontier_xy_m - target, axis=1)
-        near = away <= graph.clearance_m[vertex] + BORDER_WIDTH_M
-        towards = now.frontier_xy_m[near].mean(axis=0) - target
-        return Plan(
-            f"every vertex is visited: a look into the unknown beside one, {distance_m[vertex]:.1f} m away",
-            path,
-            (math.atan2(towards[1], towards[0]),),
-            topdown=now.topdown,
-            graph=now.graph,
-            regions=now.regions,
-            stage_ms=now.watch.ms,
-        )
+        graph = now.graph
+        beside = np.flatnonzero(borders_unknown(graph, now.frontier_xy_m) & np.isfinite(now.paths.distance_m))
+
+        def middle_of_unknown(vertex: int) -> Float[np.ndarray, "2"]:
+            away = np.linalg.norm(now.frontier_xy_m - graph.vertex_xy_m[vertex], axis=1)
+            return now.frontier_xy_m[away <= graph.clearance_m[vertex] + BORDER_WIDTH_M].mean(axis=0)
+
+        return self._to_a_look(now, beside, lambda k: middle_of_unknown(int(beside[k])), "the unknown beside one")
 
     def _to_a_gap(self, now: PlanningState) -> Plan | None:
         """To the nearest place beside a passage that seemed too narrow from afar, and a look into it."""
         vertices, beyond_m = narrow_gaps(now)
+        return self._to_a_look(now, vertices, lambda k: beyond_m[k], "a narrow passage")
+
+    def _to_a_look(
+        self,
+        now: PlanningState,
+        vertices: Int[np.ndarray, " n"],
+        look_at: Callable[[int], Float[np.ndarray, "2"]],
+        what: str,
+    ) -> Plan | None:
+        """To the nearest of some vertices that the robot was not at yet, and a look from there.
+
+        Args:
+            now: what the planning stages read out of the map.
+            vertices: indices of vertices that a path leads to.
+            look_at: place to look at from one of them, given by its number [m].
+            what: the robot looks into, for the reason.
+        """
         xy = now.graph.vertex_xy_m[vertices]
         been = within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M)
         left = np.flatnonzero(~been & ~self.targets.is_given_up(xy))
         if not len(left):
             return None
-        chosen = left[np.argmin(now.paths.distance_m[vertices[left]])]
-        vertex, towards = int(vertices[chosen]), beyond_m[chosen] - xy[chosen]
-        path = now.paths.path_to(vertex)
+        distance_m = now.paths.distance_m[vertices]
+        chosen = int(left[np.argmin(distance_m[left])])
+        path = now.paths.path_to(int(vertices[chosen]))
         if not len(path):
             return None
         self.targets.choose(xy[chosen], (), unvisited=False)
+        towards = look_at(chosen) - xy[chosen]
         return Plan(
-            f"every vertex is visited: a look into a narrow passage, {now.paths.distance_m[vertex]:.1f} m away",
+            f"every vertex is visited: a look into {what}, {distance_m[chosen]:.1f} m away",
             path,
             (math.atan2(towards[1], towards[0]),),
             topdown=now.topdown,
