@@ -5,6 +5,7 @@
 #include "field_blocks.h"
 #include "nearest.h"
 #include "pixels.h"
+#include "sample_cells.h"
 #include "thread_pool.h"
 #include "triangles.h"
 
@@ -127,6 +128,28 @@ void triangle_distances(Array<const double, 3> triangles, Array<const double, 2>
     });
 }
 
+// Marks the samples that points come close to; see sample_cells.h.
+std::int64_t cover_samples(Array<const double, 2> points, Array<const double, 2> samples,
+                           Array<const std::int32_t, 1> level, Indices column_start, Array<const double, 1> low,
+                           double cell, double within, Array<std::uint8_t, 1> covered, Array<std::uint8_t, 3> near) {
+    require(points.shape(1) == 3 && samples.shape(1) == 3 && low.size() == 3, "a point has three coordinates");
+    require(level.size() == samples.shape(0) && covered.size() == samples.shape(0), "the arrays differ in size");
+    require(near.shape(0) >= 3 && near.shape(1) >= 3 && near.shape(2) >= 3, "the samples have cells around them");
+    const std::size_t columns = near.shape(0) * near.shape(1);
+    require(column_start.size() == columns + 1 && column_start(0) == 0 &&
+                column_start(columns) == static_cast<std::int64_t>(samples.shape(0)),
+            "each sample is in one column");
+    require(within > 0.0 && within <= cell, "cells are no smaller than the distance");
+    anm::SampleCells cells{samples.data(), level.data(), column_start.data(), {}, {}, 1.0 / cell};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        cells.size[axis] = static_cast<std::int64_t>(near.shape(axis));
+        cells.low[axis] = low(axis);
+    }
+    nb::gil_scoped_release release;
+    return anm::cover_samples(cells, points.data(), static_cast<std::int64_t>(points.shape(0)), within, covered.data(),
+                              near.data());
+}
+
 nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
     anm::Roofline best{};
     find_kernel(kernel).roofline(table_bytes, best);
@@ -147,6 +170,8 @@ void bind_functions(nb::module_& m) {
           "direction"_a, "rgb"_a, "depth"_a);
     m.def("lower_distances", &lower_distances, "points"_a, "places"_a, "distance"_a, "num_threads"_a);
     m.def("triangle_distances", &triangle_distances, "triangles"_a, "places"_a, "distance"_a, "num_threads"_a);
+    m.def("cover_samples", &cover_samples, "points"_a, "samples"_a, "level"_a, "column_start"_a, "low"_a, "cell"_a,
+          "within"_a, "covered"_a, "near"_a);
     m.def("lend_cores", [](int cores) { anm::thread_pool().lend(cores); }, "cores"_a);
     m.def("roofline", &roofline, "table_bytes"_a, "kernel"_a);
 }

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int8
 from scipy.ndimage import distance_transform_edt
 
-from anm_mj.frames import cell_to_world, pose_matrix, transform_points, world_to_cell
+from anm_mj.frames import cell_to_world, pose_matrix
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2, VoxelGrid
@@ -36,10 +36,8 @@ class LocalMap:
         """Start with an unknown map; the heights of ``footprint`` bound the columns."""
         self._footprint = footprint
         self._grid = OccupancyGrid(OccupancyConfig())
-        # Cell centres in base axes: row 0 is the farthest x (forward), column 0 the farthest y (left).
-        offsets = (CELLS / 2 - 0.5 - np.arange(CELLS)) * self._grid.config.voxel_m
-        forward, left = np.meshgrid(offsets, offsets, indexing="ij")
-        self._cells_base = np.stack([forward.ravel(), left.ravel(), np.zeros(CELLS**2)], axis=1)
+        # Of cell centres in base axes: row 0 is the farthest x (forward), column 0 the farthest y (left).
+        self._offsets_m = (CELLS / 2 - 0.5 - np.arange(CELLS)) * self._grid.config.voxel_m
 
     def add(self, observation: Observation) -> None:
         """Add a view."""
@@ -83,15 +81,21 @@ class LocalMap:
         """
         grid = self._grid.grid
         T_world_base = pose_matrix(pose)
-        xy = transform_points(T_world_base, self._cells_base)[:, :2]
-        cells = world_to_cell(xy, grid.origin_m[:2], grid.resolution_m)
-        low = np.clip(cells.min(axis=0), 0, None)
-        columns = _columns(grid, self._footprint, low, cells.max(axis=0) + 1)
-        row, col = (cells - low).T
-        inside = (row >= 0) & (row < columns.shape[0]) & (col >= 0) & (col < columns.shape[1])
-        out = np.full(len(cells), UNKNOWN, np.int8)
-        out[inside] = columns[row[inside], col[inside]]
-        out = out.reshape(CELLS, CELLS)
+        # Cells lie along two axes: their indices are sums of one number per row and one per column.
+        ahead, left = self._offsets_m[:, None] * T_world_base[:2, 0], self._offsets_m[:, None] * T_world_base[:2, 1]
+        corner = (pose.xy_m - grid.origin_m[:2]) / grid.resolution_m
+        ahead, left = ahead / grid.resolution_m + corner, left / grid.resolution_m
+        col, row = (np.floor(np.add.outer(ahead[:, k], left[:, k])).astype(np.int32) for k in range(2))
+        low = np.maximum([row.min(), col.min()], 0)
+        columns = _columns(grid, self._footprint, low, np.array([row.max(), col.max()]) + 1)
+        row -= low[0]
+        col -= low[1]
+        inside = (row >= 0) & (col >= 0) & (row < columns.shape[0]) & (col < columns.shape[1])
+        if inside.all():
+            out = columns[row, col]
+        else:
+            out = np.full((CELLS, CELLS), UNKNOWN, np.int8)
+            out[inside] = columns[row[inside], col[inside]]
 
         # Rotated cells miss some voxels, which would leave holes in thin walls.
         occupied_xy = cell_to_world(np.argwhere(columns == OCCUPIED) + low, grid.origin_m[:2], grid.resolution_m)
@@ -106,7 +110,7 @@ def _columns(grid: VoxelGrid, footprint: Footprint, low: np.ndarray, high: np.nd
     """States of the columns over the body's heights, from ``[row, col]`` ``low`` to ``high`` (exclusive)."""
     heights = footprint.z_min_m, footprint.z_max_m
     body = grid.state[grid.layers_between(*heights), low[0] : max(high[0], 0), low[1] : max(high[1], 0)]
-    num_free = (body == FREE).sum(axis=0, dtype=np.int16)
+    num_free = np.add.reduce((body == FREE).view(np.uint8), axis=0, dtype=np.uint16)
     state = np.where(num_free >= FREE_FRACTION * grid.num_layers_between(*heights), np.int8(FREE), np.int8(UNKNOWN))
     state[body.max(axis=0, initial=UNKNOWN) == OCCUPIED] = OCCUPIED
     return state

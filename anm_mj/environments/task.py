@@ -18,8 +18,9 @@ from anm_mj.environments.config import REACH_M, ExploreConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.reward import Reward, reward_spec
+from anm_mj.environments.sample_grid import SampleGrid
 from anm_mj.environments.starts import sample_start
-from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid, observable_surface
+from anm_mj.environments.surface_coverage import IncrementalCoverage, observable_surface
 from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.frames import wrap_angle
 from anm_mj.scene.folder import Scene

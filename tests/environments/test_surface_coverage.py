@@ -4,12 +4,18 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from anm_mj.environments.surface_coverage import IncrementalCoverage, SampleGrid
+from anm_mj.environments.sample_grid import NativeCovering, SampleGrid, ScipyCovering
+from anm_mj.environments.surface_coverage import IncrementalCoverage
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.types import Intrinsics, Pose2
+from anm_mj.utils.native_functions import native_function
 from tests.box_room import CAMERA, observe, room_truth
+
+needs_native = pytest.mark.skipif(native_function("cover_samples") is None, reason="the native engine was not built")
 
 
 def test_increments_match_the_coverage():
@@ -71,3 +77,36 @@ def test_frames_without_coverage():
     assert covered.add(nothing, CAMERA, np.eye(4)) == 0.0
     assert covered.add(np.ones_like(nothing), CAMERA, far) == 0.0
     assert covered.fraction == 0.0
+
+
+@needs_native
+@given(seed=st.integers(0, 2**32 - 1), spread=st.sampled_from([0.0, 0.06, 0.4, 3.0]), flat=st.booleans())
+def test_native_covering_is_the_reference(seed: int, spread: float, flat: bool):
+    random = np.random.default_rng(seed)
+    # Whole centimetres: many distances are exactly 5 cm, and many samples lie on the borders of cells.
+    samples = np.round(random.normal(0.0, spread, (int(random.integers(1, 800)), 3)) - 1.0, 2)
+    if flat:
+        samples[:, 2] = 0.5
+    grid = SampleGrid(samples.astype(np.float32))
+    reference, native = ScipyCovering(grid), NativeCovering(grid)
+    for _ in range(4):
+        points = np.round(random.normal(0.0, spread + 0.05, (int(random.integers(0, 200)), 3)) - 1.0, 2)
+        points[random.random(len(points)) < 0.1] *= 1e3
+        assert native.add(points) == reference.add(points)
+    everywhere = samples.astype(np.float32).astype(np.float64)
+    assert native.add(everywhere) == reference.add(everywhere)
+    assert native.add(everywhere) == 0
+
+
+@needs_native
+def test_native_covering_refuses_arrays_that_do_not_fit():
+    cover = native_function("cover_samples")
+    grid = SampleGrid(room_truth().samples)
+    good = [np.zeros((1, 3)), grid.samples, grid.level, grid.column_start, grid.low_m, 0.1, 0.05]
+    covered, near = np.zeros(len(grid.samples), np.uint8), grid.num_near.copy()
+    cover(*good, covered, near)
+    for place, wrong in ((0, np.zeros((1, 2))), (2, grid.level[:-1]), (3, grid.column_start[:-1]), (6, 0.2)):
+        bad = list(good)
+        bad[place] = wrong
+        with pytest.raises(ValueError, match=r"coordinates|differ in size|one column|no smaller"):
+            cover(*bad, covered, near)
