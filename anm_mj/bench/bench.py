@@ -116,19 +116,33 @@ def _check_revision(there: Sequence[Job], out: Path) -> None:
 
 
 @contextmanager
+def _writable(out: Path) -> Iterator[None]:
+    """Say in a sentence which file of a comparison cannot be written within the block.
+
+    Raises:
+        BenchError: One cannot.
+    """
+    try:
+        yield
+    except OSError as err:
+        path = err.filename2 or err.filename or out
+        raise BenchError(
+            f"{path} cannot be written ({err.strerror or err}); remove what is in its place, or give another --out."
+        ) from err
+
+
+@contextmanager
 def _only_writer(out: Path) -> Iterator[None]:
     """Lock the folder against other comparisons; the system releases the lock however this one ends.
 
     Raises:
         BenchError: Another one writes there, or the folder cannot be written.
     """
-    try:
+    with _writable(out):
         out.mkdir(parents=True, exist_ok=True)
         # Anybody may have made what is there.
         refuse_links(out.resolve())
         lock = os.fdopen(os.open(out / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666), "w")
-    except OSError as err:
-        raise BenchError(f"{out} cannot be written ({err.strerror}); choose a folder you may write to.") from err
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -151,7 +165,7 @@ def _make_missing(
     on_run: Callable[[int, int, str], None],
 ) -> Bench:
     runs = out / "runs"
-    try:
+    with _writable(out):
         runs.mkdir(exist_ok=True)
         for unfinished in runs.glob(".*"):
             shutil.rmtree(unfinished, ignore_errors=True)
@@ -159,8 +173,6 @@ def _make_missing(
         write_text(out / "command.txt", f"{text}\n")
         if file.resolve() != (out / "bench.toml").resolve():
             write_text(out / "bench.toml", read_text(file))
-    except OSError as err:
-        raise BenchError(f"{out} cannot be written ({err.strerror}); choose a folder you may write to.") from err
     there = {job.name for job in finished(jobs, runs)}
     missing = [job for job in jobs if job.name not in there]
     failures = []
@@ -190,11 +202,18 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
     """Write the tables and pictures of the existing runs; while the comparison goes on, no vector graphics.
 
     Raises:
-        BenchError: A file of a run is damaged.
+        BenchError: A file of a run is damaged, or one cannot be written.
     """
     results = [read_result(out / "runs" / job.name) for job in finished(jobs, out / "runs")]
     if not results:
         return
+    with _writable(out):
+        _write_results(jobs, results, out, command, kinds)
+
+
+def _write_results(
+    jobs: Sequence[Job], results: Sequence[Result], out: Path, command: str, kinds: Sequence[str]
+) -> None:
     rows = tidy_rows(results)
     write_csv(out / "results.csv", rows)
     table = markdown(rows, command)

@@ -398,6 +398,18 @@ def test_a_damaged_run_is_named(tmp_path, name, content):
         run_bench(file, out, function="tests.bench.fake:quick")
 
 
+@pytest.mark.parametrize("name", ["table.md", "curves_home.svg"])
+def test_a_folder_in_the_place_of_a_table_is_named(tmp_path, name):
+    file = tmp_path / "two.toml"
+    file.write_text('scenes = ["home"]\npolicies = ["gvg"]\nsteps = 300\n')
+    out = tmp_path / "out"
+    run_bench(file, out, num_workers=1, function="tests.bench.fake:quick")
+    (out / name).unlink()
+    (out / name / "something").mkdir(parents=True)
+    with pytest.raises(BenchError, match=rf"{name} cannot be written \(Is a directory\); remove what is in its place"):
+        run_bench(file, out, num_workers=1, function="tests.bench.fake:quick")
+
+
 def test_nothing_is_written_through_a_link(tmp_path):
     file, out = tmp_path / "small.toml", tmp_path / "out"
     file.write_text('scenes = ["home"]\npolicies = ["random"]\nsteps = 100\n')
