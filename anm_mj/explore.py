@@ -17,7 +17,7 @@ from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import Anticipates, Mapper, Policy, Recorder, Robot, Viewer
 from anm_mj.sensor_monitor import SensorMonitor
-from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
+from anm_mj.types import Action, MapUpdate, Observation, Plan, Pose2, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
@@ -159,13 +159,12 @@ def explore(
             state.step = step
             return outcome(StopReason.SENSOR_FAULT)
         with watch.stage("observe"):
+            _anticipate(robot, state.follower, seen.pose, 1)
             observation = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
-        if isinstance(robot, Anticipates):
-            with watch.stage("observe"):
-                coming = state.follower.coming_action(observation.pose)
-                if coming is not None:
-                    robot.anticipate(coming)
         update = _learn(observation, mapper, policy, watch)
+        with watch.stage("observe"):
+            # One more than the next: it is drawn while the run records, decides and moves, on one core.
+            _anticipate(robot, state.follower, observation.pose, 2)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)
         state.total.add(watch)
@@ -196,6 +195,12 @@ def _observe(robot: Robot) -> Observation | None:
     except Exception as err:
         _logger.error("The camera failed (%s: %s); the run ends.", type(err).__name__, err)
         return None
+
+
+def _anticipate(robot: Robot, follower: Follower, pose: Pose2, count: int) -> None:
+    """Let the robot begin with what it will see after the next actions, as far as the plan says them."""
+    if isinstance(robot, Anticipates):
+        robot.anticipate(*follower.coming_actions(pose, count))
 
 
 def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:

@@ -52,10 +52,13 @@ class Robot(Protocol):
 
 @runtime_checkable
 class Anticipates(Protocol):
-    """A robot that can begin with what comes after an action before the action is executed."""
+    """A robot that can begin with what comes after actions before they are executed."""
 
-    def anticipate(self, action: Action) -> None:
-        """Begin to see what ``action`` will show, and return at once; nothing changes if another one is executed."""
+    def anticipate(self, *actions: Action) -> None:
+        """Begin to see what the next actions will show, each after those before it, and return at once.
+
+        Nothing changes if others are executed. A later call goes on from the state of then.
+        """
         ...
 
 

@@ -8,7 +8,8 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.frames import wrap_angle
+from anm_mj.control.motion import action_motion
+from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Plan, Pose2
 
 LOOKAHEAD_M = 0.5
@@ -56,11 +57,22 @@ class Follower:
             self._plan = None
         return action
 
-    def coming_action(self, pose: Pose2) -> Action | None:
-        """What :meth:`next_action` would return; nothing changes."""
+    def coming_actions(self, pose: Pose2, count: int) -> list[Action]:
+        """What :meth:`next_action` would return one time after another, if nothing comes in between.
+
+        Nothing changes.
+
+        Args:
+            pose: of now; later ones are where the actions lead to.
+            count: how many actions; fewer where the plan is done before.
+        """
         ahead = copy.copy(self)
         ahead._headings = list(self._headings)
-        return ahead.next_action(pose)
+        actions: list[Action] = []
+        while len(actions) < count and (action := ahead.next_action(pose)) is not None:
+            actions.append(action)
+            pose = move_pose(pose, *action_motion(action))
+        return actions
 
     def _along_path(self, pose: Pose2, path_xy_m: Float[np.ndarray, "k 2"]) -> Action | None:
         if not len(path_xy_m) or np.linalg.norm(path_xy_m[-1] - pose.xy_m) < ARRIVED_M:

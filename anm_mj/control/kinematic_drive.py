@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -60,7 +61,8 @@ class KinematicDrive(WheelDrive):
         super().__init__(model, data, description, limits, odometer, prefix, period_s=_LOOK_PERIOD_S)
         self._clearance = clearance
         self._model, self._prefix = model, prefix
-        self._ahead: tuple[mujoco.MjData, SimulatedBase | PlanarBase] | None = None
+        self._ahead: list[tuple[mujoco.MjData, SimulatedBase | PlanarBase]] = []
+        """The base in other data, wherever it was asked for."""
 
     def place(self, pose: Pose2) -> None:
         """Move the robot to a pose without driving, and restart its odometry there."""
@@ -90,12 +92,15 @@ class KinematicDrive(WheelDrive):
         turned_rad = self._turned_rad(start_angles_rad)
         return self._traction.after(failed=False, touched=False, driven_rad=driven_rad, turned_rad=turned_rad)
 
-    def anticipate(self, action: Action, data: mujoco.MjData) -> None:
-        """Write the positions after an action into other data of the same model, as if nothing were in the way."""
-        if self._ahead is None or self._ahead[0] is not data:
-            self._ahead = data, simulated_base(self._model, data, self._prefix, self._description)
+    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
+        """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
+        base = next((base for known, base in self._ahead if known is data), None)
+        if base is None:
+            base = simulated_base(self._model, data, self._prefix, self._description)
+            self._ahead.append((data, base))
         data.qpos[:] = self._data.qpos
-        self._move(self._ahead[1], *action_motion(action))
+        for action in actions:
+            self._move(base, *action_motion(action))
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Roll at a constant velocity for a time [s], all of it or nothing.

@@ -25,8 +25,8 @@ COVERED_M = 0.05
 """A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
 CAP_M = 1.0
 """Cap of each sample's distance in the mean [m] (paper's protocol)."""
-BATCH_FRAMES = 10
-"""Frames per batch; larger batches delay results, smaller ones build more trees."""
+BATCH_FRAMES = 5
+"""Frames per batch; larger batches take a core for longer at a time, smaller ones look at all samples more often."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class Coverage:
         samples: Samples of the true surface, world [m].
         observable: Which of them are observable, if known.
         before_m: Distance of each to the nearest point of earlier frames [m], where there were any.
+        num_threads: Threads to search with; None = as many as usual. The distances do not depend on it.
     """
 
     REBUILT = ("_order", "_nearest", "_observable", "_distance_m", "_pending")
@@ -57,10 +58,11 @@ class Coverage:
         samples: Float32[np.ndarray, "n 3"],
         observable: Bool[np.ndarray, " n"] | None = None,
         before_m: Float32[np.ndarray, " n"] | None = None,
+        num_threads: int | None = None,
     ) -> None:
         exact = samples.astype(np.float64)
         self._order = spatial_order(exact)
-        self._nearest = nearest_search(exact[self._order])
+        self._nearest = nearest_search(exact[self._order], num_threads)
         self._observable = observable
         self._distance_m = np.full(len(samples), np.inf)
         if before_m is not None:

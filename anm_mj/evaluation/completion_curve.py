@@ -42,16 +42,22 @@ class CurveRow:
 class CompletionCurve:
     """Adds the frames of a run in order and keeps a row for every tenth step and for the last."""
 
-    def __init__(self, truth: GroundTruth, before_m: Float32[np.ndarray, " n"] | None = None) -> None:
+    def __init__(
+        self,
+        truth: GroundTruth,
+        before_m: Float32[np.ndarray, " n"] | None = None,
+        num_threads: int | None = None,
+    ) -> None:
         """Start with what was covered before.
 
         Args:
             truth: The true surface.
             before_m: Distance of each of its samples to the nearest depth point of the runs that this one goes on from
                 [m]; None for a run that began with nothing.
+            num_threads: Threads to search with; None = as many as usual. The rows do not depend on it.
         """
         self.rows: list[CurveRow] = []
-        self._coverage = Coverage(truth.samples, truth.observable, before_m)
+        self._coverage = Coverage(truth.samples, truth.observable, before_m, num_threads)
         self.before: Completion | None = None if before_m is None else self._coverage.completion()
         """What was covered before the first frame; None for a run that began with nothing."""
         self._step: int | None = None

@@ -44,7 +44,7 @@ class RunSummary:
     hz: float | None = None
     """Steps per second of the loop itself, without set-up and evaluation."""
     evaluation_s: float | None = None
-    """Wall time of the completion curve, which the loop waits for [s]."""
+    """Time that the thread which records spent on the completion curve [s]."""
     peak_rss_mib: float | None = None
     """Peak resident memory of the process until the end of the loop [MiB]."""
     return_steps: int | None = None

@@ -60,10 +60,11 @@ class ScipyNearest:
     distance from below for all places at once, so only few need a search, and their present distance bounds it.
     """
 
-    def __init__(self, places: Float[np.ndarray, "n 3"]) -> None:
-        """Take the places, world [m]; quickest where those in a row are neighbours."""
+    def __init__(self, places: Float[np.ndarray, "n 3"], num_threads: int | None = None) -> None:
+        """Take the places; see :func:`nearest_search`."""
         self._places = places
         self._grid = PruningGrid(places)
+        self._num_threads = num_threads
 
     def lower(self, distance_m: Float[np.ndarray, " n"], points: Float[np.ndarray, "m 3"]) -> None:
         """Replace the distance of every place by that to the nearest point, where that is less.
@@ -86,7 +87,7 @@ class ScipyNearest:
             if tree is None:
                 tree = KDTree(points, leafsize=LEAF_SIZE, balanced_tree=False, compact_nodes=False)
             # Places are searched one by one, so that the distances do not depend on the number of threads.
-            threads = usual_num_threads() if len(group) >= MANY_PLACES else 1
+            threads = (self._num_threads or usual_num_threads()) if len(group) >= MANY_PLACES else 1
             found_m, _ = tree.query(self._places[group], distance_upper_bound=upper_m * BOUND_SLACK, workers=threads)
             distance_m[group] = np.minimum(present_m[group], found_m)
 
@@ -94,18 +95,26 @@ class ScipyNearest:
 class NativeNearest:
     """The same in C++, in a fraction of the time: every place is searched within its own distance."""
 
-    def __init__(self, places: Float[np.ndarray, "n 3"]) -> None:
-        """Take the places, world [m]; quickest where those in a row are neighbours."""
+    def __init__(self, places: Float[np.ndarray, "n 3"], num_threads: int | None = None) -> None:
+        """Take the places; see :func:`nearest_search`."""
         function = native_function("lower_distances")
         assert function is not None  # Who chose it has looked.
         self._lower = function
         self._places = np.ascontiguousarray(places)
+        self._num_threads = num_threads
 
     def lower(self, distance_m: Float[np.ndarray, " n"], points: Float[np.ndarray, "m 3"]) -> None:
         """Lower the distances; see the reference."""
-        self._lower(np.ascontiguousarray(points), self._places, distance_m, usual_num_threads())
+        self._lower(np.ascontiguousarray(points), self._places, distance_m, self._num_threads or usual_num_threads())
 
 
-def nearest_search(places: Float[np.ndarray, "n 3"]) -> ScipyNearest | NativeNearest:
-    """The native search where it was built, else SciPy's."""
-    return ScipyNearest(places) if native_function("lower_distances") is None else NativeNearest(places)
+def nearest_search(places: Float[np.ndarray, "n 3"], num_threads: int | None = None) -> ScipyNearest | NativeNearest:
+    """The native search where it was built, else SciPy's.
+
+    Args:
+        places: world [m]; quickest where those in a row are neighbours.
+        num_threads: threads to search with; None = as many as there are cores, or as ``OMP_NUM_THREADS`` says. The
+            distances do not depend on it.
+    """
+    search = ScipyNearest if native_function("lower_distances") is None else NativeNearest
+    return search(places, num_threads)

@@ -1,8 +1,8 @@
 """Writes the run folder during the run, a few steps behind it.
 
-One thread writes all files in order while the run goes on, the same bytes as if the run waited for them. A run that is
-killed loses what was not written yet, the latest steps. The completion curve is computed where the observations come
-in: in another thread it would take as much from the loop as it saves.
+One thread computes the completion curve and writes all files in order while the run goes on, the same bytes as if the
+run waited for them. A run that is killed loses what was not written yet, the latest steps. Nothing that the robot does
+depends on the curve.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, UInt16
 
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.covered_before import write_covered_before
@@ -41,6 +41,7 @@ from anm_mj.types import (
     Action,
     ActionResult,
     FormerRun,
+    Intrinsics,
     MapUpdate,
     Observation,
     Plan,
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
     import trimesh
 
 ROOM = 32
-"""Observations, actions and decisions that may wait to be written; the run waits where there are more."""
+"""Observations, frames of the curve, actions and decisions that may wait; the run waits where there are more."""
 MESH_RESOLUTION_M = 0.05
 """Grid of the final mesh [m] (the paper's released code)."""
 
@@ -181,7 +182,7 @@ class RunRecorder:
         self._curve_file = LineWriter(folder.curve, resumed and resumed[0][folder.curve.name])
         if resumed is None:
             self._curve_file.line(CURVE_HEADER)
-        self._curve = CompletionCurve(truth, None if before is None else before.covered_m)
+        self._curve = CompletionCurve(truth, None if before is None else before.covered_m, num_threads=1)
         self.former = None if before is None else before.former
         """What the runs that this one goes on from found out; None where it began with nothing."""
         self._refused: list[Pose2] = []
@@ -213,7 +214,7 @@ class RunRecorder:
 
     @property
     def completion(self) -> CurveRow | None:
-        """Latest row of the curve, at most ten steps old; None before the first observation."""
+        """Latest row of the curve that is computed, for who watches the run; None before the first one."""
         return self._curve.rows[-1] if self._curve.rows else None
 
     def observation(self, observation: Observation) -> None:
@@ -223,10 +224,22 @@ class RunRecorder:
         where = observation if true is None else true
         depth_mm = reduce_depth(where.depth_m)
         self._background.submit(lambda: self._log.observation(observation, true, depth_mm))
+        step, intrinsics = observation.step, observation.intrinsics
+        self._background.submit(lambda: self._cover(step, depth_mm, intrinsics, where.T_world_camera, where.pose))
+
+    def _cover(
+        self,
+        step: int,
+        depth_mm: UInt16[np.ndarray, "rows cols"],
+        intrinsics: Intrinsics,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        pose: Pose2,
+    ) -> None:
+        """Add a frame to the curve, and its row to the file."""
         begin = time.perf_counter()
-        row = self._curve.frame(observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose)
+        row = self._curve.frame(step, depth_mm, intrinsics, T_world_camera, pose)
         if row is not None:
-            self._background.submit(lambda: self._curve_file.line(row.csv))
+            self._curve_file.line(row.csv)
         self._evaluation_s += time.perf_counter() - begin
 
     def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:

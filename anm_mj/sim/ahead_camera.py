@@ -1,8 +1,8 @@
-"""A camera in a thread of its own, which may begin an image before it is asked for.
+"""A camera in a thread of its own, which may begin images before they are asked for.
 
-While the map learns from one image, the next one is drawn, if somebody knows where it will be taken from. An image that
-was begun is given out only where every pose that a camera reads is the same to the last bit, so that guesses change
-how long an image takes and nothing else.
+While the robot learns from one image and decides, the next ones are drawn, if somebody knows where they will be taken
+from. An image that was begun is given out only where every pose that a camera reads is the same to the last bit, so
+that guesses change how long an image takes and nothing else.
 """
 
 from __future__ import annotations
@@ -62,25 +62,41 @@ class AheadCamera(Camera):
         self._model = self._camera._model
         self._camera_id = self._camera._camera_id
         self._intrinsics = self._camera.intrinsics
-        self._begun: _Begun | None = None
+        self._begun: list[_Begun] = []
         self._closed = False
 
+    @property
+    def num_begun(self) -> int:
+        """Images that were begun and neither given out nor given up."""
+        return len(self._begun)
+
     def begin(self, data: mujoco.MjData) -> None:
-        """Begin an image, and return at once.
+        """Begin the image after those that were begun, and return at once.
 
         Args:
-            data: with all poses up to date; it must not change before the next :meth:`render`.
+            data: with all poses up to date; it must not change before the image is given out or given up.
         """
-        if self._begun is None and not self._closed:
-            self._begun = _Begun(data, self._thread.submit(self._render_beside, data))
+        if not self._closed:
+            self._begun.append(_Begun(data, self._thread.submit(self._render_beside, data)))
+
+    def give_up(self, keep: int = 0) -> None:
+        """Forget the images that were begun, but for so many of the first; what they were made of may change then."""
+        # From the last on, so that none is started while another one is waited for.
+        while len(self._begun) > keep:
+            image = self._begun.pop().image
+            if not image.cancel():
+                image.exception()
 
     def render(self, data: mujoco.MjData) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """The image that was begun, if it is the one; else another. See :meth:`Camera.render`."""
-        begun, self._begun = self._begun, None
-        if begun is not None:
-            failed = begun.image.exception()
-            if failed is None and _is_same_view(begun.data, data):
+        """The first image that was begun, if it is the one; else another, and all others are given up.
+
+        See :meth:`Camera.render`.
+        """
+        if self._begun and _is_same_view(self._begun[0].data, data):
+            begun = self._begun.pop(0)
+            if begun.image.exception() is None:
                 return begun.image.result()
+        self.give_up()
         if self._closed:
             return self._camera.render(data)
         return self._thread.submit(self._camera.render, data).result()
@@ -89,6 +105,7 @@ class AheadCamera(Camera):
         """Free the camera; may be called again."""
         if not self._closed:
             self._closed = True
+            self.give_up()
             self._thread.submit(self._camera.close).result()
             self._thread.shutdown()
 

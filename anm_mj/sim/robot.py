@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import mujoco
@@ -23,10 +24,10 @@ from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observat
 
 @runtime_checkable
 class AnticipatingDrive(Protocol):
-    """A drive that knows where an action will bring the robot."""
+    """A drive that knows where actions will bring the robot."""
 
-    def anticipate(self, action: Action, data: mujoco.MjData) -> None:
-        """Write the positions after an action into other data of the same model, as if nothing were in the way."""
+    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
+        """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
         ...
 
 
@@ -48,7 +49,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("_model", "_data", "_camera", "_coming")
+    REBUILT = ("_model", "_data", "_camera", "_coming", "_spare")
 
     def __init__(
         self,
@@ -92,8 +93,10 @@ class SimRobot:
         self._motion = motion or MotionConfig()
         self._true_depth_m: Float32[np.ndarray, "h w"] | None = None
         self._step = 0
-        self._coming: mujoco.MjData | None = None
-        """The state after the next action, as far as it is known; made when it is first wanted."""
+        self._coming: list[tuple[Action, mujoco.MjData]] = []
+        """The next actions whose images were begun, and the state after each."""
+        self._spare: list[mujoco.MjData] = []
+        """States that no image is made of any more."""
 
     @property
     def footprint(self) -> Footprint:
@@ -153,6 +156,7 @@ class SimRobot:
         """
         self._update_poses(self._data)
         rgb, exact_m = self._camera.render(self._data)
+        self._forget_coming()
         # Frames are told apart by their time: velocities do not count as steps.
         rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
         pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
@@ -181,15 +185,29 @@ class SimRobot:
         mujoco.mj_comPos(self._model, data)
         mujoco.mj_camlight(self._model, data)
 
-    def anticipate(self, action: Action) -> None:
-        """Begin the image after an action, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
+    def anticipate(self, *actions: Action) -> None:
+        """Begin the images after actions, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
         if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, AnticipatingDrive):
             return
-        coming = self._coming or mujoco.MjData(self._model)
-        self._coming = coming
-        self._drive.anticipate(action, coming)
-        self._update_poses(coming)
-        self._camera.begin(coming)
+        pairs = zip(self._coming, actions, strict=False)
+        same = next((k for k, (known, action) in enumerate(pairs) if known[0] != action), None)
+        if same is not None:
+            self._camera.give_up(same)
+            self._spare += [data for _, data in self._coming[same:]]
+            del self._coming[same:]
+        for number in range(len(self._coming), len(actions)):
+            coming = self._spare.pop() if self._spare else mujoco.MjData(self._model)
+            self._drive.anticipate(actions[: number + 1], coming)
+            self._update_poses(coming)
+            self._coming.append((actions[number], coming))
+            self._camera.begin(coming)
+
+    def _forget_coming(self) -> None:
+        """Forget the states whose images were given out or given up."""
+        if isinstance(self._camera, AheadCamera):
+            done = len(self._coming) - self._camera.num_begun
+            self._spare += [data for _, data in self._coming[:done]]
+            del self._coming[:done]
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""

@@ -69,7 +69,7 @@ def test_end_of_a_plan():
     assert follower.next_action(Pose2(0.0, 0.0, 0.0)) is None
 
 
-def test_the_coming_action_is_the_next_one_and_changes_nothing():
+def test_coming_actions_are_the_next_ones_and_change_nothing():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.6]])
     none = np.zeros((0, 2))
     plans = [
@@ -79,14 +79,13 @@ def test_the_coming_action_is_the_next_one_and_changes_nothing():
     ]
     for plan in plans:
         follower, pose = Follower(), Pose2(0.0, 0.0, 0.4)
-        assert follower.coming_action(pose) is None
+        assert follower.coming_actions(pose, 2) == []
         follower.start(plan)
-        for _ in range(60):
-            coming = follower.coming_action(pose)
-            assert follower.coming_action(pose) == coming
-            action = follower.next_action(pose)
-            assert action == coming
-            if action is None:
-                break
+        every = follower.coming_actions(pose, 60)
+        assert 2 <= len(every) < 60
+        assert follower.coming_actions(pose, 60) == every
+        for count, action in enumerate(every):
+            assert follower.coming_actions(pose, 2) == every[count : count + 2]
+            assert follower.next_action(pose) == action
             pose = move_pose(pose, *action_motion(action))
-        assert action is None
+        assert follower.next_action(pose) is None

@@ -7,6 +7,7 @@ import trimesh
 from PIL import Image
 
 from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
 from anm_mj.io.recorder import peak_rss_mib
@@ -150,6 +151,18 @@ def test_full_disk_is_one_sentence(tmp_path):
 
     with pytest.raises(RunFolderError, match=r"000000\.png cannot be written"):
         record()
+    recorder.close()
+
+
+def test_a_curve_that_cannot_be_computed_ends_the_run(tmp_path, monkeypatch):
+    def fail(*_):
+        raise MemoryError("no room for the curve")
+
+    recorder = new_recorder(tmp_path / "run")
+    monkeypatch.setattr(CompletionCurve, "frame", fail)
+    recorder.observation(observe(0, Pose2(0.0, 0.0, 0.0)))
+    with pytest.raises(MemoryError, match="no room for the curve"):
+        recorder.flush()
     recorder.close()
 
 

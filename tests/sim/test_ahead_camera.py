@@ -28,11 +28,13 @@ class Counting(Camera):
     def __init__(self, model):
         super().__init__(model, "camera", 1, 1)
         self.calls, self.threads, self.lent, self.closed = 0, set(), [], False
+        self.started = threading.Event()
 
     def render(self, data):
         if self.closed:
             raise RenderError("closed")
         self.calls += 1
+        self.started.set()
         self.threads.add(threading.get_ident())
         self.lent.append(num_lent())
         return np.zeros((1, 1, 3), np.uint8), data.cam_xpos[:1, :1].astype(np.float32)
@@ -70,8 +72,33 @@ def test_another_view_than_the_one_begun_is_rendered(model):
     inner = Counting(model)
     with AheadCamera(lambda: inner) as camera:
         camera.begin(at(model, 1.0))
+        assert inner.started.wait(60.0)
         assert camera.render(at(model, np.nextafter(1.0, 2.0)))[1] == np.float32(1.0)
         assert inner.calls == 2
+
+
+def test_images_are_given_out_in_the_order_in_which_they_were_begun(model):
+    inner = Counting(model)
+    with AheadCamera(lambda: inner) as camera:
+        for x_m in (1.0, 2.0, 3.0):
+            camera.begin(at(model, x_m))
+        assert camera.num_begun == 3
+        assert [camera.render(at(model, x_m))[1].item() for x_m in (1.0, 2.0)] == [1.0, 2.0]
+        assert (inner.calls, camera.num_begun) == (3, 1)
+
+
+def test_a_wrong_guess_gives_up_those_after_it(model):
+    inner = Counting(model)
+    with AheadCamera(lambda: inner) as camera:
+        camera.begin(at(model, 1.0))
+        camera.begin(at(model, 2.0))
+        assert camera.render(at(model, 5.0))[1] == 5.0
+        assert camera.num_begun == 0
+        for x_m in (1.0, 2.0, 3.0):
+            camera.begin(at(model, x_m))
+        camera.give_up(1)
+        assert camera.num_begun == 1
+        assert camera.render(at(model, 1.0))[1] == 1.0
 
 
 def test_all_images_come_from_one_thread_and_lend_it_a_core(model):
@@ -111,11 +138,13 @@ def test_what_fails_when_the_camera_is_made_is_told(model):
 def test_a_robot_that_anticipates_sees_the_same(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     scene = load_scene("flat")
-    guesses = [Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_LEFT, Action.MOVE_FORWARD]
-    actions = [Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT, Action.MOVE_FORWARD]
+    forward, left, right = Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT
+    # Twice a second guess is taken back before it is due, once a guess was wrong.
+    guesses = [(forward, left), (left,), (left, left), (forward, forward), (right,), (), (left, forward)]
+    actions = [forward, left, right, forward, right, right, left]
     with make_robot(scene, image_px=64, anticipates=True) as robot, make_robot(scene, image_px=64) as plain:
-        for guess, action in [*zip(guesses, actions, strict=True)] + [(Action.MOVE_FORWARD, Action.MOVE_FORWARD)] * 80:
-            robot.anticipate(guess)
+        for guess, action in [*zip(guesses, actions, strict=True)] + [((forward, forward), forward)] * 80:
+            robot.anticipate(*guess)
             collided = robot.act(action).collided
             assert plain.act(action).collided == collided
             seen, expected = robot.observe(), plain.observe()
