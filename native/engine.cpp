@@ -1,10 +1,13 @@
 // The training engine as Python sees it: one per neural map.
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <mutex>
 #include <optional>
+#include <tuple>
+#include <vector>
 
 #include "bindings.h"
 #include "buffer.h"
@@ -115,13 +118,36 @@ public:
 
     nb::tuple step(In origin, In direction, In rgb, InFlat depth, std::uint32_t seed, std::optional<InFlat> corner) {
         const anm::Rays rays = as_rays(origin, direction, rgb, depth);
+        const float* at = corner_of(corner);
         anm::Losses losses{};
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
-            kernel_.step(model_, rays, seed, nullptr, corner_of(corner), nullptr, work_.parallel(), work_.arena(), losses);
+            kernel_.step(model_, &rays, 1, &seed, nullptr, &at, nullptr, work_.parallel(), work_.arena(), &losses);
         }
         return as_tuple(losses);
+    }
+
+    // Steps by batches of rays, each with its seed and its corner; losses of those that were done.
+    nb::list steps(const std::vector<std::tuple<In, In, In, InFlat>>& batches, const std::vector<std::uint32_t>& seeds,
+                   const std::vector<std::optional<InFlat>>& corners) {
+        const std::size_t count = batches.size();
+        require(seeds.size() == count && corners.size() == count, "each batch needs a seed and a corner");
+        std::vector<anm::Rays> rays;
+        std::vector<const float*> at;
+        for (const auto& [origin, direction, rgb, depth] : batches) rays.push_back(as_rays(origin, direction, rgb, depth));
+        for (const auto& corner : corners) at.push_back(corner_of(corner));
+        std::vector<anm::Losses> losses(count);
+        int done = 0;
+        if (count > 0) {
+            nb::gil_scoped_release release;
+            const std::lock_guard<std::mutex> lock(mutex_);
+            done = kernel_.step(model_, rays.data(), static_cast<int>(count), seeds.data(), nullptr, at.data(), nullptr,
+                                work_.parallel(), work_.arena(), losses.data());
+        }
+        nb::list out;
+        for (int k = 0; k < done; ++k) out.append(as_tuple(losses[static_cast<std::size_t>(k)]));
+        return out;
     }
 
     nb::tuple gradients(In origin, In direction, In rgb, InFlat depth, In depths, std::optional<InFlat> corner) {
@@ -135,7 +161,9 @@ public:
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
-            kernel_.step(model_, rays, 0, depths.data(), corner_of(corner), &out, work_.parallel(), work_.arena(), losses);
+            const std::uint32_t seed = 0;
+            const float* at = corner_of(corner);
+            kernel_.step(model_, &rays, 1, &seed, depths.data(), &at, &out, work_.parallel(), work_.arena(), &losses);
         }
         return nb::make_tuple(as_tuple(losses), table, decoders);
     }
@@ -317,6 +345,7 @@ void bind_engine(nb::module_& m) {
              "decoders_v"_a, "iteration"_a)
         .def("get_optimizer", &Engine::get_optimizer)
         .def("step", &Engine::step, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "seed"_a, "corner"_a.none())
+        .def("steps", &Engine::steps, "batches"_a, "seeds"_a, "corners"_a)
         .def("gradients", &Engine::gradients, "origin"_a, "direction"_a, "rgb"_a, "depth"_a, "depths"_a,
              "corner"_a.none())
         .def("sample", &Engine::sample, "depth"_a, "seed"_a)

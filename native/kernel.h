@@ -114,10 +114,11 @@ struct Roofline {
 
 struct Kernel {
     const char* name;
-    // depths: given sample depths [n][samples], or null to draw them from the seed. corner: of the smoothness lattice,
-    // or null. gradients: null to train.
-    void (*step)(Model&, const Rays&, std::uint32_t seed, const float* depths, const float* corner, const Gradients*,
-                 const Parallel&, const Arena&, Losses&);
+    // `count` training steps, one at least; returns how many were done: the first whose loss is not finite is the last.
+    // depths: given sample depths [n][samples] of the first, or null to draw them from the seed. corners: of the
+    // smoothness lattices, each may be null. gradients: null to train; else of the only step.
+    int (*step)(Model&, const Rays*, int count, const std::uint32_t* seeds, const float* depths,
+                const float* const* corners, const Gradients*, const Parallel&, const Arena&, Losses*);
     void (*sample)(const Model&, const Rays&, std::uint32_t seed, float* depths);
     // sdf, rgb: either may be null. decoders: `sets` rows of weights in checkpoint order.
     void (*query)(const Model&, const float* points, std::int64_t count, const float* decoders, int sets, float* sdf,

@@ -1,10 +1,12 @@
-// A whole training step, or its gradients. Four phases, each split into tasks whose number and order of sums do not
+// Whole training steps, or the gradients of one. Four phases, each split into tasks whose number and order of sums do not
 // depend on the threads:
 //   1. blocks of rays: sample depths and positions, count samples per loss term;
 //   2. levels: encode all samples on one level, whose table (512 KB) then stays in the second-level cache;
 //   3. blocks of rays: decode, render, losses, back to the features, which are overwritten with their gradients;
 //   4. levels: scatter the gradients into a table that stays in the cache too, and Adam on it; beside them the
 //   decoders.
+// Where another step follows, its phase 1 runs with phase 3, and its phase 2 level by level with phase 4, which has just
+// brought the level's table into the cache.
 #pragma once
 
 #include "adam.h"
@@ -22,23 +24,15 @@ using anm::Rays;
 // One training step, or its gradients.
 class Step {
 public:
-    Step(Model& model, const Rays& rays, std::uint32_t seed, const float* depths, const float* corner,
-         const Gradients* gradients, const Parallel& parallel, const Arena& arena)
+    // Two steps that overlap have different sides.
+    Step(Model& model, const Gradients* gradients, const Parallel& parallel, const Arena& arena, int side)
         : model_(model),
           settings_(model.settings),
-          rays_(rays),
-          seed_(seed),
-          depths_(depths),
-          corner_(corner),
           gradients_(gradients),
           parallel_(parallel),
-          layout_(rays.count, settings_.samples()),
-          level_stride_(feature_stride(layout_.padded_slots())) {
-        const std::size_t slots = static_cast<std::size_t>(layout_.padded_slots()) + kGroup;
-        float* base = floats(arena, kSlots, 0, 4 * slots);
-        for (int axis = 0; axis < 3; ++axis) at_.axis[axis] = base + axis * slots;
-        z_ = base + 3 * slots;
-        features_ = floats(arena, kFeatures, 0, static_cast<std::size_t>(settings_.levels * level_stride_));
+          arena_(arena),
+          side_(side),
+          layout_(1, settings_.samples()) {
         packed_ = floats(arena, kPacked, 0, settings_.packed_size());
         partial_ = floats(arena, kPartial, 0, static_cast<std::size_t>(kGradientTasks) * settings_.gradient_size());
         for (int worker = 0; worker < parallel.workers; ++worker) {
@@ -46,34 +40,58 @@ public:
             const std::size_t scratch = Activations::size(settings_, layout_.capacity());
             floats(arena, kWorkerScratch, worker, scratch);
             floats(arena, kWorkerTable, worker, 2 * static_cast<std::size_t>(settings_.entries()));
-            if (corner != nullptr) floats(arena, kWorkerLattice, worker, lattice_size());
+            floats(arena, kWorkerLattice, worker, lattice_size());
         }
-        arena_ = arena;
     }
 
-    void run(Losses& losses) {
+    // What the step is made of; see Kernel::step.
+    void take(const Rays& rays, std::uint32_t seed, const float* depths, const float* corner) {
+        rays_ = rays;
+        seed_ = seed;
+        depths_ = depths;
+        corner_ = corner;
+        layout_ = Layout(rays.count, settings_.samples());
+        level_stride_ = feature_stride(layout_.padded_slots());
+        const std::size_t slots = static_cast<std::size_t>(layout_.padded_slots()) + kGroup;
+        float* base = floats(arena_, side_ == 0 ? kSlots : kOtherSlots, 0, 4 * slots);
+        for (int axis = 0; axis < 3; ++axis) at_.axis[axis] = base + axis * slots;
+        z_ = base + 3 * slots;
+        features_ = floats(arena_, side_ == 0 ? kFeatures : kOtherFeatures, 0,
+                           static_cast<std::size_t>(settings_.levels * level_stride_));
+    }
+
+    // Phases 1 and 2 of a step that follows none.
+    void begin() {
         pack(settings_, model_.decoders, packed_);
         run_tasks(parallel_, kGradientTasks, [this](int task, int) { sample_blocks(task); });
         pad_tail();
-        run_tasks(parallel_, settings_.levels, [this](int level, int) {
-            encode(model_.level[level], level_table(model_.table, level), settings_.entries(), at_, 0,
-                   layout_.padded_slots(), features_ + level * level_stride_);
-        });
+        run_tasks(parallel_, settings_.levels, [this](int level, int) { encode_level(level); });
+    }
+
+    // Phases 3 and 4, with 1 and 2 of the next step, if there is one.
+    void end(Step* next, Losses& losses) {
         clear_tail();
         set_scale();
-        if (Widths<32, 16>::fits(settings_)) {
-            run_tasks(parallel_, kGradientTasks,
-                      [this](int task, int worker) { train_blocks(Widths<32, 16>(settings_), task, worker); });
-        } else {
-            run_tasks(parallel_, kGradientTasks,
-                      [this](int task, int worker) { train_blocks(Widths<0, 0>(settings_), task, worker); });
-        }
+        const int sampled = next != nullptr ? kGradientTasks : 0;
+        const bool usual = Widths<32, 16>::fits(settings_);
+        run_tasks(parallel_, kGradientTasks + sampled, [this, next, usual](int task, int worker) {
+            if (task >= kGradientTasks) {
+                next->sample_blocks(task - kGradientTasks);
+            } else if (usual) {
+                train_blocks(Widths<32, 16>(settings_), task, worker);
+            } else {
+                train_blocks(Widths<0, 0>(settings_), task, worker);
+            }
+        });
+        if (next != nullptr) next->pad_tail();
         ++model_.iteration;
-        run_tasks(parallel_, settings_.levels + 1, [this](int task, int worker) {
+        run_tasks(parallel_, settings_.levels + 1, [this, next](int task, int worker) {
             if (task == 0) {
                 update_decoders();
+                if (next != nullptr) pack(settings_, model_.decoders, packed_);
             } else {
                 update_level(task - 1, worker);
+                if (next != nullptr) next->encode_level(task - 1);
             }
         });
         if (gradients_ != nullptr) --model_.iteration;
@@ -127,6 +145,11 @@ private:
         counts_[task] = counts;
     }
 
+    void encode_level(int level) {
+        encode(model_.level[level], level_table(model_.table, level), settings_.entries(), at_, 0, layout_.padded_slots(),
+               features_ + level * level_stride_);
+    }
+
     void pad_tail() {
         for (int slot = layout_.slots(); slot < layout_.padded_slots() + kGroup; ++slot) {
             for (float* axis : at_.axis) axis[slot] = 0.0F;
@@ -143,7 +166,7 @@ private:
     }
 
     void set_scale() {
-        Counts& all = total_;
+        Counts& all = total_ = Counts();
         for (const Counts& part : counts_) {
             all.free += part.free;
             all.band += part.band;
@@ -272,26 +295,40 @@ private:
 
     Model& model_;
     const Settings& settings_;
-    const Rays& rays_;
-    std::uint32_t seed_;
-    const float* depths_;
-    const float* corner_;
     const Gradients* gradients_;
     const Parallel& parallel_;
     Arena arena_;
+    int side_;
     Layout layout_;
-    std::ptrdiff_t level_stride_;
-    Positions at_;
-    float *z_, *features_, *packed_, *partial_;
+    Rays rays_;
+    std::uint32_t seed_ = 0;
+    const float* depths_ = nullptr;
+    const float* corner_ = nullptr;
+    std::ptrdiff_t level_stride_ = 0;
+    Positions at_{};
+    float *z_ = nullptr, *features_ = nullptr, *packed_, *partial_;
     Counts counts_[kGradientTasks], total_;
     LossSums mean_, sums_[kGradientTasks];
     LossScale scale_{};
     double smoothness_[anm::kMaxLevels] = {};
 };
 
-void step(Model& model, const Rays& rays, std::uint32_t seed, const float* depths, const float* corner,
-          const Gradients* gradients, const Parallel& parallel, const Arena& arena, Losses& losses) {
-    Step(model, rays, seed, depths, corner, gradients, parallel, arena).run(losses);
+int step(Model& model, const Rays* rays, int count, const std::uint32_t* seeds, const float* depths,
+         const float* const* corners, const Gradients* gradients, const Parallel& parallel, const Arena& arena,
+         Losses* losses) {
+    Step sides[2] = {Step(model, gradients, parallel, arena, 0), Step(model, gradients, parallel, arena, 1)};
+    sides[0].take(rays[0], seeds[0], depths, corners[0]);
+    sides[0].begin();
+    for (int k = 0; k < count; ++k) {
+        Step* next = nullptr;
+        if (k + 1 < count) {
+            next = &sides[(k + 1) % 2];
+            next->take(rays[k + 1], seeds[k + 1], nullptr, corners[k + 1]);
+        }
+        sides[k % 2].end(next, losses[k]);
+        if (!__builtin_isfinite(losses[k].total)) return k + 1;
+    }
+    return count;
 }
 
 void sample(const Model& model, const Rays& rays, std::uint32_t seed, float* depths) {

@@ -11,7 +11,19 @@ using anm::Parallel;
 using anm::round_up;
 
 // Keys of the arena's buffers; those of workers follow, kWorkerStride apart.
-enum Key { kSlots, kFeatures, kPacked, kPartial, kSmall, kWorkerScratch, kWorkerTable, kWorkerLattice, kNumKeys };
+enum Key {
+    kSlots,
+    kFeatures,
+    kOtherSlots,
+    kOtherFeatures,
+    kPacked,
+    kPartial,
+    kSmall,
+    kWorkerScratch,
+    kWorkerTable,
+    kWorkerLattice,
+    kNumKeys
+};
 
 ANM_INLINE float* floats(const Arena& arena, int key, int worker, std::size_t count) {
     return static_cast<float*>(arena.get(arena.owner, key + worker * kNumKeys, count * sizeof(float)));

@@ -154,7 +154,7 @@ def watched(watch: Watch) -> None:
     watch.over(OccupancyGrid, "observation_count", "counts")
     watch.over(KeyframeStore, "add", "keyframes")
     watch.over(KeyframeStore, "batches", "draw")
-    watch.over(NativeBackend, "step", "train")
+    watch.over(NativeBackend, "steps", "train")
     watch.over(FieldGeometry, "grid", "field read")
     watch.over(TopDownMapper, "update", "top-down")
     watch.over(Stages, "update_graph", "graph")
@@ -201,9 +201,14 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     maps: list[NeuralMap] = []
     keep = NeuralMap.integrate
 
+    iterations = 0
+
     def integrate(self: NeuralMap, *args: Any) -> Any:
+        nonlocal iterations
         maps[:] = [self]
-        return keep(self, *args)
+        update = keep(self, *args)
+        iterations += update.num_iterations
+        return update
 
     setattr(NeuralMap, "integrate", integrate)  # noqa: B010 - a plain assignment is a type error.
     # What comes after the loop belongs to no step.
@@ -218,7 +223,7 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     frames = calls["occupancy"]
     stage_ms = {name: 1e3 * seconds.get(name, 0.0) / frames for name in STAGES}
     beside_ms = {name: 1e3 * loop["beside"].get(name, 0.0) / frames for name in STAGES}
-    floor_ms = floors(maps[0], calls["train"] / frames, stage_ms["renderer"] + beside_ms["renderer"])
+    floor_ms = floors(maps[0], iterations / frames, stage_ms["renderer"] + beside_ms["renderer"])
     return Budget(
         scene,
         frames - 1,

@@ -25,7 +25,6 @@ from anm_mj.mapping.last_layer import last_layer_variance, observation_density
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
@@ -137,10 +136,8 @@ class NeuralMap:
         if num_iterations and self._good.is_due(self._num_frames):
             self._good.keep_or_restore(self.backend, self._num_frames, observation.step)
         try:
-            for rays in self._batches(observation, num_iterations, first=first):
-                corner = None if first or self.config.loss.smoothness == 0.0 else self._smoothness_corner()
-                loss = self._step(rays, corner)
-                done += 1
+            for latest in self._train(observation, num_iterations, first=first):
+                loss, done = latest, done + 1
         except _NotFinite as err:
             loss = math.nan
             self._failures += 1
@@ -176,9 +173,8 @@ class NeuralMap:
                 rates = share * optimizer.table_learning_rate, share * optimizer.decoder_learning_rate
                 slower = replace(optimizer, table_learning_rate=rates[0], decoder_learning_rate=rates[1])
                 self._take_engine(replace(self.config, optimizer=slower), self.backend.get_state())
-                for rays in self._batches(self._last, count, first=False):
-                    corner = None if self.config.loss.smoothness == 0.0 else self._smoothness_corner()
-                    self._step(rays, corner)
+                for _ in self._train(self._last, count, first=False):
+                    pass
         except _NotFinite as err:
             done = 0
             self._good.restore(self.backend, self._num_frames, f"The loss of the final training became {err}")
@@ -425,25 +421,29 @@ class NeuralMap:
         self.backend = make_backend(config, seed=self.seed, device=self._device)
         self.backend.set_state(state)
 
-    def _step(self, rays: RayBatch, corner_m: Float[np.ndarray, "3"] | None) -> float:
-        """One training iteration; its loss.
+    def _train(self, observation: Observation, count: int, *, first: bool) -> Iterator[float]:
+        """Train on rays of the keyframes and, after the first frame, of the one at hand; the loss of each iteration.
 
         Raises:
-            _NotFinite: If that is not finite.
+            _NotFinite: If a loss is not finite.
         """
-        losses = self.backend.step(rays, int(self._rng.integers(1 << 32)), corner_m)
-        if not math.isfinite(losses.total):
-            terms = ", ".join(f"{name} {value:g}" for name, value in losses._asdict().items() if name != "total")
-            raise _NotFinite(f"{losses.total:g} ({terms})")
-        return losses.total
-
-    def _batches(self, observation: Observation, count: int, *, first: bool) -> Iterator[RayBatch]:
-        """Rays of the keyframes and, after the first frame, of the one at hand, for so many iterations."""
         schedule = self.config.schedule
         num_current = 0 if first else max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
+        smooth = not first and self.config.loss.smoothness != 0.0
         for start in range(0, count, _DRAWN_TOGETHER):
             together = min(_DRAWN_TOGETHER, count - start)
-            yield from self._keyframes.batches(together, schedule.num_rays, observation, num_current, self._rng)
+            batches = self._keyframes.batches(together, schedule.num_rays, observation, num_current, self._rng)
+            draws: list[tuple[int, Float[np.ndarray, "3"] | None]] = []
+            for _ in range(together):
+                corner = self._smoothness_corner() if smooth else None
+                draws.append((int(self._rng.integers(1 << 32)), corner))
+            for losses in self.backend.steps(batches, draws):
+                if not math.isfinite(losses.total):
+                    terms = ", ".join(
+                        f"{name} {value:g}" for name, value in losses._asdict().items() if name != "total"
+                    )
+                    raise _NotFinite(f"{losses.total:g} ({terms})")
+                yield losses.total
 
     def _smoothness_corner(self) -> Float[np.ndarray, "3"]:
         """A random place for the smoothness lattice within the box that was fused so far, or about its middle."""

@@ -1,5 +1,6 @@
 """The native engine against the torch engine, which is the reference."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,11 +8,12 @@ import pytest
 import torch
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.parameters import DECODER_NAMES
-from anm_mj.mapping.rays import RayBatch, concatenate, sample_frame
+from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame
 from anm_mj.mapping.sampling import sample_depths
 from tests.mapping.ray_room import Room
 from tests.mapping.reference import reference_gradients
@@ -153,6 +155,36 @@ def test_any_number_of_threads_gives_the_same_bytes(config, rays):
     for state in states[1:]:
         for name, value in state.items():
             np.testing.assert_array_equal(value, states[0][name])
+
+
+@all_configs
+@all_kernels
+def test_steps_that_overlap_give_the_same_bytes_as_one_after_another(config, kernel, rays):
+    # Of several sizes, so that no step's samples lie where those of the step before did.
+    batches = [part(rays, k, len(rays) - 9 * k) for k in range(7)]
+    draws = [(2**32 + 5 * k, corner(config) if k % 3 else None) for k in range(7)]
+    one = NativeBackend(config, seed=0, num_threads=1, kernel=kernel)
+    expected = [one.step(batch, *draw) for batch, draw in zip(batches, draws, strict=True)]
+    for num_threads in (1, 2, 5):
+        together = NativeBackend(config, seed=0, num_threads=num_threads, kernel=kernel)
+        assert together.steps(batches[:5], draws[:5]) + together.steps(iter(batches[5:]), draws[5:]) == expected
+        assert together.steps([], []) == []
+        for name, value in (together.get_state() | together.get_optimizer()).items():
+            np.testing.assert_array_equal(value, (one.get_state() | one.get_optimizer())[name])
+
+
+def test_nothing_is_trained_after_a_loss_that_is_not_finite(rays):
+    config = CONFIGS["default"]
+    spoilt = replace(rays, rgb=np.full_like(rays.rgb, np.nan))
+    batches, draws = [rays, spoilt, rays], [(k, None) for k in range(3)]
+    for steps in (NativeBackend.steps, MapperBackend.steps):
+        backend, reference = (NativeBackend(config, seed=0) for _ in range(2))
+        losses = steps(backend, batches, draws)
+        assert [math.isfinite(each.total) for each in losses] == [True, False]
+        for batch, draw in zip(batches[:2], draws, strict=False):
+            reference.step(batch, *draw)
+        for name, value in backend.get_state().items():
+            np.testing.assert_array_equal(value, reference.get_state()[name])
 
 
 def test_checkpoints_move_both_ways(rays):

@@ -179,8 +179,10 @@ def test_a_loss_that_is_never_finite_ends_with_step_and_value(tiny_config, room,
     neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
     views = room.turn(1.5, 1.5, MAX_FAILURES + 1)
     neural_map.integrate(views[0])
-    step = neural_map.backend.step
-    monkeypatch.setattr(neural_map.backend, "step", lambda *_: step(*_)._replace(total=math.inf))
+    steps = neural_map.backend.steps
+    monkeypatch.setattr(
+        neural_map.backend, "steps", lambda *_: [losses._replace(total=math.inf) for losses in steps(*_)]
+    )
     for observation in views[1:-1]:
         assert math.isnan(neural_map.integrate(observation).loss)
     with pytest.raises(
@@ -197,8 +199,8 @@ def test_a_final_training_that_fails_leaves_the_map_as_it_was(tiny_config, room,
     neural_map.integrate(room.turn(1.5, 1.5, 1)[0])
     before = neural_map.backend.get_state()
     kind = type(neural_map.backend)
-    step = kind.step
-    monkeypatch.setattr(kind, "step", lambda *_: step(*_)._replace(total=math.nan))
+    steps = kind.steps
+    monkeypatch.setattr(kind, "steps", lambda *_: [losses._replace(total=math.nan) for losses in steps(*_)])
     assert neural_map.finish() == 0
     assert "The loss of the final training became nan" in caplog.text
     for key, value in neural_map.backend.get_state().items():
@@ -296,13 +298,14 @@ def test_every_iteration_gets_the_rays_that_the_schedule_asks_for(tiny_config, r
     )
     neural_map = NeuralMap(config, seed=0, device="cpu")
     sizes = []
-    step = neural_map.backend.step
+    steps = neural_map.backend.steps
 
-    def counting(rays, *args):
-        sizes.append(len(rays.depth_m))
-        return step(rays, *args)
+    def counting(batches, draws):
+        batches = list(batches)
+        sizes.extend(len(rays.depth_m) for rays in batches)
+        return steps(batches, draws)
 
-    monkeypatch.setattr(neural_map.backend, "step", counting)
+    monkeypatch.setattr(neural_map.backend, "steps", counting)
     neural_map.integrate(room.observe(1.5, 1.5, 0.0))
     neural_map.integrate(room.observe(1.5, 1.5, 0.5, step=1))
     # The second of two keyframes brings half as many rays of its own, 26 at least.

@@ -67,6 +67,12 @@ class Engine:
     def step(
         self, origin: _Floats, direction: _Floats, rgb: _Floats, depth: _Floats, seed: int, corner: _Floats | None
     ) -> _Losses: ...
+    def steps(
+        self,
+        batches: list[tuple[_Floats, _Floats, _Floats, _Floats]],
+        seeds: list[int],
+        corners: list[_Floats | None],
+    ) -> list[_Losses]: ...
     def gradients(
         self, origin: _Floats, direction: _Floats, rgb: _Floats, depth: _Floats, depths: _Floats, corner: _Floats | None
     ) -> tuple[_Losses, _Floats, _Floats]: ...

@@ -7,7 +7,9 @@ and seed, all engines draw the same samples (:func:`anm_mj.mapping.sampling.coun
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +63,25 @@ class MapperBackend(ABC):
         Returns:
             The losses before the update.
         """
+
+    def steps(
+        self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
+    ) -> list[StepLosses]:
+        """Several iterations, with the results of :meth:`step` on each batch; an engine may let them overlap.
+
+        Args:
+            batches: The batches, each of which is asked for when it is wanted.
+            draws: Seed and smoothness corner of each.
+
+        Returns:
+            The losses of each, up to the first whose total is not finite: nothing is trained after it.
+        """
+        done: list[StepLosses] = []
+        for rays, (seed, corner_m) in zip(batches, draws, strict=True):
+            done.append(self.step(rays, seed, corner_m))
+            if not math.isfinite(done[-1].total):
+                break
+        return done
 
     @abstractmethod
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:

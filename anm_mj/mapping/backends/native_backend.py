@@ -6,6 +6,8 @@ the same bytes for any number of threads, but not for other instruction sets, wh
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 from jaxtyping import Float, Float32
 
@@ -86,6 +88,16 @@ class NativeBackend(MapperBackend):
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the base class."""
         return StepLosses(*self._engine.step(*_ray_arrays(rays), seed & 0xFFFFFFFF, _optional(smoothness_corner_m)))
+
+    def steps(
+        self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
+    ) -> list[StepLosses]:
+        """Several iterations, whose phases overlap; see the base class."""
+        if not hasattr(self._engine, "steps"):  # It was built before this was made.
+            return super().steps(batches, draws)
+        arrays = [_ray_arrays(rays) for rays in batches]
+        seeds, corners = [seed & 0xFFFFFFFF for seed, _ in draws], [_optional(corner_m) for _, corner_m in draws]
+        return [StepLosses(*losses) for losses in self._engine.steps(arrays, seeds, corners)]
 
     def sample_depths(self, depth_m: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, "n samples"]:
         """The planar depths [m] that :meth:`step` samples rays of these measured depths at."""
