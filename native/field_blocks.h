@@ -41,15 +41,29 @@ inline void dilate_block(const std::uint8_t* mask, std::uint8_t* out) {
     }
 }
 
+// Whether two arrays hold the same in a block.
+inline bool same_block(const std::int8_t* a, const std::int8_t* b, const Extent& size, std::int64_t layer,
+                       std::int64_t row, std::int64_t col) {
+    for (int l = 0; l < kBlock; ++l) {
+        for (int r = 0; r < kBlock; ++r) {
+            const std::int64_t start = size.at(layer + l, row + r, col);
+            if (std::memcmp(a + start, b + start, kBlock) != 0) return false;
+        }
+    }
+    return true;
+}
+
 // Voxels of the blocks that are occupied or beside one that is, and known: as indices into the arrays, block by block.
-// Returns how many; writes no more than `room`.
-inline std::int64_t voxels_to_read(const std::int8_t* state, const Extent& size, const std::int64_t* blocks,
-                                   std::int64_t count, std::int64_t* out, std::int64_t room) {
+// Where `agreed` is given, only those whose state differs from it. Returns how many; writes no more than `room`.
+inline std::int64_t voxels_to_read(const std::int8_t* state, const std::int8_t* agreed, const Extent& size,
+                                   const std::int64_t* blocks, std::int64_t count, std::int64_t* out,
+                                   std::int64_t room) {
     std::int64_t found = 0;
     std::uint8_t hit[kBlockVoxels], near[kBlockVoxels];
     for (std::int64_t b = 0; b < count; ++b) {
         const std::int64_t layer = blocks[3 * b] * kBlock, row = blocks[3 * b + 1] * kBlock;
         const std::int64_t col = blocks[3 * b + 2] * kBlock;
+        if (agreed != nullptr && same_block(state, agreed, size, layer, row, col)) continue;
         std::uint8_t any = 0;
         for (int l = 0; l < kBlock; ++l) {
             for (int r = 0; r < kBlock; ++r) {
@@ -66,6 +80,7 @@ inline std::int64_t voxels_to_read(const std::int8_t* state, const Extent& size,
                 const std::uint8_t* mask = near + (l * kBlock + r) * kBlock;
                 for (int c = 0; c < kBlock; ++c) {
                     if (mask[c] == 0 || state[start + c] == kUnknownState) continue;
+                    if (agreed != nullptr && agreed[start + c] == state[start + c]) continue;
                     if (found < room) out[found] = start + c;
                     ++found;
                 }

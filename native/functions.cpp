@@ -33,8 +33,17 @@ anm::Extent extent_of(const ConstGrid& grid, const Table& blocks) {
 
 std::int64_t voxels_to_read(ConstGrid state, Table blocks, Array<std::int64_t, 1> out) {
     const anm::Extent size = extent_of(state, blocks);
-    return anm::voxels_to_read(state.data(), size, blocks.data(), static_cast<std::int64_t>(blocks.shape(0)),
+    return anm::voxels_to_read(state.data(), nullptr, size, blocks.data(), static_cast<std::int64_t>(blocks.shape(0)),
                                out.data(), static_cast<std::int64_t>(out.size()));
+}
+
+std::int64_t voxels_in_doubt(ConstGrid state, ConstGrid agreed, Table blocks, Array<std::int64_t, 1> out) {
+    const anm::Extent size = extent_of(state, blocks);
+    require(agreed.shape(0) == state.shape(0) && agreed.shape(1) == state.shape(1) && agreed.shape(2) == state.shape(2),
+            "the arrays differ in size");
+    return anm::voxels_to_read(state.data(), agreed.data(), size, blocks.data(),
+                               static_cast<std::int64_t>(blocks.shape(0)), out.data(),
+                               static_cast<std::int64_t>(out.size()));
 }
 
 void write_blocks(ConstGrid state, Table blocks, Indices voxels, Array<const std::int8_t, 1> read, Grid out,
@@ -165,6 +174,7 @@ nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
 
 void bind_functions(nb::module_& m) {
     m.def("voxels_to_read", &voxels_to_read, "state"_a, "blocks"_a, "out"_a);
+    m.def("voxels_in_doubt", &voxels_in_doubt, "state"_a, "agreed"_a, "blocks"_a, "out"_a);
     m.def("write_blocks", &write_blocks, "state"_a, "blocks"_a, "voxels"_a, "read"_a, "out"_a, "moved"_a);
     m.def("ray_batches", &ray_batches, "pixels"_a, "cameras"_a, "place"_a, "keyframe"_a, "depth_unit"_a, "origin"_a,
           "direction"_a, "rgb"_a, "depth"_a);

@@ -1,13 +1,16 @@
-"""Measures the planner alone: policies in a scene with the occupancy grid as their only map, without any learning.
+"""Measures the planner: policies in a scene with the occupancy grid as their only map, or with the neural map.
 
     python scripts/bench_planner.py --scene home --steps 1000
+    OMP_NUM_THREADS=1 python scripts/bench_planner.py --scene office --sensor d435i --steps 300
     python scripts/bench_planner.py --scene home --policy gvg anm-s --start 4.9 2.2 180
     python scripts/bench_planner.py --scene home --policy gvg --starts 3
 
 Prints one line per policy and start: how much of what can be seen at all was seen, at the end and on average over the
 budget (the area under the curve), the steps at which nine tenths were reached and at which the last useful surface was
-seen (all but the last 0.25 % of the end's), the end, and what a decision took of one core's time. Without a field
-there is no uncertainty: anm-s goes without regions of interest.
+seen (all but the last 0.25 % of the end's), the end, and what a decision took of one core's time.
+
+By default nothing is learnt: without a field there is no uncertainty, and anm-s goes without regions of interest. With
+``--sensor`` the map is the one of ``anm-mj explore``; what it is asked in a decision counts as the decision's.
 """
 
 from __future__ import annotations
@@ -26,12 +29,14 @@ from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.explore import Outcome, explore
 from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.make_map import make_map
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.sensors.presets import sensor_config
 from anm_mj.types import (
     OCCUPIED,
     Action,
@@ -141,6 +146,7 @@ def main(
     start: tuple[float, float, float] | None = None,
     starts: int = 1,
     seed: int = 0,
+    sensor: str | None = None,
 ) -> None:
     """Run and print.
 
@@ -150,14 +156,15 @@ def main(
         steps: budget of actions.
         start: x [m], y [m], yaw [deg]; when left out, the scene's own starts.
         starts: how many of these.
-        seed: of what a policy draws.
+        seed: of what a policy draws, and of the neural map.
+        sensor: errors of the camera, as of ``anm-mj explore``, and with a neural map; None = exact, without one.
     """
     world = load_scene(scene)
     poses = [Pose2(start[0], start[1], math.radians(start[2]))] if start else list(world.starts[:starts])
     print("policy       start    seen     mean    90 % at   last at     steps  turns  contacts  p50 ms  p99 ms  end")
     for name in policy:
         for number, pose in enumerate(poses):
-            outcome, coverage, timed = run(world, name, steps, pose, seed)
+            outcome, coverage, timed = run(world, name, steps, pose, seed, sensor)
             row = [r.observable_ratio or 0.0 for r in coverage.curve.rows]
             reached = next((str(r.step) for r in coverage.curve.rows if (r.observable_ratio or 0.0) >= 90.0), "never")
             last = next(r.step for r in coverage.curve.rows if (r.observable_ratio or 0.0) >= row[-1] - LAST_PERCENT)
@@ -172,15 +179,18 @@ def main(
             )
 
 
-def run(world: Scene, name: str, steps: int, pose: Pose2, seed: int) -> tuple[Outcome, Coverage, Timed]:
+def run(
+    world: Scene, name: str, steps: int, pose: Pose2, seed: int, sensor: str | None = None
+) -> tuple[Outcome, Coverage, Timed]:
     """One run of one policy."""
-    with make_robot(world, start=pose) as robot:
+    with make_robot(world, start=pose, sensor=sensor_config(sensor or "exact")) as robot:
         first = robot.observe()
         camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
         truth = cached_ground_truth(world, robot.footprint, camera, first.pose)
         coverage = Coverage(CompletionCurve(truth))
         timed = Timed(make_policy(name, PolicyContext(robot.footprint, default_settings(name), seed=seed)))
-        outcome = explore(robot, OccupancyMapper(), timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
+        mapper = OccupancyMapper() if sensor is None else make_map(seed=seed)
+        outcome = explore(robot, mapper, timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
         coverage.curve.last()
         return outcome, coverage, timed
 

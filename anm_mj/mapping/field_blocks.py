@@ -21,13 +21,17 @@ class NumpyBlocks:
     """The reference."""
 
     def to_read(
-        self, state: Int8[np.ndarray, "layers rows cols"], blocks: Int64[np.ndarray, "m 3"]
+        self,
+        state: Int8[np.ndarray, "layers rows cols"],
+        blocks: Int64[np.ndarray, "m 3"],
+        agreed: Int8[np.ndarray, "layers rows cols"] | None = None,
     ) -> Int64[np.ndarray, " n"]:
         """The known voxels of blocks that are occupied, or have a face neighbour in their block that is.
 
         Args:
             state: of all voxels.
             blocks: layer, row and column of each block.
+            agreed: leaves out voxels that have the same state here.
 
         Returns:
             Indices into the raveled grid, block by block.
@@ -37,7 +41,10 @@ class NumpyBlocks:
         block, *within = np.nonzero(beside)
         layer, row, col = blocks.T[:, block] * BLOCK + np.stack(within)
         _, rows, cols = state.shape
-        return (layer * rows + row) * cols + col
+        voxels = (layer * rows + row) * cols + col
+        if agreed is None:
+            return voxels
+        return voxels[state.reshape(-1)[voxels] != agreed.reshape(-1)[voxels]]
 
     def write(
         self,
@@ -69,19 +76,35 @@ class NumpyBlocks:
 class NativeBlocks:
     """The same in C++."""
 
-    def __init__(self, voxels_to_read: Callable[..., int], write_blocks: Callable[..., Any]) -> None:
-        """Wrap the functions of the engine's module."""
+    def __init__(
+        self,
+        voxels_to_read: Callable[..., int],
+        write_blocks: Callable[..., Any],
+        voxels_in_doubt: Callable[..., int] | None,
+    ) -> None:
+        """Wrap the functions of the engine's module; an older engine lacks the last one."""
         self._voxels_to_read, self._write_blocks = voxels_to_read, write_blocks
+        self._voxels_in_doubt = voxels_in_doubt
         self._room = np.empty(1 << 14, np.int64)
 
     def to_read(
-        self, state: Int8[np.ndarray, "layers rows cols"], blocks: Int64[np.ndarray, "m 3"]
+        self,
+        state: Int8[np.ndarray, "layers rows cols"],
+        blocks: Int64[np.ndarray, "m 3"],
+        agreed: Int8[np.ndarray, "layers rows cols"] | None = None,
     ) -> Int64[np.ndarray, " n"]:
         """Voxels to ask the field for; see the reference."""
-        count = self._voxels_to_read(state, blocks, self._room)
+        if agreed is None or self._voxels_in_doubt is None:
+            voxels = self._all(self._voxels_to_read, state, blocks)
+            return voxels if agreed is None else voxels[state.reshape(-1)[voxels] != agreed.reshape(-1)[voxels]]
+        return self._all(self._voxels_in_doubt, state, agreed, blocks)
+
+    def _all(self, find: Callable[..., int], *arrays: np.ndarray) -> Int64[np.ndarray, " n"]:
+        """What a function writes, in a second call where there was no room for it."""
+        count = find(*arrays, self._room)
         if count > len(self._room):
             self._room = np.empty(2 * count, np.int64)
-            self._voxels_to_read(state, blocks, self._room)
+            find(*arrays, self._room)
         return self._room[:count].copy()
 
     def write(
@@ -103,7 +126,7 @@ def field_blocks() -> NumpyBlocks | NativeBlocks:
     functions = native_function("voxels_to_read"), native_function("write_blocks")
     if functions[0] is None or functions[1] is None:
         return NumpyBlocks()
-    return NativeBlocks(functions[0], functions[1])
+    return NativeBlocks(functions[0], functions[1], native_function("voxels_in_doubt"))
 
 
 def blocks_of(voxels: Shaped[np.ndarray, "layers rows cols"]) -> Shaped[np.ndarray, "bl br bc b b b"]:

@@ -141,13 +141,12 @@ class FieldGeometry:
             Indices of these voxels into the raveled grid, block by block, and their states.
         """
         has_hits = self._occupancy.block_stamp[tuple(places.T)] > 0
-        voxels = self._blocks.to_read(raw.state, places[has_hits])
-        if not whole:
-            voxels = voxels[raw.state.reshape(-1)[voxels] != self._state.reshape(-1)[voxels]]
-        layer_row_col = np.stack(np.unravel_index(voxels, raw.state.shape), axis=1)
-        points_m = (layer_row_col[:, ::-1] + self._corner) * raw.resolution_m
+        voxels = self._blocks.to_read(raw.state, places[has_hits], None if whole else self._state)
+        points_m = np.empty((len(voxels), 3))
+        for axis, index in enumerate(np.unravel_index(voxels, raw.state.shape)[::-1]):
+            points_m[:, axis] = (index + self._corner[axis]) * raw.resolution_m
         seen_m, hit = raw.seen_range_m.reshape(-1)[voxels], raw.state.reshape(-1)[voxels] == OCCUPIED
-        solid = self._is_solid(sdf_m(points_m.astype(float)), hit, seen_m, raw.resolution_m)
+        solid = self._is_solid(sdf_m(points_m), hit, seen_m, raw.resolution_m)
         return voxels, np.where(solid, np.int8(OCCUPIED), np.int8(FREE))
 
     def _is_solid(

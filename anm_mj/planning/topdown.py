@@ -55,6 +55,8 @@ _START_DIRECTIONS, _LEAST_DIRECTIONS, _START_SHARE = 72, 8, 0.75
 is to be bridged."""
 SAME_PLACE_M = 0.01
 """A robot that moved less than this only turned: it adds nothing to the trajectory [m]."""
+_BESIDE_CELLS = 2
+"""Columns so near to surface have its zero-crossing within them, or beside them."""
 _HOLE_WIDTH_CELLS = 20
 """Small unknown patches are no wider than about this."""
 _HOLE_REACH_CELLS = 20
@@ -62,7 +64,7 @@ _HOLE_REACH_CELLS = 20
 
 
 class TopDownMapper:
-    """Keeps the top-down map up: columns from occupancy, minimum SDF near surfaces, asked anew inside the horizon."""
+    """Keeps the top-down map up: columns from occupancy, minimum SDF beside surfaces inside the horizon."""
 
     def __init__(self, config: PlanningConfig, footprint: Footprint):
         """Start with an empty map.
@@ -78,6 +80,8 @@ class TopDownMapper:
         self.read_window: Window | None = None
         """The part of the occupancy grid that the last update read; None for none."""
         self._changes = ChangeReader()
+        self._sdf_changes = ChangeReader()
+        """What changed since the SDF was asked for there."""
         self._starts_xy_m: list[Float[np.ndarray, 2]] = []
         """Where runs began, this one and those it goes on from [m]."""
         self._num_former = 0
@@ -302,25 +306,34 @@ class TopDownMapper:
         return [clamp(low, high, layers.state.shape)]
 
     def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
-        """Query the minimum SDF of the columns next to surface inside the horizon, and return where it changed."""
-        layers, config = self._layers, self.config
-        centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
-        half = int(np.ceil(config.horizon_m / 2 / grid.resolution_m))
-        window = clamp(centre - half, centre + half, layers.state.shape)
-        hit = layers.hit[window]
-        near = dilate_mask(dilate_mask(hit)) & (hit | (layers.num_free[window] > 0))
-        cells = np.argwhere(near)
+        """Query the minimum SDF of the columns beside surface where the horizon's map changed; return what changed.
+
+        Columns with a hit are not asked for: they are occupied, whatever the SDF says.
+        """
+        layers, half_m = self._layers, self.config.horizon_m / 2
+        window = self._sdf_changes.take(grid, np.stack([pose.xy_m - half_m, pose.xy_m + half_m]))
+        if window is None:
+            return []
+        if grid.column_version is None:
+            centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
+            half = int(np.ceil(half_m / grid.resolution_m))
+            window = clamp(centre - half, centre + half, layers.state.shape)
+        # What is beside surface in the next block has changed, too.
+        window = dilate(window, _BESIDE_CELLS, layers.state.shape)
+        around = dilate(window, _BESIDE_CELLS, layers.state.shape)
+        beside = dilate_mask(dilate_mask(layers.hit[around]))[relative_to(window, around)]
+        cells = np.argwhere(beside & ~layers.hit[window] & (layers.num_free[window] > 0))
         remembered = layers.min_sdf_m[window]
         before = remembered.copy()
         remembered[...] = TRUNCATION_M
-        if not len(cells):
-            return bounds(before != remembered, window)
-        heights = np.arange(self.footprint.z_min_m + 0.05, self.footprint.z_max_m + 1e-6, config.sdf_height_spacing_m)
-        centres = (cells + np.array([window[0].start, window[1].start]))[:, ::-1] + 0.5
-        xy = grid.origin_m[:2] + centres * grid.resolution_m
-        points = np.empty((len(xy), len(heights), 3))
-        points[..., :2], points[..., 2] = xy[:, None], heights
-        remembered[cells[:, 0], cells[:, 1]] = sdf(points.reshape(-1, 3)).reshape(points.shape[:2]).min(axis=1)
+        if len(cells):
+            z_min_m, z_max_m = self.footprint.z_min_m, self.footprint.z_max_m
+            heights = np.arange(z_min_m + 0.05, z_max_m + 1e-6, self.config.sdf_height_spacing_m)
+            centres = (cells + np.array([window[0].start, window[1].start]))[:, ::-1] + 0.5
+            points = np.empty((len(cells), len(heights), 3))
+            points[..., :2] = (grid.origin_m[:2] + centres * grid.resolution_m)[:, None]
+            points[..., 2] = heights
+            remembered[cells[:, 0], cells[:, 1]] = sdf(points.reshape(-1, 3)).reshape(points.shape[:2]).min(axis=1)
         return bounds(before != remembered, window)
 
     def _update_clearance(self, window: Window, resolution_m: float) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anm_mj.mapping.config import default_mapping
-from anm_mj.mapping.field_blocks import NumpyBlocks, field_blocks
+from anm_mj.mapping.field_blocks import NativeBlocks, NumpyBlocks, field_blocks
 from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.mapping.pixel_memory import PIXEL, native_batches, numpy_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
@@ -73,6 +73,10 @@ def test_blocks_are_read_and_written_the_same(seed, share, count):
     assert not isinstance(native, NumpyBlocks)
     voxels = reference.to_read(state, blocks)
     assert np.array_equal(native.to_read(state, blocks), voxels)
+    doubtful = reference.to_read(state, blocks, before)
+    assert np.array_equal(doubtful, voxels[state.ravel()[voxels] != before.ravel()[voxels]])
+    older = NativeBlocks(native._voxels_to_read, native._write_blocks, None)
+    assert all(np.array_equal(kernels.to_read(state, blocks, before), doubtful) for kernels in (native, older))
     read = np.where(rng.random(len(voxels)) < 0.5, np.int8(FREE), np.int8(OCCUPIED))
     outs = before.copy(), before.copy()
     moved = [

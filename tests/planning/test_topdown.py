@@ -191,3 +191,24 @@ def test_low_surface_at_the_body_s_underside_is_an_obstacle_once_it_was_seen_fro
     topdown = TopDownMapper(PlanningConfig(), BODY).update(grid, world.sdf, Pose2(1, 1, 0))
     assert state_at(topdown, 2.05, 1.55) == OCCUPIED
     assert state_at(topdown, 3.05, 1.55) == FREE
+
+
+def test_the_sdf_is_asked_again_only_where_the_map_has_changed_and_never_of_obstacles():
+    world, mapper, asked = room(4, 3, boxes=[(2, 1, 2.5, 1.5)]), TopDownMapper(PlanningConfig(), BODY), []
+
+    def sdf(points):
+        asked.append(points)
+        return world.sdf(points)
+
+    version = np.ones((17, 22), np.int32)
+    first = mapper.update(replace(world.occupancy, version=1, column_version=version), sdf, Pose2(1, 1, 0))
+    (everywhere,) = asked
+    col, row = np.floor(everywhere[:, :2].T / RESOLUTION_M).astype(int)
+    assert not (world.occupancy.state[10, row, col] == OCCUPIED).any()
+    mapper.update(replace(world.occupancy, version=1, column_version=version), sdf, Pose2(1, 1, 0))
+    assert len(asked) == 1
+    changed = version.copy()
+    changed[5:8, 10:13] = 2
+    again = mapper.update(replace(world.occupancy, version=2, column_version=changed), sdf, Pose2(1, 1, 0))
+    assert 0 < len(asked[1]) < len(everywhere) / 3
+    assert np.array_equal(first.surface_xy_m, again.surface_xy_m)

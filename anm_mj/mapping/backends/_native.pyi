@@ -144,6 +144,9 @@ class Occupancy:
     ) -> None: ...
 
 def voxels_to_read(state: NDArray[np.int8], blocks: NDArray[np.int64], out: NDArray[np.int64]) -> int: ...
+def voxels_in_doubt(
+    state: NDArray[np.int8], agreed: NDArray[np.int8], blocks: NDArray[np.int64], out: NDArray[np.int64]
+) -> int: ...
 def write_blocks(
     state: NDArray[np.int8],
     blocks: NDArray[np.int64],

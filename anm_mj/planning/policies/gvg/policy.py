@@ -17,6 +17,8 @@ where its map is worst: views then also count what they improve of known surface
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -50,6 +52,7 @@ from anm_mj.types import (
     Pose2,
     StopReason,
     TopDownMap,
+    UnexploredPatch,
 )
 from anm_mj.utils.stopwatch import Stopwatch
 
@@ -138,6 +141,9 @@ class Gvg:
                     candidates = self._candidates(state, gain, mapper, observation)
                 with watch.stage("choice"):
                     plan = self._decide(state, candidates, gain)
+            if plan.stop is not None:
+                with watch.stage("choice"):
+                    plan = replace(plan, unexplored=self._unexplored(state, gain))
         return plan
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
@@ -319,7 +325,7 @@ class Gvg:
     def _stop(
         self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain, *, stagnating: bool = False
     ) -> Plan:
-        """The end of the run, with the reason and what stays unexplored."""
+        """The end of the run, with the reason."""
         config, best_m2 = self.config, candidates.best_gain_m2
         num_places = len(candidates.vertex)
         stop = StopReason.COMPLETE
@@ -343,22 +349,24 @@ class Gvg:
             )
         else:
             reason = f"best expected gain of {num_places} reachable places: {best_m2:.2f} m²"
-        unexplored = unexplored_patches(
+        return Plan(
+            reason,
+            np.zeros((0, 2)),
+            stop=stop,
+            topdown=state.topdown,
+            graph=state.graph,
+            stage_ms=state.watch.ms,
+        )
+
+    def _unexplored(self, state: PlanningState, gain: InformationGain) -> tuple[UnexploredPatch, ...]:
+        """What stays unexplored where the run ends."""
+        return unexplored_patches(
             gain.occupancy,
             state.topdown,
             state.pose,
             safe_m=state.paths.safe_m,
             range_m=gain.range_m,
             camera=gain.camera,
-        )
-        return Plan(
-            reason,
-            np.zeros((0, 2)),
-            stop=stop,
-            unexplored=unexplored,
-            topdown=state.topdown,
-            graph=state.graph,
-            stage_ms=state.watch.ms,
         )
 
 

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.grid_windows import bounds, dilate
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import INSIDE
 from anm_mj.types import FREE, UNKNOWN, Pose2, TopDownMap, UnexploredPatch
@@ -40,14 +41,22 @@ def unexplored_patches(
         camera: what it sees with.
     """
     _, steepest = camera.slopes(INSIDE)
-    edge = (occupancy.state == UNKNOWN) & dilate_mask(occupancy.state == FREE)
+    # Around what was seen lies a rim of unknown, as wide as rays are long.
+    seen = (occupancy.state == FREE).any(axis=0)
+    parts = bounds(seen, (slice(0, seen.shape[0]), slice(0, seen.shape[1])))
+    if not parts:
+        return ()
+    rows, cols = dilate(parts[0], 1, seen.shape)
+    state = occupancy.state[:, rows, cols]
+    edge = (state == UNKNOWN) & dilate_mask(state == FREE)
     edge[occupancy.layer_share < MIN_SURFACE_LIKELIHOOD] = False
     label = np.empty(edge.shape, np.int32)
     count = int(ndimage.label(edge, np.ones((3, 3, 3)), output=label))  # pyright: ignore[reportArgumentType]
     if not count:
         return ()
-    cells = np.flatnonzero(edge)
-    member = label.ravel()[cells] - 1
+    layer, row, col = np.nonzero(edge)
+    member = label[layer, row, col] - 1
+    cells = np.ravel_multi_index((layer, row + rows.start, col + cols.start), occupancy.state.shape)
     size = np.bincount(member, minlength=count)
     xyz = occupancy.centres(cells)
     centre = np.stack([np.bincount(member, xyz[:, i], count) / size for i in range(3)], axis=1)
