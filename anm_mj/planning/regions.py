@@ -163,12 +163,16 @@ class RegionFinder:
 
 def _nearest_view_m(grid: VoxelGrid, xyz_m: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
     """Smallest depth at which the surface at points was seen [m]; +inf where never."""
-    cell = np.floor((xyz_m - grid.origin_m) / grid.resolution_m).astype(np.int64)[:, ::-1]
+    layers, rows, cols = grid.state.shape
+    seen = grid.seen_range_m.reshape(-1)
     nearest = np.full(len(xyz_m), np.inf, np.float32)
     # The surface lies between voxel centres, and any voxel around it may hold the record.
-    for offset in np.ndindex(3, 3, 3):
-        z, y, x = np.clip(cell + offset - 1, 0, np.array(grid.state.shape) - 1).T
-        nearest = np.minimum(nearest, grid.seen_range_m[z, y, x])
+    around = []
+    for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
+        cell = np.floor((xyz_m[:, axis] - grid.origin_m[axis]) / grid.resolution_m).astype(np.int64)
+        around.append([np.clip(cell + offset, 0, count - 1) * stride for offset in (-1, 0, 1)])
+    for x, y, z in np.ndindex(3, 3, 3):
+        np.minimum(nearest, seen[around[0][x] + around[1][y] + around[2][z]], out=nearest)
     return nearest
 
 
@@ -178,11 +182,15 @@ def line_of_sight(
     """Whether no occupied voxel lies between pairs of points, sampled once per voxel size."""
     longest = float(np.linalg.norm(end_m - start_m, axis=1).max(initial=0.0))
     share = np.linspace(0.0, 1.0, max(math.ceil(longest / grid.resolution_m), 1) + 1)
-    xyz = start_m[:, None] + (end_m - start_m)[:, None] * share[None, :, None]
-    cell = np.floor((xyz - grid.origin_m) / grid.resolution_m).astype(np.int64)[..., ::-1]
-    inside = ((cell >= 0) & (cell < grid.state.shape)).all(axis=-1)
-    cell = np.clip(cell, 0, np.array(grid.state.shape) - 1)
-    occupied = (grid.state[cell[..., 0], cell[..., 1], cell[..., 2]] == OCCUPIED) & inside
+    layers, rows, cols = grid.state.shape
+    flat, inside = np.zeros((len(start_m), len(share)), np.int64), np.ones((len(start_m), len(share)), bool)
+    for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
+        along = start_m[:, axis, None] + (end_m - start_m)[:, axis, None] * share
+        cell = np.floor((along - grid.origin_m[axis]) / grid.resolution_m).astype(np.int64)
+        inside &= (cell >= 0) & (cell < count)
+        flat += cell * stride
+    flat[~inside] = 0
+    occupied = (grid.state.reshape(-1)[flat] == OCCUPIED) & inside
     return ~occupied.any(axis=1)
 
 
