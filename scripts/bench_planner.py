@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,6 +42,7 @@ from anm_mj.types import (
     OCCUPIED,
     Action,
     ActionResult,
+    Footprint,
     MapUpdate,
     Observation,
     Plan,
@@ -180,15 +182,22 @@ def main(
 
 
 def run(
-    world: Scene, name: str, steps: int, pose: Pose2, seed: int, sensor: str | None = None
+    world: Scene,
+    name: str,
+    steps: int,
+    pose: Pose2,
+    seed: int,
+    sensor: str | None = None,
+    make: Callable[[Footprint], Policy] | None = None,
 ) -> tuple[Outcome, Coverage, Timed]:
-    """One run of one policy."""
+    """One run of one policy: of the name, unless another one is made for the robot's body."""
     with make_robot(world, start=pose, sensor=sensor_config(sensor or "exact")) as robot:
         first = robot.observe()
         camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
         truth = cached_ground_truth(world, robot.footprint, camera, first.pose)
         coverage = Coverage(CompletionCurve(truth))
-        timed = Timed(make_policy(name, PolicyContext(robot.footprint, default_settings(name), seed=seed)))
+        context = PolicyContext(robot.footprint, default_settings(name), seed=seed)
+        timed = Timed(make_policy(name, context) if make is None else make(robot.footprint))
         mapper = OccupancyMapper() if sensor is None else make_map(seed=seed)
         outcome = explore(robot, mapper, timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
         coverage.curve.last()
