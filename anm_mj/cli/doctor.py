@@ -49,8 +49,8 @@ from anm_mj.mapping.occupancy_native import native_fusion
 choice = choose_engine()
 name, device, outdated = choice.name, "cpu", False
 if name == "native":
-    from anm_mj.mapping.backends.native_backend import kernel_names
-    name, outdated = f"native ({kernel_names()[0]})", native_fusion() is None
+    from anm_mj.mapping.backends.native_backend import can_overlap, kernel_names
+    name, outdated = f"native ({kernel_names()[0]})", native_fusion() is None or not can_overlap()
 else:
     from anm_mj.mapping.backends.tensor_backend import resolve_device
     device = resolve_device("auto").type
@@ -169,7 +169,7 @@ def check_engine() -> Check:
     if instead_of is not None:
         return Check("map engine", State.NOTE, f"{found}, slower than {instead_of} would be", f"Why: {reason}.")
     if outdated:
-        found = f"{found}, but built from an older source: the occupancy grid runs in NumPy, slower"
+        found = f"{found}, but built from an older source, without what makes it quicker now"
         return Check("map engine", State.NOTE, found, "Run make setup, which builds it again.")
     return Check("map engine", State.GOOD, f"{found}, {reason}")
 

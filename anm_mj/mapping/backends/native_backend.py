@@ -93,7 +93,7 @@ class NativeBackend(MapperBackend):
         self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
         """Several iterations, whose phases overlap; see the base class."""
-        if not hasattr(self._engine, "steps"):  # It was built before this was made.
+        if not can_overlap():
             return super().steps(batches, draws)
         arrays = [_ray_arrays(rays) for rays in batches]
         seeds, corners = [seed & 0xFFFFFFFF for seed, _ in draws], [_optional(corner_m) for _, corner_m in draws]
@@ -240,6 +240,11 @@ def _floats(array: Float[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
 
 def _optional(array: Float[np.ndarray, "..."] | None) -> Float32[np.ndarray, "..."] | None:
     return None if array is None else _floats(array)
+
+
+def can_overlap() -> bool:
+    """Whether the engine overlaps iterations; one that was built before it could does one after another."""
+    return hasattr(_native.Engine, "steps")
 
 
 def _ray_arrays(rays: RayBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
