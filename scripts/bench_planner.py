@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,7 +41,6 @@ from anm_mj.types import (
     OCCUPIED,
     Action,
     ActionResult,
-    Footprint,
     MapUpdate,
     Observation,
     Plan,
@@ -182,22 +180,15 @@ def main(
 
 
 def run(
-    world: Scene,
-    name: str,
-    steps: int,
-    pose: Pose2,
-    seed: int,
-    sensor: str | None = None,
-    make: Callable[[Footprint], Policy] | None = None,
+    world: Scene, name: str, steps: int, pose: Pose2, seed: int, sensor: str | None = None
 ) -> tuple[Outcome, Coverage, Timed]:
-    """One run of one policy: of the name, unless another one is made for the robot's body."""
+    """One run of one policy."""
     with make_robot(world, start=pose, sensor=sensor_config(sensor or "exact")) as robot:
         first = robot.observe()
         camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose)
         truth = cached_ground_truth(world, robot.footprint, camera, first.pose)
         coverage = Coverage(CompletionCurve(truth))
-        context = PolicyContext(robot.footprint, default_settings(name), seed=seed)
-        timed = Timed(make_policy(name, context) if make is None else make(robot.footprint))
+        timed = Timed(make_policy(name, PolicyContext(robot.footprint, default_settings(name), seed=seed)))
         mapper = OccupancyMapper() if sensor is None else make_map(seed=seed)
         outcome = explore(robot, mapper, timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
         coverage.curve.last()
