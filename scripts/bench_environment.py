@@ -6,8 +6,9 @@ Random actions that go forward three times in five, on one process, as one worke
 are of the process's processors, so that they can be added up over workers; the rate is by the wall clock.
 """
 
+import importlib
 import time
-from typing import Annotated
+from typing import Annotated, Any
 
 import gymnasium
 import numpy as np
@@ -31,8 +32,7 @@ def main(
         steps: that are measured.
     """
     gl.select_backend()
-    import mujoco
-
+    mujoco: Any = importlib.import_module("mujoco")  # Bound to that back-end from now on.
     rendering_s = [0.0]
     render = mujoco.mjr_render
 
