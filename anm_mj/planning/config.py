@@ -26,8 +26,7 @@ class PlanningConfig:
     """Share of a column's voxels that must have been seen free for the column to be free."""
     start_radius_m: float = setting(0.75, at_least=0.0)
     """The camera cannot see the floor around the start; up to this distance it counts as free unless seen otherwise,
-    away from obstacles, and farther where the camera's height, tilt and field of view show too little of the body's
-    heights [m]."""
+    and farther where the camera's height, tilt and field of view show too little of the body's heights [m]."""
     hole_area_m2: float = 0.15
     """Unknown patches that known space encloses count as free below this area [m2]."""
     update_reach_m: float = 5.2

@@ -12,28 +12,24 @@ one, so its cost does not grow with the scene.
 
 from __future__ import annotations
 
+import logging
 import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 from scipy import ndimage
 
+from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance_transform import capped_distance_cells
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
-from anm_mj.planning.start_floor import (
-    KEEP_OFF_M,
-    MAX_START_GAP_M,
-    away_from_hits,
-    has_way_out,
-    radius_to_seen_floor_m,
-    unseen_radius_m,
-)
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
 from anm_mj.utils.arrays import dilate_mask, embed
+
+_logger = logging.getLogger(__name__)
 
 TRUNCATION_M = 0.1
 """Beyond this distance the SDF says no more than 'far' [m]."""
@@ -49,6 +45,14 @@ LOW_SEEN_M = 3.0
 farther, a camera that nods takes the floor for one."""
 NO_FLOOR_M = 0.1
 """A column that is seen free from z = 0 down to this depth has no floor [m]."""
+BLIND_SLACK_M = 0.15
+"""What a camera at the start cannot see counts as free this much farther than by its geometry [m]: carving is
+cautious."""
+MAX_START_GAP_M = 0.5
+"""A ring of unknown floor about the start that is no wider than this counts as free [m]."""
+_START_DIRECTIONS, _LEAST_DIRECTIONS, _START_SHARE = 72, 8, 0.75
+"""Directions that it is looked for in, in how many of them the floor must be seen, and the share of these in which it
+is to be bridged."""
 SAME_PLACE_M = 0.01
 """A robot that moved less than this only turned: it adds nothing to the trajectory [m]."""
 _BESIDE_CELLS = 2
@@ -90,8 +94,6 @@ class TopDownMapper:
         self._layers = _Layers()
         self._borders = BorderPoints()
         self._start_radius_m = config.start_radius_m
-        self._keep_off_m = KEEP_OFF_M
-        """How far from obstacles the unseen floor about the start counts as free."""
 
     def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Remember a place where the robot met something the map does not show [m]."""
@@ -147,20 +149,16 @@ class TopDownMapper:
         """
         first = not self._layers.state.size
         if camera is not None and first:
-            self._start_radius_m = unseen_radius_m(camera, self.footprint, self.config)
+            self._start_radius_m = self._unseen_radius_m(camera)
         self.visit(pose.xy_m)
         self._follow_growth(grid)
         self.read_window = self._changed_window(grid, pose, camera)
         changed = self._read_columns(grid, self.read_window)
         if first:
-            known = np.where(
-                self._layers.hit, np.int8(2), (self._layers.num_free >= self._enough(grid)).astype(np.int8)
-            )
-            self._start_radius_m = radius_to_seen_floor_m(known, grid, self._starts_xy_m[-1], self._start_radius_m)
+            self._start_radius_m = self._radius_to_seen_floor(grid)
         changed += self._stamp(grid) + self._ask_sdf(grid, sdf, pose)
         if changed:
             self._decide(grid, union(changed))
-            self._follow_way_out(grid, pose)
         layers, resolution, origin = self._layers, grid.resolution_m, self._origin_xy_m
         surface, frontier = (
             origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)
@@ -175,6 +173,45 @@ class TopDownMapper:
         # To the edges of the views.
         reach_m = self.config.update_reach_m * (1.0 if camera is None else camera.corner_ratio)
         return self._changes.take(grid, np.stack([places.min(axis=0) - reach_m, places.max(axis=0) + reach_m]))
+
+    def _unseen_radius_m(self, camera: FieldOfView) -> float:
+        """Up to where the camera cannot see enough of the columns about the start to tell that they are free [m]."""
+        config = self.config
+        blind_m = camera.blind_radius_m(self.footprint, config.free_share)
+        if math.isinf(blind_m):
+            _logger.warning(
+                "The camera, %.2f m high and tilted by %.0f degrees, never shows %.0f %% of the heights of the robot's "
+                "body (%.2f m to %.2f m): it sees no place as free. Tilt it down, or lower planning.free_share.",
+                camera.height_m,
+                math.degrees(camera.pitch_rad),
+                100.0 * config.free_share,
+                self.footprint.z_min_m,
+                self.footprint.z_max_m,
+            )
+            return config.start_radius_m
+        return max(config.start_radius_m, blind_m + BLIND_SLACK_M)
+
+    def _radius_to_seen_floor(self, grid: VoxelGrid) -> float:
+        """Up to where the floor at the start counts as free, so that no ring of unknown floor encloses the robot [m].
+
+        A noisy sensor sees the nearest floor later than the camera's geometry tells. The disc reaches as far out as the
+        floor is seen free in three quarters of the directions in which nothing stands before.
+        """
+        layers, cell = self._layers, grid.resolution_m
+        known = np.where(layers.hit, 2, layers.num_free >= self._enough(grid))
+        angle = np.arange(_START_DIRECTIONS) * math.tau / _START_DIRECTIONS
+        reach_m = np.arange(0.0, self._start_radius_m + MAX_START_GAP_M + cell / 2, cell)
+        place = self._starts_xy_m[-1] + reach_m[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        row, col = world_to_cell(place.reshape(-1, 2), grid.origin_m[:2], cell).T.reshape(2, *place.shape[:2])
+        inside = (row >= 0) & (col >= 0) & (row < known.shape[0]) & (col < known.shape[1])
+        seen = np.zeros(row.shape, np.int8)
+        seen[inside] = known[row[inside], col[inside]]
+        seen[(seen == 1) & (reach_m < self._start_radius_m)[:, None]] = 0
+        first = np.take_along_axis(seen, seen.astype(bool).argmax(axis=0)[None], axis=0)[0]
+        free_m = reach_m[seen.astype(bool).argmax(axis=0)][first == 1]
+        if len(free_m) < _LEAST_DIRECTIONS:
+            return self._start_radius_m
+        return float(np.quantile(free_m, _START_SHARE, method="higher"))
 
     def _decide(self, grid: VoxelGrid, changed: Window) -> None:
         """Derive state, field, clearance and borders again around a window in which what they derive from changed."""
@@ -195,19 +232,6 @@ class TopDownMapper:
         for part in freed:
             self._update_clearance(part, grid.resolution_m)
         self._borders.update(layers.state, layers.field_m, moved[0][0] if moved else slice(0, 0))
-
-    def _follow_way_out(self, grid: VoxelGrid, pose: Pose2) -> None:
-        """Let the floor about the start be free nearer to obstacles as long as this leaves the robot no way out."""
-        layers, cell = self._layers, grid.resolution_m
-        robot_cells = (pose.xy_m - self._origin_xy_m) / cell
-        around = self._start_radius_m + MAX_START_GAP_M
-        safe_m = self.footprint.radius_m + self.config.margin_m
-        while self._keep_off_m > 0.0 and math.dist(pose.xy_m, self._starts_xy_m[-1]) <= around:
-            if has_way_out(layers.clearance_m, layers.start_floor, robot_cells, safe_m=safe_m, resolution_m=cell):
-                return
-            self._keep_off_m = max(self._keep_off_m - cell, 0.0)
-            for window in bounds(layers.start_floor, (slice(0, len(layers.state)), slice(0, layers.state.shape[1]))):
-                self._decide(grid, window)
 
     def _read_columns(self, grid: VoxelGrid, window: Window | None) -> list[Window]:
         """Count the free voxels of each column over the body's heights, note hits, and return where either changed."""
@@ -243,8 +267,6 @@ class TopDownMapper:
         holes = _enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
         inner = relative_to(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
-        keep_off_cells = round(self._keep_off_m / grid.resolution_m)
-        state[away_from_hits(layers.start_floor, layers.hit, window, keep_off_cells)] = FREE
         state[layers.near_trajectory[window]] = FREE
         state[layers.hit[window]] = OCCUPIED
         return state
@@ -266,9 +288,8 @@ class TopDownMapper:
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
         is_first = len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m)
         for number, xy in enumerate(self._new_trajectory_xy_m):
-            if any(xy is start for start in self._starts_xy_m):
-                _stamp_disc(layers.start_floor, grid, xy, max(body, self._start_radius_m))
-            _stamp_disc(layers.near_trajectory, grid, xy, body)
+            is_start = any(xy is start for start in self._starts_xy_m)
+            _stamp_disc(layers.near_trajectory, grid, xy, max(body, self._start_radius_m) if is_start else body)
             # Where a former run stood, something may stand now.
             if not is_first or number >= self._num_former:
                 _stamp_disc(layers.under_robot, grid, xy, body - cell)
@@ -334,7 +355,6 @@ _BLANK = {
     "hit": np.False_,
     "min_sdf_m": np.float32(TRUNCATION_M),
     "near_trajectory": np.False_,
-    "start_floor": np.False_,
     "under_robot": np.False_,
     "blocked": np.False_,
     "state": np.int8(UNKNOWN),
@@ -351,7 +371,6 @@ class _Layers:
     hit: Bool[np.ndarray, "rows cols"]
     min_sdf_m: Float32[np.ndarray, "rows cols"]
     near_trajectory: Bool[np.ndarray, "rows cols"]
-    start_floor: Bool[np.ndarray, "rows cols"]
     under_robot: Bool[np.ndarray, "rows cols"]
     blocked: Bool[np.ndarray, "rows cols"]
     state: Int8[np.ndarray, "rows cols"]
