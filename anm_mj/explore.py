@@ -198,8 +198,11 @@ def _observe(robot: Robot) -> Observation | None:
 
 
 def _anticipate(robot: Robot, follower: Follower, pose: Pose2, count: int) -> None:
-    """Let the robot begin with what it will see after the next actions, as far as the plan says them."""
-    if isinstance(robot, Anticipates):
+    """Let the robot begin with what it will see after the next actions, as far as the plan says them.
+
+    A pose that is not finite says nothing; the monitor tells of it.
+    """
+    if isinstance(robot, Anticipates) and all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
         robot.anticipate(*follower.coming_actions(pose, count))
 
 

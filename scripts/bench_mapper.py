@@ -138,8 +138,8 @@ def replay_steps(backend: MapperBackend, rng: np.random.Generator) -> Callable[[
         store.add(view, rng)
 
     def run(seed: int) -> None:
-        for rays in store.batches(schedule.iterations, schedule.num_rays, view, schedule.min_current_rays, rng):
-            backend.step(rays, seed)
+        batches = store.batches(schedule.iterations, schedule.num_rays, view, schedule.min_current_rays, rng)
+        backend.steps(batches, [(seed, None)] * schedule.iterations)
 
     return run
 

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -62,6 +63,33 @@ def test_everything_is_recorded_in_the_order_it_happened():
     assert [step for step, _ in recorder.plans] == [0, 3, 6]
     assert set(recorder.steps[0][3]) == {"plan", "act", "observe", "map", "view"}
     assert outcome.loop_s > 0
+
+
+class Anticipating(FakeRobot):
+    """Loses its direction once, and notes what it is told to expect."""
+
+    def __init__(self, world, pose):
+        super().__init__(world, pose)
+        self.expected = []
+
+    def observe(self):
+        seen = super().observe()
+        return replace(seen, pose=replace(seen.pose, yaw_rad=math.inf)) if self.steps == 3 else seen
+
+    def anticipate(self, *actions):
+        self.expected.append(actions)
+
+
+def test_a_robot_is_told_what_comes_next_only_from_a_pose_that_is_finite():
+    robot, recorder = Anticipating(seen_room(), Pose2(1.0, 1.5, 0.0)), ListRecorder()
+    policy = Scripted(straight_to(3.0, 1.5))
+    outcome = explore(robot, robot.world, policy, num_steps=6, recorder=recorder, viewer=NullViewer())
+    assert outcome.num_steps == 6
+    assert robot.steps == 6
+    # Twice after each step, but not where the pose of step 3 is asked.
+    ahead = (Action.MOVE_FORWARD,) * 2
+    assert robot.expected.count(ahead) == 6
+    assert robot.expected.count(ahead[:1]) == 5
 
 
 def test_a_request_to_stop_ends_the_run_as_interrupted():

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt16
+from jaxtyping import Float, Float32
 
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.covered_before import write_covered_before
@@ -41,7 +41,6 @@ from anm_mj.types import (
     Action,
     ActionResult,
     FormerRun,
-    Intrinsics,
     MapUpdate,
     Observation,
     Plan,
@@ -224,20 +223,13 @@ class RunRecorder:
         where = observation if true is None else true
         depth_mm = reduce_depth(where.depth_m)
         self._background.submit(lambda: self._log.observation(observation, true, depth_mm))
-        step, intrinsics = observation.step, observation.intrinsics
-        self._background.submit(lambda: self._cover(step, depth_mm, intrinsics, where.T_world_camera, where.pose))
+        frame = observation.step, depth_mm, observation.intrinsics, where.T_world_camera, where.pose
+        self._background.submit(lambda: self._cover(lambda: self._curve.frame(*frame)))
 
-    def _cover(
-        self,
-        step: int,
-        depth_mm: UInt16[np.ndarray, "rows cols"],
-        intrinsics: Intrinsics,
-        T_world_camera: Float[np.ndarray, "4 4"],
-        pose: Pose2,
-    ) -> None:
+    def _cover(self, add_frame: Callable[[], CurveRow | None]) -> None:
         """Add a frame to the curve, and its row to the file."""
         begin = time.perf_counter()
-        row = self._curve.frame(step, depth_mm, intrinsics, T_world_camera, pose)
+        row = add_frame()
         if row is not None:
             self._curve_file.line(row.csv)
         self._evaluation_s += time.perf_counter() - begin

@@ -161,14 +161,19 @@ class RegionFinder:
         return tuple(sorted(found, key=lambda region: -region.score))
 
 
+def _counts_and_strides(grid: VoxelGrid) -> tuple[tuple[int, int], ...]:
+    """Voxels along x, y and z, and how far apart neighbours lie in the raveled grid."""
+    layers, rows, cols = grid.state.shape
+    return (cols, 1), (rows, cols), (layers, rows * cols)
+
+
 def _nearest_view_m(grid: VoxelGrid, xyz_m: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
     """Smallest depth at which the surface at points was seen [m]; +inf where never."""
-    layers, rows, cols = grid.state.shape
     seen = grid.seen_range_m.reshape(-1)
     nearest = np.full(len(xyz_m), np.inf, np.float32)
     # The surface lies between voxel centres, and any voxel around it may hold the record.
     around = []
-    for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
+    for axis, (count, stride) in enumerate(_counts_and_strides(grid)):
         cell = np.floor((xyz_m[:, axis] - grid.origin_m[axis]) / grid.resolution_m).astype(np.int64)
         around.append([np.clip(cell + offset, 0, count - 1) * stride for offset in (-1, 0, 1)])
     for x, y, z in np.ndindex(3, 3, 3):
@@ -182,9 +187,8 @@ def line_of_sight(
     """Whether no occupied voxel lies between pairs of points, sampled once per voxel size."""
     longest = float(np.linalg.norm(end_m - start_m, axis=1).max(initial=0.0))
     share = np.linspace(0.0, 1.0, max(math.ceil(longest / grid.resolution_m), 1) + 1)
-    layers, rows, cols = grid.state.shape
     flat, inside = np.zeros((len(start_m), len(share)), np.int64), np.ones((len(start_m), len(share)), bool)
-    for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
+    for axis, (count, stride) in enumerate(_counts_and_strides(grid)):
         along = start_m[:, axis, None] + (end_m - start_m)[:, axis, None] * share
         cell = np.floor((along - grid.origin_m[axis]) / grid.resolution_m).astype(np.int64)
         inside &= (cell >= 0) & (cell < count)

@@ -190,11 +190,11 @@ class SimRobot:
         if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, AnticipatingDrive):
             return
         pairs = zip(self._coming, actions, strict=False)
-        same = next((k for k, (known, action) in enumerate(pairs) if known[0] != action), None)
-        if same is not None:
-            self._camera.give_up(same)
-            self._spare += [data for _, data in self._coming[same:]]
-            del self._coming[same:]
+        wrong = next((k for k, (known, action) in enumerate(pairs) if known[0] != action), None)
+        if wrong is not None:
+            self._camera.give_up(wrong)
+            self._spare += [data for _, data in self._coming[wrong:]]
+            del self._coming[wrong:]
         for number in range(len(self._coming), len(actions)):
             coming = self._spare.pop() if self._spare else mujoco.MjData(self._model)
             self._drive.anticipate(actions[: number + 1], coming)

@@ -84,7 +84,10 @@ def test_images_are_given_out_in_the_order_in_which_they_were_begun(model):
             camera.begin(at(model, x_m))
         assert camera.num_begun == 3
         assert [camera.render(at(model, x_m))[1].item() for x_m in (1.0, 2.0)] == [1.0, 2.0]
-        assert (inner.calls, camera.num_begun) == (3, 1)
+        # The third may still be being drawn.
+        assert camera.num_begun == 1
+        assert camera.render(at(model, 3.0))[1] == 3.0
+        assert (inner.calls, camera.num_begun) == (3, 0)
 
 
 def test_a_wrong_guess_gives_up_those_after_it(model):

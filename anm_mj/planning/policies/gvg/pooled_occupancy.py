@@ -120,9 +120,18 @@ class PooledOccupancy:
 
     def flat_index(self, xyz_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Index into the raveled arrays of the cells that hold world points, which must lie inside."""
-        x, y, z = np.floor((xyz_m - self.origin_m) / self.cell_m).astype(np.int64).T
+        return self.flat_index_of(*xyz_m.T)
+
+    def flat_index_of(
+        self, x_m: Float[np.ndarray, "*n"], y_m: Float[np.ndarray, "*n"], z_m: Float[np.ndarray, "*n"]
+    ) -> Int[np.ndarray, "*n"]:
+        """The same of points given by their coordinates, in arrays of any shape."""
+        col, row, layer = (
+            np.floor((along_m - self.origin_m[axis]) / self.cell_m).astype(np.int64)
+            for axis, along_m in enumerate((x_m, y_m, z_m))
+        )
         _, rows, cols = self.state.shape
-        return (z * rows + y) * cols + x
+        return (layer * rows + row) * cols + col
 
     def centres(self, flat: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """World x, y, z of cells given by their index into the raveled arrays [m]."""

@@ -100,12 +100,7 @@ def _cells_along(
 
     Steep rays end in the lowest or in the highest layer, as those of the gain do.
     """
-    layers, rows, cols = occupancy.state.shape
-    low, high = occupancy.origin_m[2], occupancy.origin_m[2] + layers * occupancy.cell_m
+    low, high = occupancy.origin_m[2], occupancy.origin_m[2] + len(occupancy.state) * occupancy.cell_m
     x, y, z = (origin_m[axis] + np.multiply.outer(direction[:, axis], distance_m) for axis in range(3))
     z = z.clip(low + 0.5 * occupancy.cell_m, high - 0.5 * occupancy.cell_m)
-    col, row, layer = (
-        np.floor((along - occupancy.origin_m[axis]) / occupancy.cell_m).astype(np.int64)
-        for axis, along in enumerate((x, y, z))
-    )
-    return (layer * rows + row) * cols + col
+    return occupancy.flat_index_of(x, y, z)
