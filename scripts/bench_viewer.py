@@ -1,9 +1,13 @@
 """What connections that say nothing, or nonsense, cost the live view, and with it the run that it shows.
 
-    scripts/bench_viewer.py
+    python scripts/bench_viewer.py
+    python scripts/bench_viewer.py --scene home --steps 500
 
 Another process opens a thousand connections of each kind and holds them. Printed are the processor's time that the
 server spends on each, the file descriptors that it holds at most, and whether its port is closed at the end.
+
+With ``--scene``, runs of ``anm-mj explore --view`` are compared, in turns without connections and with a thousand of
+all kinds within some seconds of the loop: steps a second, and how much the flood takes off them.
 """
 
 from __future__ import annotations
@@ -11,12 +15,17 @@ from __future__ import annotations
 import multiprocessing
 import os
 import socket
+import tempfile
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tyro
 
+from anm_mj.api import explore_scene
+from anm_mj.viz.meshcat_viewer import MeshcatViewer
 from anm_mj.viz.page_server import PageServer
 
 KINDS = {
@@ -28,12 +37,60 @@ KINDS = {
 }
 
 
-def main(connections: int = 1000) -> None:
-    """Measure and print, with so many connections of each kind."""
+def main(connections: int = 1000, scene: str = "", steps: int = 500, pairs: int = 3) -> None:
+    """Measure and print.
+
+    Args:
+        connections: of each kind; in a run, of all kinds together.
+        scene: the scene of the runs; none = the server alone.
+        steps: of a run.
+        pairs: runs without and with connections.
+    """
+    if scene:
+        _compare_runs(connections, scene, steps, pairs)
+    else:
+        _measure_server(connections)
+
+
+def _compare_runs(connections: int, scene: str, steps: int, pairs: int) -> None:
+    loss = []
+    for number in range(pairs):
+        # The order changes: what comes second has a warmer machine.
+        rates = {flood: _rate(connections * flood, scene, steps) for flood in ((0, 1), (1, 0))[number % 2]}
+        loss.append(100.0 * (1.0 - rates[1] / rates[0]))
+        print(f"without {rates[0]:5.1f} Hz, with {rates[1]:5.1f} Hz: {loss[-1]:+.1f} % slower", flush=True)
+    error = np.std(loss, ddof=1) / np.sqrt(pairs) if pairs > 1 else float("nan")
+    print(f"mean {np.mean(loss):+.1f} +- {error:.1f} %")
+
+
+def _rate(connections: int, scene: str, steps: int) -> float:
+    """Steps a second of a run with so many connections."""
+    viewer = MeshcatViewer()
+    port = int(viewer.url.split(":")[2].split("/")[0])
+    spawn, process = multiprocessing.get_context("spawn"), None
+
+    def begin(report: Any) -> None:
+        nonlocal process
+        # The first frame trains longer; the flood shall meet the loop as it goes on.
+        if connections and process is None and report.step >= 10:
+            process = spawn.Process(target=_open, args=(port, tuple(KINDS.values()), connections))
+            process.start()
+
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            run = explore_scene(scene, steps=steps, out=Path(folder) / "run", on_step=begin, viewer=viewer)
+            return run.metrics["hz"]
+    finally:
+        viewer.close()
+        if process is not None:
+            process.join()
+
+
+def _measure_server(connections: int) -> None:
     server, spawn = PageServer(), multiprocessing.get_context("spawn")
     for name, words in KINDS.items():
         files, most, begin = _num_files(), 0, time.process_time()
-        process = spawn.Process(target=_open, args=(server.port, words, connections))
+        process = spawn.Process(target=_open, args=(server.port, (words,), connections))
         process.start()
         while process.is_alive():
             most = max(most, _num_files() - files)
@@ -49,17 +106,17 @@ def _num_files() -> int:
     return len(os.listdir("/proc/self/fd"))
 
 
-def _open(port: int, words: bytes, count: int) -> None:
+def _open(port: int, words: tuple[bytes, ...], count: int) -> None:
     """Open connections, say something on each, and hold them to the end."""
     held: list[Any] = []
-    for _ in range(count):
+    for number in range(count):
         client = socket.socket()
         client.setblocking(False)
         client.connect_ex(("127.0.0.1", port))
         held.append(client)
         time.sleep(0.002)
         with suppress(OSError):
-            client.send(words)
+            client.send(words[number % len(words)])
     time.sleep(0.5)
     for client in held:
         client.close()

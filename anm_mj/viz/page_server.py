@@ -37,6 +37,10 @@ TIMEOUT_S = 10.0
 
 MAX_CONNECTIONS = 64
 """Connections at a time: an open page has one, and a few more for some milliseconds while it loads."""
+BURST = 32
+"""Connections that are taken at once; a page that loads opens a few."""
+TAKEN_PER_S = 25.0
+"""Connections a second that are taken after that: what a flood of them costs the run stays small."""
 MAX_BROWSERS = 16
 """Open pages at a time."""
 IDLE_S = 10.0
@@ -146,13 +150,34 @@ class PageServer:
             max_header_size=MAX_HEAD_BYTES,
             max_body_size=MAX_BODY_BYTES,
         )
-        server.add_sockets([listening])
+        taking = asyncio.create_task(_take_connections(listening, server))
         self._broadcast()
         self._started.set()
         await self._stop.wait()
-        server.stop()
+        taking.cancel()
+        await asyncio.gather(taking, return_exceptions=True)
+        listening.close()
         await asyncio.gather(*(browser.end() for browser in tuple(self._browsers)))
         await server.close_all_connections()
+
+
+async def _take_connections(listening: socket.socket, server: _Server) -> None:
+    """Hand connections to the server, no faster than allowed; those that come meanwhile wait in the kernel's queue."""
+    loop = asyncio.get_running_loop()
+    allowed, then_s = float(BURST), loop.time()
+    while True:
+        try:
+            connection, address = await loop.sock_accept(listening)
+        except OSError:
+            # It has gone already, or no file descriptor is left at the moment.
+            await asyncio.sleep(1.0 / TAKEN_PER_S)
+            continue
+        server.handle_stream(IOStream(connection), address)
+        now_s = loop.time()
+        allowed = min(allowed + TAKEN_PER_S * (now_s - then_s), BURST) - 1.0
+        then_s = now_s
+        if allowed < 0.0:
+            await asyncio.sleep(-allowed / TAKEN_PER_S)
 
 
 class _Server(HTTPServer):

@@ -236,6 +236,29 @@ def test_a_thousand_connections_that_say_nothing(viewer):
         socket.create_connection(("127.0.0.1", port), timeout=2).close()
 
 
+def test_a_flood_of_connections_is_taken_slowly(monkeypatch):
+    """The first few at once; the next one waits for its turn, and is served then."""
+    monkeypatch.setattr(page_server, "BURST", 3)
+    monkeypatch.setattr(page_server, "TAKEN_PER_S", 0.25)
+    request = b"GET /static/ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+    server = page_server.PageServer(page="hello")
+    clients = [socket.create_connection(("127.0.0.1", server.port), timeout=20) for _ in range(4)]
+    try:
+        for client in clients:
+            client.sendall(request)
+        for client in clients[:3]:
+            assert b"hello" in client.recv(4096)
+        clients[3].setblocking(False)
+        with pytest.raises(BlockingIOError):
+            clients[3].recv(4096)
+        clients[3].settimeout(20)
+        assert b"hello" in clients[3].recv(4096)
+    finally:
+        for client in clients:
+            client.close()
+        server.close()
+
+
 def test_no_more_pages_than_a_few(viewer, monkeypatch):
     monkeypatch.setattr(page_server, "MAX_BROWSERS", 2)
     show(viewer, 1)
