@@ -176,8 +176,8 @@ async def _take_connections(listening: socket.socket, server: _Server) -> None:
         now_s = loop.time()
         allowed = min(allowed + TAKEN_PER_S * (now_s - then_s), BURST) - 1.0
         then_s = now_s
-        if allowed < 0.0:
-            await asyncio.sleep(-allowed / TAKEN_PER_S)
+        if allowed < 1.0:
+            await asyncio.sleep((1.0 - allowed) / TAKEN_PER_S)
 
 
 class _Server(HTTPServer):
