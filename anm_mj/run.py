@@ -43,6 +43,9 @@ if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
     from anm_mj.sim.robot import SimRobot
 
+TRIM_STEPS = 100
+"""Steps after which freed memory goes back to the system."""
+
 
 def run(
     config: RunConfig,
@@ -192,6 +195,12 @@ def run_loop(
         }
         return said, recorder.written_since(checkpointer.last_step or 0)
 
+    def between_steps(state: LoopState) -> None:
+        checkpointer.after_step(state.step, state.loop_s)
+        # What steps allocate and free leaves holes in the heap, ever more of them.
+        if state.step % TRIM_STEPS == 0:
+            malloc_trim()
+
     checkpointer = Checkpointer(
         CheckpointStore(folder.checkpoints),
         config.checkpoint,
@@ -210,7 +219,7 @@ def run_loop(
         stop_requested=watched.stop_requested,
         on_step=lambda report: watched.on_step(report, recorder, steps),
         state=state,
-        between_steps=lambda state: checkpointer.after_step(state.step, state.loop_s),
+        between_steps=between_steps,
     )
     interrupted = outcome.stop_reason is StopReason.INTERRUPTED
     if interrupted:

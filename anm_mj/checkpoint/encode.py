@@ -37,19 +37,12 @@ class Graph:
 
     nodes: list[Any] = field(default_factory=list)
     arrays: list[np.ndarray] = field(default_factory=list)
-    """One-dimensional, of bytes; views of the live arrays until :meth:`detach`."""
-    frozen: list[bool] = field(default_factory=list)
-    """For each array, whether nobody can change it."""
+    """One-dimensional, of bytes; views of the live arrays."""
 
     @property
     def num_bytes(self) -> int:
         """Size of all arrays [bytes]."""
         return sum(array.nbytes for array in self.arrays)
-
-    def detach(self) -> None:
-        """Copy what the graph still shares with the live state."""
-        self.arrays = [a if frozen else a.copy() for a, frozen in zip(self.arrays, self.frozen, strict=True)]
-        self.frozen = [True] * len(self.arrays)
 
 
 def encode(roots: dict[str, Any], known: KnownClasses | None = None) -> Graph:
@@ -127,10 +120,6 @@ class _Encoder:
             return ["enum", name_of(kind), thing.name]
         return self._object(thing, where, path)
 
-    def _add(self, data: np.ndarray, owner: np.ndarray) -> None:
-        self._graph.arrays.append(data)
-        self._graph.frozen.append(not owner.flags.writeable)
-
     def _items(self, thing: dict[Any, Any], where: str) -> tuple[list[Any], list[Any]]:
         inside = f"{where}[]"
         return [self._value(key, inside) for key in thing], [self._value(value, inside) for value in thing.values()]
@@ -177,7 +166,7 @@ class _Encoder:
             if (shared or strided) and array.size:
                 if id(owner) not in stored:
                     stored[id(owner)] = len(self._graph.arrays)
-                    self._add(_bytes_of(owner), owner)
+                    self._graph.arrays.append(_bytes_of(owner))
                 offset = array.__array_interface__["data"][0] - _lowest_address(owner)
                 node = ["view", stored[id(owner)], offset, list(array.strides)]
             else:
@@ -188,7 +177,7 @@ class _Encoder:
                     node = ["inline", base64.b64encode(data.tobytes()).decode(), order]
                 else:
                     node = ["array", len(self._graph.arrays), order]
-                    self._add(data, owner)
+                    self._graph.arrays.append(data)
             self._graph.nodes[index] = [*node, _dtype_text(array.dtype), list(array.shape), array.flags.writeable]
 
 

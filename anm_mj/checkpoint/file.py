@@ -11,6 +11,9 @@ import hashlib
 import json
 import os
 import struct
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
@@ -20,7 +23,6 @@ from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.encode import Graph
 from anm_mj.errors import CheckpointError
-from anm_mj.utils.files import atomic_write
 from anm_mj.utils.read_file import convert, open_regular, parse_json
 
 MAGIC = b"anm-mj checkpoint 1\n"
@@ -51,29 +53,56 @@ class _Header(Struct):
     nodes: Annotated[list[list[Any]], Meta(min_length=1)]
 
 
-def write_checkpoint(path: Path, step: int, facts: dict[str, Any], graph: Graph) -> int:
-    """Write a checkpoint, whole or not at all, and force it to the disk.
+def draft_checkpoint(path: Path, step: int, facts: dict[str, Any], graph: Graph) -> Path:
+    """Write the content of a checkpoint beside its name; it is none before :func:`complete_checkpoint`.
+
+    The state may change as soon as this returns.
+
+    Returns:
+        The draft.
+
+    Raises:
+        OSError: The file cannot be written; nothing is left of it.
+    """
+    sizes = [array.nbytes for array in graph.arrays]
+    header = {"step": step, "facts": facts, "sizes": sizes, "nodes": graph.nodes}
+    text = json.dumps(header, separators=(",", ":")).encode()
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    with _removed_on_error(draft), draft.open("wb") as file:
+        for part in (MAGIC, struct.pack("<Q", len(text)), text, *(array.data for array in graph.arrays)):
+            file.write(part)
+    return draft
+
+
+def complete_checkpoint(draft: Path, path: Path) -> int:
+    """Add the hash of a draft, force it to the disk and give it its name.
 
     Returns:
         Its size [bytes].
 
     Raises:
-        OSError: The file cannot be written.
+        OSError: The file cannot be read or written; nothing is left of the draft.
     """
-    sizes = [array.nbytes for array in graph.arrays]
-    header = {"step": step, "facts": facts, "sizes": sizes, "nodes": graph.nodes}
-    text = json.dumps(header, separators=(",", ":")).encode()
-    digest = hashlib.sha256()
-    with atomic_write(path) as partial, partial.open("wb") as file:
-        for part in (MAGIC, struct.pack("<Q", len(text)), text, *(array.data for array in graph.arrays)):
-            digest.update(part)
-            file.write(part)
-        file.write(digest.digest())
-        file.flush()
-        os.fsync(file.fileno())
-        size = file.tell()
+    with _removed_on_error(draft):
+        with draft.open("r+b") as file:
+            digest = hashlib.file_digest(file, "sha256")
+            file.seek(0, os.SEEK_END)
+            file.write(digest.digest())
+            file.flush()
+            os.fsync(file.fileno())
+            size = file.tell()
+        draft.replace(path)
     sync_folder(path.parent)
     return size
+
+
+@contextmanager
+def _removed_on_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
 
 
 def sync_folder(path: Path) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from anm_mj.checkpoint.classes import KnownClasses
 from anm_mj.checkpoint.config import CheckpointConfig
 from anm_mj.checkpoint.encode import Graph, encode
-from anm_mj.checkpoint.file import StoredState, read_checkpoint, write_checkpoint
+from anm_mj.checkpoint.file import StoredState, complete_checkpoint, draft_checkpoint, read_checkpoint
 from anm_mj.errors import CheckpointError, RunFolderError
 from anm_mj.utils.read_file import read_text
 
@@ -37,17 +37,25 @@ class CheckpointStore:
         """Name the folder; it is made with the first checkpoint."""
         self.folder = folder
 
-    def write(self, step: int, facts: dict[str, Any], graph: Graph) -> int:
-        """Write a checkpoint and remove all but the newest two; returns its size [bytes].
+    def draft(self, step: int, facts: dict[str, Any], graph: Graph) -> Path:
+        """Write the content of a checkpoint, which may change afterwards; :meth:`complete` makes it one.
 
         Raises:
             OSError: It cannot be written.
         """
         self.folder.mkdir(exist_ok=True)
-        needed = sum(array.nbytes for array in graph.arrays) + SPARE_BYTES
+        needed = graph.num_bytes + SPARE_BYTES
         if shutil.disk_usage(self.folder).free < needed:
             raise OSError(errno.ENOSPC, f"it needs {needed >> 20} MiB, more than the disk has free")
-        size = write_checkpoint(self.folder / f"{step:06d}.checkpoint", step, facts, graph)
+        return draft_checkpoint(self._path(step), step, facts, graph)
+
+    def complete(self, step: int, draft: Path) -> int:
+        """Make a draft a checkpoint and remove all but the newest two; returns its size [bytes].
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        size = complete_checkpoint(draft, self._path(step))
         for path in self._newest_first()[NUM_KEPT:]:
             path.unlink(missing_ok=True)
         return size
@@ -97,14 +105,17 @@ class CheckpointStore:
         except OSError:
             _logger.debug("%s was kept", self.folder)
 
+    def _path(self, step: int) -> Path:
+        return self.folder / f"{step:06d}.checkpoint"
+
     def _newest_first(self) -> list[Path]:
         return sorted((path for path in self.folder.glob(_PATTERN) if path.is_file()), reverse=True)
 
 
 class Checkpointer:
-    """Takes checkpoints while a run goes on; the loop waits for the copy of the state, not for the disk.
+    """Takes checkpoints while a run goes on; the loop waits for the system to take the state, not for the disk.
 
-    The state is copied in memory; hashing and writing are done by another thread, one checkpoint at a time.
+    Memory holds no copy of the state. Another thread hashes it and forces it to the disk, one checkpoint at a time.
     """
 
     def __init__(
@@ -199,28 +210,36 @@ class Checkpointer:
             _logger.warning("This run cannot be resumed once it has ended: %s", err)
             self._store.refuse(str(err))
             return
-        graph.detach()
         facts, files = self._facts()
         self.last_step = step
         self._wait()
-        self._thread = threading.Thread(
-            target=self._write, args=(step, facts, graph, list(files)), name="checkpoint", daemon=True
-        )
-        self._thread.start()
+        try:
+            draft = self._store.draft(step, facts, graph)
+        except OSError as err:
+            self._lose(step, err)
+        else:
+            self._thread = threading.Thread(
+                target=self._complete, args=(step, draft, list(files)), name="checkpoint", daemon=True
+            )
+            self._thread.start()
         self.spent_s += time.perf_counter() - begin
 
-    def _write(self, step: int, facts: dict[str, Any], graph: Graph, files: list[Path]) -> None:
+    def _complete(self, step: int, draft: Path, files: list[Path]) -> None:
         begin = time.thread_time()
         try:
             for path in files:
                 _force_to_disk(path)
-            self.num_bytes = self._store.write(step, facts, graph)
+            self.num_bytes = self._store.complete(step, draft)
         except OSError as err:
-            if self._store.is_empty:
-                self._failed = err
-                return
-            self._warn(step, err)
+            self._lose(step, err)
         self.spent_s += time.thread_time() - begin
+
+    def _lose(self, step: int, err: OSError) -> None:
+        """Go on without this checkpoint, if there is one before it."""
+        if self._store.is_empty:
+            self._failed = err
+        else:
+            self._warn(step, err)
 
     def _warn(self, step: int, err: OSError) -> None:
         _logger.warning(

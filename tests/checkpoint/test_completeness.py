@@ -70,26 +70,30 @@ def roots(parts, state):
     return {"loop": state, "robot": parts.robot, "mapper": parts.mapper, "policy": parts.policy}
 
 
+def now(parts, state):
+    """The state, of which later steps change nothing."""
+    graph = encode(roots(parts, state), parts.known)
+    graph.arrays = [array.copy() for array in graph.arrays]
+    return graph
+
+
 def ends(config):
     """Steps and final state of an undisturbed run, and of one that goes on in newly made parts."""
     found = []
     with make_parts(config, lambda done, total: None) as parts:
         recorder, state = ListRecorder(), LoopState()
         go_on(parts, recorder, state, STOP)
-        stored = encode(roots(parts, state), parts.known)
-        stored.detach()
+        stored = now(parts, state)
         before = len(recorder.steps)
         go_on(parts, recorder, state, END)
-        found.append((recorder.steps[before:], encode(roots(parts, state), parts.known)))
-        found[0][1].detach()
+        found.append((recorder.steps[before:], now(parts, state)))
     with make_parts(config, lambda done, total: None) as parts:
         recorder, state = ListRecorder(), LoopState()
         # As a run does before it goes on: the observable surface is looked for from the start.
         parts.robot.observe()
         restore(stored.nodes, stored.arrays, roots(parts, state), parts.known)
         go_on(parts, recorder, state, END)
-        found.append((recorder.steps, encode(roots(parts, state), parts.known)))
-        found[1][1].detach()
+        found.append((recorder.steps, now(parts, state)))
     return found
 
 

@@ -52,9 +52,8 @@ class Key:
 
 def there_and_back(thing, fresh=None, known=KNOWN):
     graph = encode({"root": thing}, known)
-    graph.detach()
-    nodes = json.loads(json.dumps(graph.nodes))
-    return restore(nodes, graph.arrays, {"root": fresh}, known)["root"]
+    nodes, arrays = json.loads(json.dumps(graph.nodes)), [array.copy() for array in graph.arrays]
+    return restore(nodes, arrays, {"root": fresh}, known)["root"]
 
 
 class Walker:

@@ -24,7 +24,7 @@ def store(tmp_path):
 
 def write(store, *steps):
     for step in steps:
-        store.write(step, {"wall_s": 1.0}, encode({"root": [STATE, step]}))
+        store.complete(step, store.draft(step, {"wall_s": 1.0}, encode({"root": [STATE, step]})))
 
 
 def test_the_two_newest_are_kept_and_the_newest_is_read(store):
@@ -144,11 +144,12 @@ def test_state_that_cannot_be_stored_is_said_once_and_told_to_who_resumes(store,
         store.newest()
 
 
-def test_a_failed_write_is_one_warning_and_the_run_goes_on(store, caplog, monkeypatch):
+@pytest.mark.parametrize("stage", ["draft", "complete"])
+def test_a_failed_write_is_one_warning_and_the_run_goes_on(store, caplog, monkeypatch, stage):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store, "write", full)
+    monkeypatch.setattr(store, stage, full)
     checkpointer = make(store, {"root": [1]})
     checkpointer.after_step(0, 0.0)
     checkpointer.finish(0, resumable=True)
