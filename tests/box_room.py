@@ -111,6 +111,9 @@ class FakeMap:
     def replay(self, limit_bytes):
         raise AssertionError("nothing is kept for a later run")
 
+    def close(self) -> None:
+        self.closed = True
+
     def save(self, path: Path) -> None:
         path.write_bytes(b"map")
 

@@ -15,7 +15,7 @@ import numpy as np
 from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
 from anm_mj.types import FormerRun
-from anm_mj.utils.files import atomic_write
+from anm_mj.utils.files import atomic_write, write_tensors
 from anm_mj.utils.read_file import parse_json, read_tensors
 
 FORMAT = "anm-mj explored 1"
@@ -39,16 +39,14 @@ def write_explored(path: Path, explored: Explored) -> None:
     Raises:
         RunFolderError: It cannot be written.
     """
-    from safetensors.numpy import save
-
     former = explored.former
     arrays = {"poses": former.poses, "refused": former.refused}
     arrays |= {f"{_REPLAY}{name}": value for name, value in explored.replay.items()}
     arrays |= {f"{_MEMORY}{name}": value for name, value in former.memory.items()}
     about = {"format": FORMAT, "policy": former.policy}
-    data = save({name: np.asarray(value, order="C") for name, value in arrays.items()}, {_KEY: json.dumps(about)})
+    arrays = {name: np.asarray(value, order="C") for name, value in arrays.items()}
     with writing(path), atomic_write(path) as partial:
-        partial.write_bytes(data)
+        write_tensors(partial, arrays, {_KEY: json.dumps(about)})
 
 
 def read_explored(path: Path) -> Explored:

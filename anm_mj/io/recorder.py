@@ -54,6 +54,7 @@ from anm_mj.types import (
 )
 from anm_mj.utils.background import Background
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.memory import malloc_trim
 
 if TYPE_CHECKING:
     import trimesh
@@ -91,6 +92,10 @@ class FinishedMap(Protocol):
 
     def changes(self) -> tuple[SurfaceChange, ...] | None:
         """What is gone or new since the former run; None for a map that began empty."""
+        ...
+
+    def close(self) -> None:
+        """Give the memory back; nothing is asked any more."""
         ...
 
 
@@ -266,7 +271,7 @@ class RunRecorder:
 
         Args:
             stop_reason: Why the run ended.
-            finished: The neural map.
+            finished: The neural map; closed, as soon as it has been written.
             survey: What planning reads out of it at the end, for the picture.
             wall_s: Wall time from the start of the program to the end of the loop [s].
             loop_s: Wall time of the loop itself, without set-up [s].
@@ -296,6 +301,9 @@ class RunRecorder:
             write_changes(self._folder.changes, self._folder.changed_voxels, changes)
         write_plan(self._folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
         write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
+        # Its memory is needed for the comparison with the truth.
+        finished.close()
+        malloc_trim()
         metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
         from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
 

@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.config import MappingConfig, config_from_dict
+from anm_mj.utils.files import write_tensors
 from anm_mj.utils.read_file import convert, parse_json, read_tensors
 
 FORMAT = "anm-mj map 3"
@@ -52,8 +53,6 @@ def write_map(path: Path, saved: SavedMap) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    from safetensors.numpy import save
-
     about = {
         "format": FORMAT,
         "config": asdict(saved.config),
@@ -62,7 +61,7 @@ def write_map(path: Path, saved: SavedMap) -> None:
     }
     # Unlike ascontiguousarray, this keeps arrays without axes as they are.
     arrays = {name: np.asarray(value, order="C") for name, value in saved.arrays.items()}
-    path.write_bytes(save(arrays, {_KEY: json.dumps(about)}))
+    write_tensors(path, arrays, {_KEY: json.dumps(about)})
 
 
 def read_map(path: Path) -> SavedMap:

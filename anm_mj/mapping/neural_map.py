@@ -363,12 +363,13 @@ class NeuralMap:
         """What is replayed of the keyframes, thinned to so much memory."""
         return self._keyframes.keyframes().thinned(limit_bytes)
 
+    def close(self) -> None:
+        """Give the memory back; nothing can be asked any more. May be called again."""
+        vars(self).clear()
+
     def checkpoint_state(self) -> dict[str, np.ndarray]:
         """Parameters and optimiser of the engine, for a checkpoint."""
-        state = {**self._good.finite_state(self.backend, self._num_frames), **self.backend.get_optimizer()}
-        for copy in state.values():
-            copy.flags.writeable = False  # So that nobody copies them again.
-        return state
+        return {**self._good.finite_state(self.backend, self._num_frames), **self.backend.get_optimizer()}
 
     def restore_state(self, state: dict[str, np.ndarray]) -> None:
         """Take over what :meth:`checkpoint_state` gave; the table may have grown since the start.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 _logger = logging.getLogger(__name__)
 
@@ -38,6 +41,30 @@ def write_text(path: Path, text: str) -> None:
     """
     with atomic_write(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_tensors(path: Path, arrays: dict[str, np.ndarray], said: dict[str, str]) -> None:
+    """Write a safetensors file, from the memory that the arrays lie in.
+
+    Args:
+        path: the file.
+        arrays: what it holds, by name, in C order.
+        said: texts of its header.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    from safetensors import SafetensorError
+    from safetensors.numpy import save_file
+
+    # The library replaces the file by one that only its owner may read.
+    path.touch()
+    mode = path.stat().st_mode
+    try:
+        save_file(arrays, path, said)
+    except SafetensorError as err:
+        raise OSError(errno.EIO, str(err)) from err
+    path.chmod(mode)
 
 
 def cache_folder(name: str = "") -> Path:
