@@ -43,3 +43,4 @@ const anm::Kernel& find_kernel(const std::string& name);
 void bind_engine(nb::module_& m);
 void bind_occupancy(nb::module_& m);
 void bind_functions(nb::module_& m);
+void bind_planning(nb::module_& m);

@@ -56,6 +56,32 @@ void write_blocks(ConstGrid state, Table blocks, Indices voxels, Array<const std
                       read.data(), static_cast<std::int64_t>(voxels.size()), out.data(), moved.data());
 }
 
+// World places of voxels; see field_blocks.h.
+Out voxel_centres(Indices voxels, Indices shape, Indices corner, double resolution) {
+    require(shape.size() == 3 && corner.size() == 3, "a grid has three axes");
+    const anm::Extent size{shape(0), shape(1), shape(2)};
+    const std::int64_t room = size.layers * size.rows * size.cols;
+    for (std::size_t i = 0; i < voxels.size(); ++i) {
+        require(voxels(i) >= 0 && voxels(i) < room, "voxels lie outside the grid");
+    }
+    float* places = nullptr;
+    Out out = make_array({voxels.size(), std::size_t{3}}, places);
+    anm::voxel_centres(voxels.data(), static_cast<std::int64_t>(voxels.size()), size, corner.data(), resolution, places);
+    return out;
+}
+
+void decide_voxels(ConstGrid state, Array<const float, 3> seen, Indices voxels, InFlat sdf, InFlat rule,
+                   Array<std::int8_t, 1> out) {
+    require(seen.size() == state.size() && sdf.size() == voxels.size() && out.size() == voxels.size() && rule.size() == 5,
+            "the arrays differ in size");
+    for (std::size_t i = 0; i < voxels.size(); ++i) {
+        require(voxels(i) >= 0 && voxels(i) < static_cast<std::int64_t>(state.size()), "voxels lie outside the grid");
+    }
+    const anm::DoubtRule numbers{rule(0), rule(1), rule(2), rule(3), rule(4)};
+    anm::decide_voxels(state.data(), seen.data(), voxels.data(), static_cast<std::int64_t>(voxels.size()), sdf.data(),
+                       numbers, out.data());
+}
+
 // Rays of `batches` batches, each of stored pixels and of a share of other rays; see pixels.h.
 nb::tuple ray_batches(InFlags pixels, In cameras, Table place, Table keyframe, float depth_unit, In origin,
                       In direction, In rgb, InFlat depth) {
@@ -176,6 +202,8 @@ void bind_functions(nb::module_& m) {
     m.def("voxels_to_read", &voxels_to_read, "state"_a, "blocks"_a, "out"_a);
     m.def("voxels_in_doubt", &voxels_in_doubt, "state"_a, "agreed"_a, "blocks"_a, "out"_a);
     m.def("write_blocks", &write_blocks, "state"_a, "blocks"_a, "voxels"_a, "read"_a, "out"_a, "moved"_a);
+    m.def("voxel_centres", &voxel_centres, "voxels"_a, "shape"_a, "corner"_a, "resolution"_a);
+    m.def("decide_voxels", &decide_voxels, "state"_a, "seen"_a, "voxels"_a, "sdf"_a, "rule"_a, "out"_a);
     m.def("ray_batches", &ray_batches, "pixels"_a, "cameras"_a, "place"_a, "keyframe"_a, "depth_unit"_a, "origin"_a,
           "direction"_a, "rgb"_a, "depth"_a);
     m.def("lower_distances", &lower_distances, "points"_a, "places"_a, "distance"_a, "num_threads"_a);

@@ -44,4 +44,5 @@ NB_MODULE(_native, m) {
     bind_engine(m);
     bind_occupancy(m);
     bind_functions(m);
+    bind_planning(m);
 }

@@ -19,7 +19,7 @@ _MAY_IMPORT: dict[str, set[str]] = {
     # The compiled module, which imports nothing itself.
     "mapping.backends._native": set(),
     "utils": {"errors", "mapping.backends._native"},
-    "geometry": {"types", "frames"},
+    "geometry": {"types", "frames", "utils"},
     "protocols": {"types"},
     "scene": _BASE,
     "sim": _BASE | {"scene"},

@@ -20,12 +20,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, Int32, Int64
+from jaxtyping import Float, Int8, Int32, Int64
 
-from anm_mj.mapping.field_blocks import NativeBlocks, NumpyBlocks, field_blocks
+from anm_mj.mapping.field_blocks import DoubtRule, NativeBlocks, NumpyBlocks, field_blocks
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.occupancy_fusion import BLOCK, HALF_DIAGONAL
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SdfQuery, VoxelGrid
+from anm_mj.types import UNKNOWN, SdfQuery, VoxelGrid
 from anm_mj.utils.arrays import embed
 
 HIT_SHARE = 0.75
@@ -142,30 +142,16 @@ class FieldGeometry:
         """
         has_hits = self._occupancy.block_stamp[tuple(places.T)] > 0
         voxels = self._blocks.to_read(raw.state, places[has_hits], None if whole else self._state)
-        points_m = np.empty((len(voxels), 3))
-        for axis, index in enumerate(np.unravel_index(voxels, raw.state.shape)[::-1]):
-            points_m[:, axis] = (index + self._corner[axis]) * raw.resolution_m
-        seen_m, hit = raw.seen_range_m.reshape(-1)[voxels], raw.state.reshape(-1)[voxels] == OCCUPIED
-        solid = self._is_solid(sdf_m(points_m), hit, seen_m, raw.resolution_m)
-        return voxels, np.where(solid, np.int8(OCCUPIED), np.int8(FREE))
-
-    def _is_solid(
-        self,
-        sdf_m: Float[np.ndarray, " n"],
-        hit: Bool[np.ndarray, " n"],
-        seen_m: Float32[np.ndarray, " n"],
-        resolution_m: float,
-    ) -> Bool[np.ndarray, " n"]:
-        """Whether voxels are occupied, from the signed distance at their centres."""
-        off_m = sdf_m - np.float32(0.5 * resolution_m)
-        per_m = np.float32(NOISE_REACH * self._noise_per_m)
-        # Only a hit has been seen from somewhere; a ray may have passed a voxel from as far away as it carves.
-        hit_reach_m = per_m * np.where(hit, seen_m, np.float32(1.0)) ** 2
-        ray_reach_m = per_m * np.float32(self._occupancy.config.carve_range_m) ** 2
-        # A ray frees voxels that lie wholly in front of what it measured.
-        behind_m = np.float32(HALF_DIAGONAL * resolution_m) - sdf_m
-        passed = (sdf_m <= 0.0) & (behind_m <= ray_reach_m)
-        return np.where(hit, (sdf_m <= HIT_SHARE * resolution_m) | (off_m > hit_reach_m), passed)
+        points_m = self._blocks.centres(voxels, raw.state.shape, self._corner, raw.resolution_m)
+        noise_per_m = np.float32(NOISE_REACH * self._noise_per_m)
+        rule = DoubtRule(
+            hit_m=HIT_SHARE * raw.resolution_m,
+            half_m=0.5 * raw.resolution_m,
+            noise_per_m=float(noise_per_m),
+            passed_m=HALF_DIAGONAL * raw.resolution_m,
+            ray_reach_m=float(noise_per_m * np.float32(self._occupancy.config.carve_range_m) ** 2),
+        )
+        return voxels, self._blocks.decide(raw.state, raw.seen_range_m, voxels, sdf_m(points_m), rule)
 
     def _follow_noise(self) -> None:
         """Start over where the sensor turns out to be another one than what was read says."""

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anm_mj.mapping.config import default_mapping
-from anm_mj.mapping.field_blocks import NativeBlocks, NumpyBlocks, field_blocks
+from anm_mj.mapping.field_blocks import DoubtRule, NativeBlocks, NumpyBlocks, field_blocks
 from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.mapping.pixel_memory import PIXEL, native_batches, numpy_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
@@ -70,7 +70,7 @@ def test_blocks_are_read_and_written_the_same(seed, share, count):
     every = np.argwhere(np.ones([n // BLOCK for n in shape], bool))
     blocks = every[np.sort(rng.permutation(len(every))[:count])]
     native, reference = field_blocks(), NumpyBlocks()
-    assert not isinstance(native, NumpyBlocks)
+    assert isinstance(native, NativeBlocks)
     voxels = reference.to_read(state, blocks)
     assert np.array_equal(native.to_read(state, blocks), voxels)
     doubtful = reference.to_read(state, blocks, before)
@@ -84,6 +84,31 @@ def test_blocks_are_read_and_written_the_same(seed, share, count):
     ]
     assert np.array_equal(outs[0], outs[1])
     assert np.array_equal(moved[0], moved[1])
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 1 << 30), st.integers(0, 200))
+def test_voxels_are_placed_and_decided_the_same(seed, count):
+    rng = np.random.default_rng(seed)
+    shape = tuple(BLOCK * int(n) for n in rng.integers(1, 3, 3))
+    native, reference = field_blocks(), NumpyBlocks()
+    assert isinstance(native, NativeBlocks)
+    older = NativeBlocks(native._voxels_to_read, native._write_blocks, None)
+    voxels, corner = rng.integers(0, np.prod(shape), count), rng.integers(-200, 200, 3)
+    expected = reference.centres(voxels, shape, corner, 0.05)
+    assert expected.shape == (count, 3)
+    for kernels in (native, older):
+        assert kernels.centres(voxels, shape, corner, 0.05).tobytes() == expected.tobytes()
+    state = rng.integers(FREE, OCCUPIED + 1, shape).astype(np.int8)
+    seen_m = rng.uniform(0.1, 4.0, shape).astype(np.float32)
+    seen_m[rng.random(shape) < 0.1] = np.inf
+    sdf_m = rng.uniform(-0.1, 0.1, count).astype(np.float32)
+    sdf_m[rng.random(count) < 0.1] = 0.0
+    rule = DoubtRule(0.0375, 0.025, float(rng.choice([0.01, 0.03, np.inf])), 0.043, float(rng.choice([0.05, 0.5])))
+    decided = reference.decide(state, seen_m, voxels, sdf_m, rule)
+    assert count < 100 or len(np.unique(decided)) == 2
+    for kernels in (native, older):
+        assert np.array_equal(kernels.decide(state, seen_m, voxels, sdf_m, rule), decided)
 
 
 def test_more_voxels_than_there_was_room_for_are_read():

@@ -166,9 +166,62 @@ def ray_batches(
     rgb: _Floats,
     depth: _Floats,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+def voxel_centres(
+    voxels: NDArray[np.int64], shape: NDArray[np.int64], corner: NDArray[np.int64], resolution: float
+) -> _Floats: ...
+def decide_voxels(
+    state: NDArray[np.int8],
+    seen: _Floats,
+    voxels: NDArray[np.int64],
+    sdf: _Floats,
+    rule: _Floats,
+    out: NDArray[np.int8],
+) -> None: ...
 def lower_distances(
     points: NDArray[np.float64], places: NDArray[np.float64], distance: NDArray[np.float64], num_threads: int
 ) -> None: ...
+def pool_window(
+    state: NDArray[np.int8],
+    low: NDArray[np.int64],
+    shape: NDArray[np.int64],
+    floor: int,
+    out: NDArray[np.int8],
+    to: NDArray[np.int64],
+    num_free: NDArray[np.int64],
+    num_surface: NDArray[np.int64],
+) -> tuple[int, int, int, int] | None: ...
+def cast_rays(
+    cells: NDArray[np.int8],
+    offset: NDArray[np.int64],
+    start: NDArray[np.int64],
+    rows: NDArray[np.int32],
+    hit: NDArray[np.int32],
+    state: NDArray[np.int8],
+    sample: NDArray[np.uint8],
+    depth: NDArray[np.uint8],
+) -> None: ...
+def ray_gains(
+    hit: NDArray[np.int32],
+    state: NDArray[np.int8],
+    sample: NDArray[np.uint8],
+    depth: NDArray[np.uint8],
+    distance: _Floats,
+    layer_share: _Floats,
+    tried: _Floats,
+    rule: _Floats,
+    gain: _Floats,
+) -> None: ...
+def first_closed(
+    cells: NDArray[np.int8],
+    frame: NDArray[np.float64],
+    start: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    cell: NDArray[np.int64],
+    sample: NDArray[np.int64],
+) -> None: ...
+def capped_distances(free: NDArray[np.uint8], cap: int) -> _Floats: ...
+def connected_components(links: NDArray[np.int64], component: NDArray[np.int64]) -> None: ...
 def lend_cores(cores: int) -> None: ...
 def kernel_names() -> list[str]: ...
 def roofline(table_bytes: int, kernel: str) -> dict[str, float]: ...

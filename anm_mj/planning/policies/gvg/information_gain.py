@@ -27,8 +27,10 @@ from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
-from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
-from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
+from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.planning.policies.gvg.pooling import POOL
+from anm_mj.planning.policies.gvg.ray_cache import RayCache
+from anm_mj.planning.policies.gvg.ray_casting import GainRule, Rays, unknown_gains
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
 from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, SurfaceErrors, VoxelGrid
 
@@ -205,17 +207,16 @@ class InformationGain:
 
     def _ray_gains(self, rays: Rays) -> Float32[np.ndarray, "n rays"]:
         """Expected new surface of each ray [m2]."""
-        gain_m2 = np.zeros(rays.hit.shape, np.float32)
-        at = np.nonzero(rays.state == UNKNOWN)
-        hit, distance_m = rays.hit[at], self._rays.distance_m[rays.sample[at]]
         occupancy, config = self.occupancy, self._config
-        # The surface may lie anywhere in the unknown behind the hit.
-        behind_m = np.minimum(rays.depth[at] * np.float32(occupancy.cell_m), np.float32(config.max_unknown_depth_m))
-        squared = np.minimum(distance_m + behind_m, np.float32(self.range_m)) ** 2
-        _, rows, cols = occupancy.state.shape
-        squared *= occupancy.layer_share[hit // (rows * cols)]
-        squared[distance_m >= config.suppressed_share * occupancy.tried_from_m.ravel()[hit]] = 0.0
-        gain_m2[at] = squared * np.float32(self._rays.solid_angle)
+        rule = GainRule(
+            cell_m=occupancy.cell_m,
+            max_depth_m=config.max_unknown_depth_m,
+            range_m=self.range_m,
+            suppressed_share=config.suppressed_share,
+            solid_angle=self._rays.solid_angle,
+        )
+        distance_m = self._rays.distance_m
+        gain_m2 = unknown_gains(rays, distance_m, occupancy.layer_share, occupancy.tried_from_m, rule)
         if self._improvement is not None:
             at = np.nonzero(rays.state == OCCUPIED)
             distance_m = self._rays.distance_m[rays.sample[at]]

@@ -13,18 +13,15 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8
 
-from anm_mj.planning.grid_windows import Window, bounds
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
-from anm_mj.utils.arrays import dilate_mask, embed
+from anm_mj.planning.grid_windows import Window
+from anm_mj.planning.policies.gvg.pooling import POOL, PooledPart, pool
+from anm_mj.types import UNKNOWN, VoxelGrid
+from anm_mj.utils.arrays import embed
 
-POOL = 2
-"""Voxels along the edge of a cell."""
 BLOCK = 32
 """The grid grows by multiples of this many cells, so that it seldom does."""
 LOWEST_M = 0.2
 """Nothing is looked for deeper below the floor than this [m]."""
-KNOWN = 2
-"""State of cells that are not free and where nothing new is looked for, beside those of voxels."""
 USUAL_SHARE = 0.02
 """Layers of rooms hold at least this share of surface; those above rooms without a ceiling hold next to none."""
 
@@ -83,34 +80,17 @@ class PooledOccupancy:
         low, high = np.array([floor, rows.start, cols.start]), np.array([shape[0], rows.stop, cols.stop])
         low = low - (low + offset) % POOL - [0, 2 * POOL, 2 * POOL]
         high = high + (high + offset) % POOL + [0, 2 * POOL, 2 * POOL]
-        inside = tuple(slice(max(a, 0), min(b, n)) for a, b, n in zip(low, high, shape, strict=True))
-        state = grid.state[inside]
-        pad = [(max(-int(a), 0), max(int(b - n), 0)) for a, b, n in zip(low, high, shape, strict=True)]
-        if any(max(p) for p in pad):
-            state = np.pad(state, pad, constant_values=UNKNOWN)
         to = (low + offset) // POOL + [0, 1, 1]
-        pooled, partly = _pooled(state)
-        pooled[partly & dilate_mask(pooled == OCCUPIED)] = KNOWN
-        pooled[:, _without_floor(pooled, math.floor(-self.origin_m[2] / self.cell_m) - int(to[0]))] = KNOWN
-        pooled = pooled[:, 1:-1, 1:-1]
-        where = tuple(slice(int(a), int(a + b)) for a, b in zip(to, pooled.shape, strict=True))
-        changed = bounds((pooled != self.state[where]).any(axis=0), (where[1], where[2]))
-        if not changed:
+        no_floor = math.floor(-self.origin_m[2] / self.cell_m) - int(to[0])
+        part = PooledPart(low, (high - low) // POOL, no_floor, to)
+        changed = pool(grid.state, part, self.state, self._num_free, self._num_surface)
+        if changed is None:
             return None
-        self._count(where, -1)
-        self.state[where] = pooled
-        self._count(where, 1)
         share = self._num_surface / np.maximum(self._num_free + self._num_surface, 1)
         self.layer_share[:] = np.where(self._num_free > 0, np.minimum(share / USUAL_SHARE, 1.0), 1.0)
-        rows, cols = changed[0]
+        rows, cols = changed
         low, high = np.array([cols.start, rows.start]), np.array([cols.stop, rows.stop])
         return self.origin_m[:2] + low * self.cell_m, self.origin_m[:2] + high * self.cell_m
-
-    def _count(self, where: tuple[slice, ...], sign: int) -> None:
-        """Add or take away the cells of a part in what is known of every layer."""
-        state = self.state[where]
-        for counts, counted in ((self._num_free, state == FREE), (self._num_surface, state == OCCUPIED)):
-            counts[where[0]] += sign * np.array([np.count_nonzero(layer) for layer in counted])
 
     def contains(self, xyz_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Which world points lie inside."""
@@ -169,30 +149,3 @@ class PooledOccupancy:
         self.layer_share = np.ones(new_shape[0], np.float32)
         self.origin_m = self.origin_m + new_low * cell
         self.epoch += 1
-
-
-def _without_floor(state: Int8[np.ndarray, "layers rows cols"], floor: int) -> Bool[np.ndarray, "rows cols"]:
-    """Columns that are seen free through the floor's layer and the one below: there the building has ended."""
-    if not 1 <= floor < len(state):
-        return np.zeros(state.shape[1:], bool)
-    return (state[floor] == FREE) & (state[floor - 1] == FREE)
-
-
-def _pooled(
-    state: Int8[np.ndarray, "layers rows cols"],
-) -> tuple[Int8[np.ndarray, "l r c"], Bool[np.ndarray, "l r c"]]:
-    """State of cells of 2 x 2 x 2 voxels, and which of the unknown ones are not unknown throughout."""
-    # Of -1, 0 and 1 this leaves 17, 0 and 1, so that one sum holds the unknown in its upper four bits and all that is
-    # not free in its lower four.
-    total = state.view(np.uint8) & np.uint8(17)
-    total = total[0::2] + total[1::2]
-    total = total[:, 0::2] + total[:, 1::2]
-    # Neighbours in a row as the two halves of one number: no sum exceeds a byte.
-    pairs = np.ascontiguousarray(total).view(np.uint16)
-    total = (pairs + (pairs >> 8)).astype(np.uint8)
-    num_unknown = total >> 4
-    occupied = (total & np.uint8(15)) > num_unknown
-    unknown = (num_unknown >= POOL**3 // 2) & ~occupied
-    pooled = occupied.astype(np.int8)
-    pooled[unknown] = UNKNOWN
-    return pooled, unknown & (num_unknown < POOL**3)

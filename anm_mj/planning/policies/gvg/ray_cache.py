@@ -7,42 +7,25 @@ cache hold the rays of one place each; a place stands for the cell that contains
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int8, Int32, UInt8
+from jaxtyping import Float, Float32, Int
 
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.planning.policies.gvg.ray_casting import Rays, cast_again
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
-from anm_mj.types import FREE, UNKNOWN
 
 INSIDE = 0.95
 """The outermost rays lie this share of the way from the middle of the image to its edge."""
 NEAREST_M = 0.25
 """Rays begin at this distance from the camera's axis [m]: the robot's own body is free."""
-RAYS_PER_BATCH = 16_384
-"""Rays cast at once: the cells of one batch fit into the processor's cache."""
 MIN_ROWS = 256
 """Rows allocated at first."""
 MAX_ROWS = 32_768
 """The cache is cleared before it exceeds this many rows, which take 100 to 200 MB."""
 NEVER_CAST = -3
 """Marks rays that were not cast yet; not the state of any cell."""
-
-
-@dataclass(frozen=True)
-class Rays:
-    """The rays of ``n`` places, ordered by azimuth, then by elevation."""
-
-    hit: Int32[np.ndarray, "n rays"]
-    """First cell that is not free, as a flat index into the occupancy."""
-    state: Int8[np.ndarray, "n rays"]
-    """State of that cell."""
-    sample: UInt8[np.ndarray, "n rays"]
-    """Index of its distance in ``RayCache.distance_m``."""
-    depth: UInt8[np.ndarray, "n rays"]
-    """Where that cell is unknown, the number of unknown cells from there on."""
 
 
 class RayCache:
@@ -87,10 +70,7 @@ class RayCache:
         places_m = np.insert(places_xy_m, 2, self._camera_height_m, axis=1)
         rows = self._allocate(self._occupancy.flat_index(places_m))
         all_rays = self._rays
-        place, ray = np.nonzero(self._occupancy.state.ravel()[all_rays.hit[rows]] != all_rays.state[rows])
-        for begin in range(0, len(place), RAYS_PER_BATCH):
-            batch = slice(begin, begin + RAYS_PER_BATCH)
-            self._cast(rows[place[batch]], ray[batch])
+        cast_again(self._occupancy.state, self._offset, self._start, rows, all_rays)
         return Rays(all_rays.hit[rows], all_rays.state[rows], all_rays.sample[rows], all_rays.depth[rows])
 
     def _allocate(self, start: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -115,24 +95,6 @@ class RayCache:
         rows = self._row_of[cell]
         self._start[rows] = start
         return rows
-
-    def _cast(self, row: Int[np.ndarray, " n"], ray: Int[np.ndarray, " n"]) -> None:
-        """Cast rays anew, each given by its row and its number."""
-        cells = self._offset.take(ray, axis=0)
-        cells += self._start[row, None]
-        states = self._occupancy.state.reshape(-1).take(cells)
-        each = np.arange(len(row))
-        first = (states != FREE).argmax(axis=1)
-        state = states[each, first]
-        rays = self._rays
-        rays.hit[row, ray], rays.sample[row, ray], rays.state[row, ray] = cells[each, first], first, state
-        # The extent of the unknown behind the hit tells a room from the back of a chair.
-        unknown = np.flatnonzero(state == UNKNOWN)
-        first = first[unknown]
-        behind = np.arange(states.shape[1], dtype=np.uint8) > first.astype(np.uint8)[:, None]
-        ends = (states[unknown] != UNKNOWN) & behind
-        ends[:, -1] = True
-        rays.depth[row[unknown], ray[unknown]] = ends.argmax(axis=1) - first
 
     def _follow_layout(self) -> None:
         """Clear the cache and compute the offsets anew when the occupancy's array has grown."""

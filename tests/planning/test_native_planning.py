@@ -1,0 +1,147 @@
+"""What the native engine computes for the planner, against the NumPy and SciPy code that is its reference."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anm_mj.geometry.connected_components import connected_components, scipy_connected_components
+from anm_mj.planning.distance_transform import capped_distance_cells, numpy_capped_distance_cells
+from anm_mj.planning.policies.gvg import pooling, ray_casting, unmeasured
+from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.planning.policies.gvg.pooling import KNOWN, PooledPart, numpy_pool, pool
+from anm_mj.planning.policies.gvg.ray_casting import GainRule, Rays
+from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredView
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN
+from anm_mj.utils.native_functions import native_function
+
+if native_function("pool_window") is None:
+    pytest.skip("the native engine was not built", allow_module_level=True)
+
+SEEDS = st.integers(0, 1 << 30)
+BUILT_LATER = ("pool_window", "cast_rays", "ray_gains", "first_closed", "capped_distances", "connected_components")
+
+
+def drawn(rng, states, shape, share):
+    """A grid with patches, as maps have: the first state but for boxes of the others."""
+    grid = np.full(shape, states[0], np.int8)
+    for _ in range(int(share * 20)):
+        low = [rng.integers(0, n) for n in shape]
+        grid[tuple(slice(a, a + rng.integers(1, 8)) for a in low)] = rng.choice(states)
+    grid[rng.random(shape) < 0.02] = rng.choice(states)
+    return grid
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_cells_are_pooled_the_same(seed, share):
+    rng = np.random.default_rng(seed)
+    state = drawn(rng, (UNKNOWN, FREE, OCCUPIED), (int(rng.integers(4, 14)), 30, 21), share)
+    shape = np.array([rng.integers(1, 8), rng.integers(2, 19), rng.integers(2, 15)])
+    to = np.array([rng.integers(0, 3), rng.integers(0, 4), rng.integers(0, 4)])
+    part = PooledPart(np.array([rng.integers(-1, 4), *rng.integers(-3, 9, 2)]), shape, int(rng.integers(-1, 6)), to)
+    before = drawn(rng, (UNKNOWN, FREE, OCCUPIED, KNOWN), (11, 23, 19), share)
+    counted = [np.array([(layer == value).sum() for layer in before]) for value in (FREE, OCCUPIED)]
+    found = [(before.copy(), *(count.copy() for count in counted)) for _ in range(2)]
+    changed = [kernel(state, part, *to_write) for kernel, to_write in zip((pool, numpy_pool), found, strict=True)]
+    assert changed[0] == changed[1]
+    assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
+    cells, num_free, num_surface = found[0]
+    assert np.array_equal(num_free, (cells == FREE).sum(axis=(1, 2)))
+    assert np.array_equal(num_surface, (cells == OCCUPIED).sum(axis=(1, 2)))
+
+
+def test_a_part_that_does_not_fit_is_refused():
+    state, cells, count = np.zeros((4, 8, 8), np.int8), np.zeros((4, 4, 4), np.int8), np.zeros(4, np.int64)
+    part = PooledPart(np.zeros(3, int), np.array([2, 4, 4]), 0, np.array([0, 3, 0]))
+    with pytest.raises(ValueError, match="outside the cells"):
+        pool(state, part, cells, count, count.copy())
+
+
+def drawn_rays(rng, cells, num_rows=9, num_rays=12, num_samples=7):
+    """Rays that stay within the cells, as if none was cast yet."""
+    offset = np.cumsum(rng.integers(-3, 20, (num_rays, num_samples)), axis=1)
+    start = rng.integers(70, cells.size - 200, num_rows)
+    types = np.int32, np.int8, np.uint8, np.uint8
+    return offset, start, Rays(*(np.full((num_rows, num_rays), -3 if t is np.int8 else 0, t) for t in types))
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_rays_end_in_the_same_cells_with_the_same_gains(seed, share):
+    rng = np.random.default_rng(seed)
+    cells = drawn(rng, (FREE, UNKNOWN, OCCUPIED, KNOWN), (4, 12, 15), share)
+    offset, start, blank = drawn_rays(rng, cells)
+    found, expected = (Rays(*(array.copy() for array in vars(blank).values())) for _ in range(2))
+    for _ in range(3):
+        rows = rng.integers(0, len(start), 6).astype(np.int32)
+        ray_casting.cast_again(cells, offset, start, rows, found)
+        ray_casting.numpy_cast_again(cells, offset, start, rows, expected)
+        for name in vars(found):
+            assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+        cells[rng.random(cells.shape) < 0.1] = rng.choice((FREE, UNKNOWN, OCCUPIED))
+    distance_m = np.linspace(0.25, 3.0, offset.shape[1], dtype=np.float32)
+    tried_m = np.where(rng.random(cells.shape) < 0.3, rng.uniform(0.1, 4.0, cells.shape), np.inf).astype(np.float32)
+    shares = rng.random(len(cells)).astype(np.float32)
+    rule = GainRule(0.1, 0.3, 2.5, 0.7, 0.03)
+    gains = ray_casting.unknown_gains(expected, distance_m, shares, tried_m, rule)
+    assert gains.tobytes() == ray_casting.numpy_unknown_gains(expected, distance_m, shares, tried_m, rule).tobytes()
+
+
+def test_rays_that_leave_the_cells_are_refused():
+    cells = np.zeros((2, 3, 4), np.int8)
+    offset, start = np.full((1, 2), 25), np.zeros(1, np.int64)
+    rays = Rays(*(np.full((1, 1), 1, t) for t in (np.int32, np.int8, np.uint8, np.uint8)))
+    with pytest.raises(ValueError, match="leaves the cells"):
+        ray_casting.cast_again(cells, offset, start, np.zeros(1, np.int32), rays)
+    gone, two = replace(rays, hit=np.full((1, 1), 24, np.int32)), np.ones(2, np.float32)
+    with pytest.raises(ValueError, match="leaves the cells"):
+        ray_casting.unknown_gains(gone, two, two, np.ones((2, 3, 4), np.float32), GainRule(1.0, 1.0, 1.0, 1.0, 1.0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_rays_without_a_measurement_end_the_same(seed, share):
+    rng = np.random.default_rng(seed)
+    occupancy = PooledOccupancy(1.0)
+    occupancy.cell_m, occupancy.origin_m = 0.1, np.array([-4.05, -3.9, -0.2])
+    occupancy.state = drawn(rng, (FREE, UNKNOWN, OCCUPIED, KNOWN), (9, 80, 81), share)
+    angle = rng.uniform(0.0, 2.0 * np.pi, 20)
+    direction = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-2.0, 2.0, 20)], axis=1)
+    view = UnmeasuredView(rng.uniform(-0.5, 0.5, 3), direction)
+    distance_m = np.arange(0.25, 3.3, 0.1)
+    found = unmeasured.first_closed(occupancy, view, distance_m)
+    expected = unmeasured.numpy_first_closed(occupancy, view, distance_m)
+    assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.integers(0, 60), st.integers(1, 90), st.integers(0, 40), st.floats(0.3, 1.0))
+def test_distances_are_the_same_bits(seed, rows, cols, cap, share):
+    free = np.random.default_rng(seed).random((rows, cols)) < share**0.1
+    assert capped_distance_cells(free, cap).tobytes() == numpy_capped_distance_cells(free, cap).tobytes()
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.integers(1, 60), st.integers(0, 90))
+def test_components_have_the_same_numbers(seed, num, num_links):
+    links = np.random.default_rng(seed).integers(0, num, (num_links, 2))
+    assert np.array_equal(connected_components(links, num), scipy_connected_components(links, num))
+
+
+def test_links_to_nodes_that_are_not_there_are_refused():
+    with pytest.raises(ValueError, match="no such node"):
+        connected_components(np.array([[0, 3]]), 3)
+
+
+@pytest.mark.parametrize("module", [pooling, ray_casting, unmeasured], ids=lambda module: module.__name__)
+def test_an_engine_without_these_is_enough(module, monkeypatch):
+    calls = []
+    monkeypatch.setattr(module, "native_function", lambda name: calls.append(name))
+    test_cells_are_pooled_the_same.hypothesis.inner_test(0, 0.5)
+    test_rays_end_in_the_same_cells_with_the_same_gains.hypothesis.inner_test(0, 0.5)
+    test_rays_without_a_measurement_end_the_same.hypothesis.inner_test(0, 0.5)
+    assert calls
+    assert set(calls) <= set(BUILT_LATER)
