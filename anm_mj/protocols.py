@@ -6,6 +6,7 @@ these interfaces only.
 
 from __future__ import annotations
 
+import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -109,8 +110,13 @@ class Mapper(Protocol):
         """Uncertainty of the map at world points: a variance up to a constant factor; larger is less certain."""
         ...
 
-    def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
-        """Zero-crossings of the SDF in observed space within ``radius_m`` (in the plane) of a place."""
+    def surface(
+        self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float, max_height_m: float = math.inf
+    ) -> SurfacePoints:
+        """Zero-crossings of the SDF in observed space within ``radius_m`` (in the plane) of a place.
+
+        Those above ``max_height_m`` are left out.
+        """
         ...
 
     @property

@@ -3,7 +3,9 @@
 
 #include "bindings.h"
 #include "field_blocks.h"
+#include "lattice.h"
 #include "nearest.h"
+#include "pass_variance.h"
 #include "pixels.h"
 #include "sample_cells.h"
 #include "thread_pool.h"
@@ -80,6 +82,80 @@ void decide_voxels(ConstGrid state, Array<const float, 3> seen, Indices voxels, 
     const anm::DoubtRule numbers{rule(0), rule(1), rule(2), rule(3), rule(4)};
     anm::decide_voxels(state.data(), seen.data(), voxels.data(), static_cast<std::int64_t>(voxels.size()), sdf.data(),
                        numbers, out.data());
+}
+
+// Which lattice cells voxels of blocks touch; see lattice.h.
+anm::TouchedCells touched_by(const Table& blocks, const Array<const std::int64_t, 3>& low,
+                             const Array<const std::int64_t, 3>& high) {
+    for (const auto* spans : {&low, &high}) {
+        require(spans->shape(0) == blocks.shape(0) && spans->shape(1) == 3 && spans->shape(2) == anm::kBlock,
+                "each voxel of a block spans cells along three axes");
+    }
+    for (std::size_t i = 0; i < low.size(); ++i) require(low.data()[i] <= high.data()[i], "a voxel touches no cell");
+    return {low.data(), high.data()};
+}
+
+// The cells that occupied voxels touch, in the box about them, and the box's first cell; None where there is none.
+nb::object touched_cells(ConstGrid state, Table blocks, Array<const std::int64_t, 3> low,
+                         Array<const std::int64_t, 3> high) {
+    const anm::Extent size = extent_of(state, blocks);
+    const anm::TouchedCells touched = touched_by(blocks, low, high);
+    const auto count = static_cast<std::int64_t>(blocks.shape(0));
+    const anm::Box3 box = anm::touched_box(state.data(), size, blocks.data(), count, touched);
+    if (box.empty()) return nb::none();
+    const std::size_t shape[3] = {static_cast<std::size_t>(box.size(0)), static_cast<std::size_t>(box.size(1)),
+                                  static_cast<std::size_t>(box.size(2))};
+    auto* cells = new std::uint8_t[shape[0] * shape[1] * shape[2]]();
+    Flags out(cells, 3, shape, nb::capsule(cells, [](void* p) noexcept { delete[] static_cast<std::uint8_t*>(p); }));
+    anm::mark_touched(state.data(), size, blocks.data(), count, touched, box, cells);
+    return nb::make_tuple(out, nb::make_tuple(box.low[0], box.low[1], box.low[2]));
+}
+
+// Size of an array of corners [x][y][z].
+struct CornerSize {
+    std::int64_t axis[3];
+    explicit CornerSize(const Array<std::uint8_t, 3>& corners)
+        : axis{static_cast<std::int64_t>(corners.shape(0)), static_cast<std::int64_t>(corners.shape(1)),
+               static_cast<std::int64_t>(corners.shape(2))} {}
+};
+
+// Marks the corners of cells and returns their world places; see lattice.h.
+Out lattice_corners(Array<const std::uint8_t, 3> cells, Indices corner, double spacing, Array<std::uint8_t, 3> corners) {
+    require(corner.size() == 3, "a cell has three indices");
+    const CornerSize size(corners);
+    std::int64_t cell_size[3];
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        cell_size[axis] = static_cast<std::int64_t>(cells.shape(axis));
+        require(size.axis[axis] == cell_size[axis] + 1, "there is one corner more than cells along each axis");
+    }
+    const std::int64_t count = anm::mark_corners(cells.data(), cell_size, corners.data());
+    float* places = nullptr;
+    Out out = make_array({static_cast<std::size_t>(count), std::size_t{3}}, places);
+    anm::corner_places(corners.data(), size.axis, corner.data(), spacing, places);
+    return out;
+}
+
+nb::ndarray<nb::numpy, double> lattice_crossings(Array<std::uint8_t, 3> corners, InFlat values, Indices corner,
+                                                 double spacing) {
+    require(corner.size() == 3, "a cell has three indices");
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < corners.size(); ++i) count += corners.data()[i] != 0;
+    require(count == values.size(), "each corner has a value");
+    auto* found = new std::vector<double>;
+    const nb::capsule owner(found, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+    anm::crossings(corners.data(), CornerSize(corners).axis, values.data(), corner.data(), spacing, *found);
+    return nb::ndarray<nb::numpy, double>(found->data(), {found->size() / 3, 3}, owner);
+}
+
+// Variance over passes; see pass_variance.h.
+Out pass_variance(In sdf, Array<const float, 3> rgb, float color_weight) {
+    require(rgb.shape(0) == sdf.shape(0) && rgb.shape(1) == sdf.shape(1) && rgb.shape(2) == 3 && sdf.shape(0) >= 2,
+            "a pass gives s and a colour for each point");
+    float* variance = nullptr;
+    Out out = make_array({sdf.shape(1)}, variance);
+    anm::pass_variance(sdf.data(), rgb.data(), static_cast<std::int64_t>(sdf.shape(0)),
+                       static_cast<std::int64_t>(sdf.shape(1)), color_weight, variance);
+    return out;
 }
 
 // Rays of `batches` batches, each of stored pixels and of a share of other rays; see pixels.h.
@@ -204,6 +280,10 @@ void bind_functions(nb::module_& m) {
     m.def("write_blocks", &write_blocks, "state"_a, "blocks"_a, "voxels"_a, "read"_a, "out"_a, "moved"_a);
     m.def("voxel_centres", &voxel_centres, "voxels"_a, "shape"_a, "corner"_a, "resolution"_a);
     m.def("decide_voxels", &decide_voxels, "state"_a, "seen"_a, "voxels"_a, "sdf"_a, "rule"_a, "out"_a);
+    m.def("touched_cells", &touched_cells, "state"_a, "blocks"_a, "low"_a, "high"_a);
+    m.def("lattice_corners", &lattice_corners, "cells"_a, "corner"_a, "spacing"_a, "corners"_a);
+    m.def("lattice_crossings", &lattice_crossings, "corners"_a, "values"_a, "corner"_a, "spacing"_a);
+    m.def("pass_variance", &pass_variance, "sdf"_a, "rgb"_a, "color_weight"_a);
     m.def("ray_batches", &ray_batches, "pixels"_a, "cameras"_a, "place"_a, "keyframe"_a, "depth_unit"_a, "origin"_a,
           "direction"_a, "rgb"_a, "depth"_a);
     m.def("lower_distances", &lower_distances, "points"_a, "places"_a, "distance"_a, "num_threads"_a);

@@ -75,9 +75,11 @@ class OccupancyMapper:
         """The same everywhere."""
         return np.ones(len(points_m), np.float32)
 
-    def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
+    def surface(
+        self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float, max_height_m: float = math.inf
+    ) -> SurfacePoints:
         """None: there is no field."""
-        del centre_xy_m, radius_m
+        del centre_xy_m, radius_m, max_height_m
         none = np.zeros((0, 3), np.float32)
         return SurfacePoints(none, none, np.zeros(0, np.float32))
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 from skimage.measure import marching_cubes
 
-from anm_mj.mapping.surface import corners_of
+from anm_mj.mapping.lattice import corners_of
 from anm_mj.types import SdfQuery
 
 _MERGE_M = 1e-4

@@ -210,12 +210,15 @@ class NeuralMap:
             self.config.schedule.density_exponent,
         )
 
-    def surface(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfacePoints:
+    def surface(
+        self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float, max_height_m: float = math.inf
+    ) -> SurfacePoints:
         """Zero-crossings near occupied voxels within ``radius_m`` [m] in the plane, with present uncertainties.
 
-        Positions and normals of a block are those of the last frame that saw it.
+        Positions and normals of a block are those of the last frame that saw it. Points above ``max_height_m`` are left
+        out.
         """
-        points, normals = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m)
+        points, normals = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m, max_height_m)
         return SurfacePoints(points, normals, self.uncertainty(points))
 
     def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:

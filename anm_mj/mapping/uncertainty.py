@@ -13,6 +13,8 @@ them; ``scripts/bench_uncertainty.py`` measures which method predicts the map's 
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from jaxtyping import Float, Float32
 
@@ -20,6 +22,7 @@ from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.config import UncertaintyConfig
 from anm_mj.mapping.last_layer import last_layer_variance
 from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.utils.native_functions import native_function
 
 _CHUNK = 16384
 """Points per call to the engine, so that the outputs of all passes stay small."""
@@ -72,9 +75,29 @@ def perturbed_variance(
     for start in range(0, len(points_m), _CHUNK):
         rows = slice(start, start + _CHUNK)
         s, rgb = backend.query_perturbed(points_m[rows], decoders)
-        color_variance = rgb.var(axis=0, ddof=1).mean(axis=-1)
-        out[rows] = s.var(axis=0, ddof=1) + np.float32(config.color_weight) * color_variance
+        out[rows] = pass_variance(s, rgb, config.color_weight)
     return out
+
+
+def pass_variance(
+    s: Float32[np.ndarray, "passes n"], rgb: Float32[np.ndarray, "passes n 3"], color_weight: float
+) -> Float32[np.ndarray, " n"]:
+    """Sample variance of s over passes plus the weighted mean one of the colours.
+
+    In C++ (``native/pass_variance.h``) where the engine was built, else in NumPy, which gives the same.
+    """
+    native = native_function("pass_variance")
+    # NumPy sums the passes of a lone point in another order.
+    if native is None or s.shape[1] == 1:
+        return numpy_pass_variance(s, rgb, color_weight)
+    return native(s, rgb, color_weight)
+
+
+def numpy_pass_variance(
+    s: Float32[np.ndarray, "passes n"], rgb: Float32[np.ndarray, "passes n 3"], color_weight: float
+) -> Float32[np.ndarray, " n"]:
+    """The reference of :func:`pass_variance`."""
+    return s.var(axis=0, ddof=1) + np.float32(color_weight) * rgb.var(axis=0, ddof=1).mean(axis=-1)
 
 
 def noisy_decoders(
@@ -82,5 +105,10 @@ def noisy_decoders(
 ) -> Float32[np.ndarray, "passes weights"]:
     """Weights of all passes, the hash table left out: the present ones plus Gaussian noise, always that of the seed."""
     weights = np.concatenate([values.ravel() for name, values in state.items() if name != "table"])
-    noise = np.random.default_rng(seed).standard_normal((config.num_passes, weights.size), dtype=np.float32)
-    return weights + np.float32(config.noise_std) * noise
+    return weights + np.float32(config.noise_std) * _noise(seed, config.num_passes, weights.size)
+
+
+@functools.lru_cache(maxsize=2)
+def _noise(seed: int, num_passes: int, num_weights: int) -> Float32[np.ndarray, "passes weights"]:
+    """Standard normal noise on all weights; drawn once, as it is always the same."""
+    return np.random.default_rng(seed).standard_normal((num_passes, num_weights), dtype=np.float32)

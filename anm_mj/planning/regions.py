@@ -124,7 +124,9 @@ class RegionFinder:
         else:
             uncertain &= self._error_m > self.config.region_error_m
         patches = _Patches.of(points.xyz_m[uncertain].astype(float), points.normal[uncertain].astype(float))
-        unobserved = np.array([tuple(cube) not in self._observed for cube in patches.cube.tolist()], bool)
+        unobserved = np.ones(len(patches.cube), bool)
+        if self._observed:
+            unobserved = np.array([tuple(cube) not in self._observed for cube in patches.cube.tolist()], bool)
         tiers = [np.arange(len(graph.vertex_xy_m))] if preferred is None else [preferred]
         if preferred is not None:
             tiers.append(np.setdiff1d(np.arange(len(graph.vertex_xy_m)), preferred))
@@ -143,17 +145,22 @@ class RegionFinder:
         self._patches = patches
         relative = points.uncertainty[uncertain] / median
         found = []
-        for members in _clusters(patches, anchor, self.config.region_link_m):
-            mine = np.isin(patches.patch_of, members)
-            if mine.sum() < self.config.region_min_members:
+        clusters = _clusters(patches, anchor, self.config.region_link_m)
+        cluster_of = np.full(len(patches.cube), -1)
+        for k, members in enumerate(clusters):
+            cluster_of[members] = k
+        cluster_of_point = cluster_of[patches.patch_of]
+        for k, members in enumerate(clusters):
+            num_points = int(patches.num_points[members].sum())
+            if num_points < self.config.region_min_members:
                 continue
             middle = np.average(patches.xyz_m[members], axis=0, weights=patches.num_points[members])
             nearest = members[np.argmin(np.linalg.norm(patches.xyz_m[members] - middle, axis=1))]
             region = Region(
                 patches.xyz_m[nearest],
                 patches.normal[nearest],
-                int(mine.sum()),
-                float(relative[mine].mean()),
+                num_points,
+                float(relative[cluster_of_point == k].mean()),
                 int(anchor[members[0]]),
             )
             found.append(region)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -135,10 +136,13 @@ class Stages:
                     room = find_rooms(graph, topdown, self.topdown.trajectory_xy_m[0]).room
             with watch.stage("regions"):
                 radius = self.config.region_radius_m
-                error_m = None
+                # Of what is higher, no region is made.
+                error_m, height_m = None, self.config.region_max_height_m
                 if self.config.region_known_by == "error" and isinstance(mapper, EstimatesErrors):
-                    error_m = mapper.surface_errors(pose.xy_m, radius).error_m
-                self.region_finder.update(mapper.surface(pose.xy_m, radius), pose.xy_m, radius, error_m)
+                    # They are of all points.
+                    error_m, height_m = mapper.surface_errors(pose.xy_m, radius).error_m, math.inf
+                surface = mapper.surface(pose.xy_m, radius, height_m)
+                self.region_finder.update(surface, pose.xy_m, radius, error_m)
                 regions = self.region_finder.regions(graph, mapper.occupancy, height, decisions)
         return PlanningState(pose, topdown, graph, paths, regions, height, watch, decisions, frontier, room)
 

@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anm_mj.mapping import lattice
 from anm_mj.mapping.config import default_mapping
 from anm_mj.mapping.field_blocks import DoubtRule, NativeBlocks, NumpyBlocks, field_blocks
 from anm_mj.mapping.occupancy_fusion import BLOCK
 from anm_mj.mapping.pixel_memory import PIXEL, native_batches, numpy_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
+from anm_mj.mapping.uncertainty import numpy_pass_variance, pass_variance
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from anm_mj.utils.native_functions import native_function
 
@@ -109,6 +111,51 @@ def test_voxels_are_placed_and_decided_the_same(seed, count):
     assert count < 100 or len(np.unique(decided)) == 2
     for kernels in (native, older):
         assert np.array_equal(kernels.decide(state, seen_m, voxels, sdf_m, rule), decided)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 1 << 30), st.sampled_from([0.0, 0.002, 0.1]), st.sampled_from([0.03, 0.05, 0.1, 0.2]))
+def test_surface_is_looked_for_on_the_same_edges(seed, share, spacing_m):
+    rng = np.random.default_rng(seed)
+    shape = tuple(BLOCK * int(n) for n in rng.integers(1, 4, 3))
+    state = np.where(rng.random(shape) < share, OCCUPIED, FREE).astype(np.int8)
+    every = np.argwhere(np.ones([n // BLOCK for n in shape[::-1]], bool))
+    corner = BLOCK * rng.integers(-5, 5, 3)
+    blocks = every[rng.permutation(len(every))[: rng.integers(1, 6)]] + corner // BLOCK
+
+    def looked_for():
+        cells, first = lattice.touched_cells(state, corner, blocks, 0.05 / spacing_m)
+        points = lattice.crossings(wavy, cells, first, spacing_m)
+        return cells, first, points
+
+    def wavy(points_m):
+        return np.sin(7.0 * points_m @ np.array([1.0, 0.6, 0.3]) + 0.1).astype(np.float32)
+
+    found = looked_for()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lattice, "native_function", lambda name: None)
+        expected = looked_for()
+    for a, b in zip(found, expected, strict=True):
+        assert a.dtype == b.dtype
+        assert a.shape == b.shape
+        assert a.tobytes() == b.tobytes()
+    assert (expected[0].size > 0) == (state_of_blocks(state, blocks - corner // BLOCK) == OCCUPIED).any()
+
+
+def state_of_blocks(state, blocks):
+    return np.concatenate(
+        [state[tuple(slice(BLOCK * k, BLOCK * (k + 1)) for k in block[::-1])].ravel() for block in blocks]
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 1 << 30), st.integers(2, 25), st.integers(0, 400), st.sampled_from([0.0, 0.7, 1.0]))
+def test_variance_over_passes_is_the_same_bits(seed, num_passes, num_points, color_weight):
+    rng = np.random.default_rng(seed)
+    s = rng.normal(size=(num_passes, num_points)).astype(np.float32)
+    rgb = rng.random((num_passes, num_points, 3)).astype(np.float32)
+    expected = numpy_pass_variance(s, rgb, color_weight)
+    assert pass_variance(s, rgb, color_weight).tobytes() == expected.tobytes()
 
 
 def test_more_voxels_than_there_was_room_for_are_read():

@@ -1,8 +1,9 @@
 import numpy as np
 
 from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.lattice import crossings
 from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.surface import SurfaceExtractor, crossings, gradient_directions
+from anm_mj.mapping.surface import SurfaceExtractor, gradient_directions
 from anm_mj.types import OCCUPIED
 
 CENTRE = np.array([2.0, 1.5])
@@ -92,6 +93,30 @@ def test_only_blocks_that_a_new_frame_touched_are_asked_again(room):
     assert 0 < sum(asked) < 1.5 * full
     fresh, _ = SurfaceExtractor(occupancy, 0.1).extract(sdf, CENTRE, 10.0)
     assert {tuple(p) for p in fresh} == {tuple(p) for p in both}
+
+
+def test_points_up_to_a_height_are_those_of_all_and_cost_less(room):
+    occupancy = OccupancyGrid(OccupancyConfig())
+    observation = room.observe(2.0, 1.5, 0.0, size=128)
+    occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+    asked = []
+
+    def sdf(points):
+        asked.append(len(points))
+        return room.sdf(points).astype(np.float32)
+
+    every, normals = SurfaceExtractor(occupancy, 0.1).extract(sdf, CENTRE, 10.0)
+    full, low = sum(asked), every[:, 2] <= 1.0
+    assert 0 < np.count_nonzero(low) < len(every)
+    asked.clear()
+    extractor = SurfaceExtractor(occupancy, 0.1)
+    found = extractor.extract(sdf, CENTRE, 10.0, 1.0)
+    np.testing.assert_array_equal(found[0], every[low])
+    np.testing.assert_array_equal(found[1], normals[low])
+    assert sum(asked) == full - 4 * np.count_nonzero(~low)
+    assert set(map(tuple, extractor.places(sdf, CENTRE, 10.0))) == set(map(tuple, every))
+    again = extractor.extract(sdf, CENTRE, 10.0)
+    np.testing.assert_array_equal(again[1], normals)
 
 
 def test_a_sign_change_where_nothing_was_observed_is_no_surface(room):

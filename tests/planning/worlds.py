@@ -45,7 +45,7 @@ class BoxWorld:
     def occupancy_about(self, centre_xy_m, radius_m) -> VoxelGrid:
         return self.occupancy
 
-    def surface(self, centre_xy_m, radius_m) -> SurfacePoints:
+    def surface(self, centre_xy_m, radius_m, max_height_m=np.inf) -> SurfacePoints:
         return SurfacePoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
 
 

@@ -37,7 +37,7 @@ class NoMap:
     def occupancy_about(self, centre_xy_m, radius_m):
         return self.occupancy
 
-    def surface(self, centre_xy_m, radius_m):
+    def surface(self, centre_xy_m, radius_m, max_height_m=np.inf):
         nothing = np.zeros((0, 3), np.float32)
         return SurfacePoints(nothing, nothing, np.zeros(0, np.float32))
 

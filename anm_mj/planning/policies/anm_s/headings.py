@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import pixel_directions, wrap_angle
-from anm_mj.types import Observation, Region
+from anm_mj.types import Intrinsics, Observation, Region
 
 PIXEL_STEP = 4
 """Every so many columns and rows of a view are read to find how far it reaches [px]."""
@@ -44,7 +45,7 @@ def off_axis(region: Region, xy_m: Float[np.ndarray, "2"], yaw_rad: float) -> fl
 
 def view_box(view: Observation) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Lower and upper corner of all that a view shows, in world x and y [m]."""
-    rays = pixel_directions(view.intrinsics)[::PIXEL_STEP, ::PIXEL_STEP]
+    rays = _rays(view.intrinsics)
     depth = view.depth_m[::PIXEL_STEP, ::PIXEL_STEP, None]
     # A pixel that looked beyond the range has no place.
     depth = np.where(np.isfinite(depth), depth, np.float32(np.nan))
@@ -53,3 +54,9 @@ def view_box(view: Observation) -> tuple[Float[np.ndarray, "2"], Float[np.ndarra
     here = view.T_world_camera[:2, 3]
     corners = np.concatenate([np.zeros((1, 2)), points]) + here
     return corners.min(axis=0), corners.max(axis=0)
+
+
+@functools.lru_cache(maxsize=1)
+def _rays(intrinsics: Intrinsics) -> Float[np.ndarray, "h w 3"]:
+    """Rays through every so many pixels, in camera axes."""
+    return pixel_directions(intrinsics)[::PIXEL_STEP, ::PIXEL_STEP].copy()

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-from scipy import ndimage
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.policies.anm_s.config import AnmSConfig
 from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
+
+_AROUND = np.arange(-1, 2)
+"""A cell and its neighbours along one axis."""
 
 
 def seen_around(
@@ -41,12 +43,12 @@ def seen_around(
     border = topdown.surface_xy_m
     if not len(border):
         return seen
-    near = _nearest_view_m(grid, footprint, border) <= config.seen_well_m
-    xy = graph.vertex_xy_m[vertices]
-    around = KDTree(border).query_ball_point(xy, graph.clearance_m[vertices] + BORDER_WIDTH_M)
-    closed = ~borders_unknown(graph, frontier_xy_m)[vertices]
-    for i in np.flatnonzero(closed):
-        seen[i] = len(around[i]) > 0 and near[around[i]].mean() >= config.seen_well_share
+    near = nearest_view_m(grid, footprint, border) <= config.seen_well_m
+    closed = np.flatnonzero(~borders_unknown(graph, frontier_xy_m)[vertices])
+    vertex = vertices[closed]
+    reach_m = graph.clearance_m[vertex] + BORDER_WIDTH_M
+    for i, around in zip(closed, KDTree(border).query_ball_point(graph.vertex_xy_m[vertex], reach_m), strict=True):
+        seen[i] = len(around) > 0 and near[around].mean() >= config.seen_well_share
     return seen
 
 
@@ -68,12 +70,19 @@ def num_within(
     return np.asarray(near, np.int64)
 
 
-def _nearest_view_m(grid: VoxelGrid, footprint: Footprint, xy_m: Float[np.ndarray, "n 2"]) -> Float32[np.ndarray, " n"]:
+def nearest_view_m(grid: VoxelGrid, footprint: Footprint, xy_m: Float[np.ndarray, "n 2"]) -> Float32[np.ndarray, " n"]:
     """Smallest depth at which anything was seen in the columns about points, at body heights; +inf where never [m]."""
     body = grid.layers_between(footprint.z_min_m, footprint.z_max_m, whole=True)
-    depth = grid.seen_range_m[body].min(axis=0, initial=np.inf)
+    seen_m = grid.seen_range_m[body]
+    _, rows, cols = seen_m.shape
+    cell = np.clip(world_to_cell(xy_m, grid.origin_m[:2], grid.resolution_m), 0, [rows - 1, cols - 1])
     # A border point lies on the edge between two cells, and the surface may have been put into either.
-    depth = ndimage.minimum_filter(depth, size=3)
-    cell = world_to_cell(xy_m, grid.origin_m[:2], grid.resolution_m)
-    cell = np.clip(cell, 0, np.array(depth.shape) - 1)
-    return depth[cell[:, 0], cell[:, 1]]
+    row = np.clip(cell[:, :1] + _AROUND, 0, rows - 1)
+    col = np.clip(cell[:, 1:] + _AROUND, 0, cols - 1)
+    cells = row[:, :, None] * cols + col[:, None, :]
+    is_needed = np.zeros(rows * cols, bool)
+    is_needed[cells] = True
+    needed = np.flatnonzero(is_needed)
+    depth = np.full(rows * cols, np.float32(np.inf))
+    depth[needed] = seen_m.reshape(len(seen_m), -1)[:, needed].min(axis=0, initial=np.inf)
+    return depth[cells].min(axis=(1, 2), initial=np.inf)

@@ -27,7 +27,7 @@ class Uncertain(BoxWorld):
             np.repeat(np.array([high, low, 0.1], np.float32), [y.size, y.size, 4000]),
         )
 
-    def surface(self, centre_xy_m, radius_m):
+    def surface(self, centre_xy_m, radius_m, max_height_m=np.inf):
         return self.points
 
 

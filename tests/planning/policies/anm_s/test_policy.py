@@ -42,7 +42,7 @@ def two_rooms():
     normal = np.concatenate([np.tile([-1.0, 0, 0], (len(patch), 1)), np.tile([0, 1.0, 0], (len(plain), 1))])
     values = np.concatenate([np.full(len(patch), 9.0), np.ones(len(plain))])
     surface = SurfacePoints(np.concatenate([patch, plain]), normal.astype(np.float32), values.astype(np.float32))
-    world.surface = lambda centre_xy_m, radius_m: surface
+    world.surface = lambda centre_xy_m, radius_m, max_height_m: surface
     return world
 
 
