@@ -1,5 +1,5 @@
-// Maps and graphs of the plane: distances as anm_mj/planning/distance_transform.py has them, components as
-// anm_mj/geometry/connected_components.py has them.
+// Maps and graphs of the plane: distances as anm_mj/planning/distance_transform.py has them, holes as
+// anm_mj/planning/enclosed_holes.py has them, components as anm_mj/geometry/connected_components.py has them.
 #pragma once
 
 #include <algorithm>
@@ -66,6 +66,50 @@ ANM_CLONES inline void capped_distances(const std::uint8_t* free, std::int64_t r
             }
         }
         for (std::size_t c = 0; c < width; ++c) out[r * cols + c] = std::sqrt(static_cast<float>(nearest[c]));
+    }
+}
+
+// Marks the components of a mask, by common sides, with no more cells than `most`. [row][col]
+inline void small_components(const std::uint8_t* mask, std::int64_t rows, std::int64_t cols, double most,
+                             std::uint8_t* out) {
+    struct Run {
+        std::int64_t row, begin, end;
+    };
+    std::vector<Run> runs;
+    std::vector<std::int64_t> parent, size;
+    const auto root = [&](std::int64_t i) {
+        while (parent[i] != i) i = parent[i] = parent[parent[i]];
+        return i;
+    };
+    std::size_t above = 0;  // the first run of the row above that may touch the next one
+    for (std::int64_t r = 0; r < rows; ++r) {
+        const std::uint8_t* line = mask + r * cols;
+        for (std::int64_t c = 0; c < cols;) {
+            if (line[c] == 0) {
+                ++c;
+                continue;
+            }
+            std::int64_t end = c + 1;
+            while (end < cols && line[end] != 0) ++end;
+            const auto mine = static_cast<std::int64_t>(runs.size());
+            runs.push_back({r, c, end});
+            parent.push_back(mine);
+            size.push_back(end - c);
+            while (above < runs.size() && (runs[above].row < r - 1 || (runs[above].row == r - 1 && runs[above].end <= c))) {
+                ++above;
+            }
+            for (std::size_t k = above; k < runs.size() && runs[k].row == r - 1 && runs[k].begin < end; ++k) {
+                const std::int64_t a = root(static_cast<std::int64_t>(k)), b = root(mine);
+                if (a == b) continue;
+                parent[b] = a;
+                size[a] += size[b];
+            }
+            c = end;
+        }
+    }
+    for (std::size_t k = 0; k < runs.size(); ++k) {
+        if (static_cast<double>(size[root(static_cast<std::int64_t>(k))]) > most) continue;
+        std::fill(out + runs[k].row * cols + runs[k].begin, out + runs[k].row * cols + runs[k].end, std::uint8_t{1});
     }
 }
 

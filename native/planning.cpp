@@ -98,6 +98,12 @@ Out capped_distances(Array<const std::uint8_t, 2> free, int cap) {
     return out;
 }
 
+void small_components(Array<const std::uint8_t, 2> mask, double most, Array<std::uint8_t, 2> out) {
+    require(out.shape(0) == mask.shape(0) && out.shape(1) == mask.shape(1), "the arrays differ in size");
+    anm::small_components(mask.data(), static_cast<std::int64_t>(mask.shape(0)),
+                          static_cast<std::int64_t>(mask.shape(1)), most, out.data());
+}
+
 void connected_components(Array<const std::int64_t, 2> links, Array<std::int64_t, 1> component) {
     require(links.shape(1) == 2, "a link has two ends");
     const auto num = static_cast<std::int64_t>(component.size());
@@ -119,5 +125,6 @@ void bind_planning(nb::module_& m) {
     m.def("first_closed", &first_closed, "cells"_a, "frame"_a, "start"_a, "direction"_a, "distance"_a, "cell"_a,
           "sample"_a);
     m.def("capped_distances", &capped_distances, "free"_a, "cap"_a);
+    m.def("small_components", &small_components, "mask"_a, "most"_a, "out"_a);
     m.def("connected_components", &connected_components, "links"_a, "component"_a);
 }

@@ -6,8 +6,7 @@ In NumPy, and in C++ (``native/field_blocks.h``), which gives the same in a tent
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8, Int64, Shaped
@@ -18,8 +17,7 @@ from anm_mj.utils.arrays import dilate_mask
 from anm_mj.utils.native_functions import native_function
 
 
-@dataclass(frozen=True)
-class DoubtRule:
+class DoubtRule(NamedTuple):
     """When the field outweighs what depth says of a voxel."""
 
     hit_m: float
@@ -128,7 +126,7 @@ class NumpyBlocks:
         """
         sdf_m = sdf_m.astype(np.float32)
         seen, hit = seen_m.reshape(-1)[voxels], state.reshape(-1)[voxels] == OCCUPIED
-        hit_m, half_m, noise_per_m, passed_m, ray_reach_m = (np.float32(number) for number in astuple(rule))
+        hit_m, half_m, noise_per_m, passed_m, ray_reach_m = (np.float32(number) for number in rule)
         # Only a hit has been seen from somewhere; a ray may have passed a voxel from as far away as it carves.
         explained_m = noise_per_m * np.where(hit, seen, np.float32(1.0)) ** 2
         passed = (sdf_m <= 0.0) & (passed_m - sdf_m <= ray_reach_m)
@@ -211,7 +209,7 @@ class NativeBlocks(NumpyBlocks):
             return super().decide(state, seen_m, voxels, sdf_m, rule)
         out = np.empty(len(voxels), np.int8)
         distance = np.ascontiguousarray(sdf_m, np.float32)
-        self._decide_voxels(state, seen_m, voxels, distance, np.array(astuple(rule), np.float32), out)
+        self._decide_voxels(state, seen_m, voxels, distance, np.array(rule, np.float32), out)
         return out
 
 

@@ -62,9 +62,10 @@ class ShortestPathTree:
 
     def vertices_to(self, vertex: int) -> list[int]:
         """The vertices of the path to a reachable vertex, from the vertex back to the robot."""
+        predecessor, robot = self.predecessor, len(self.distance_m)
         vertices = [vertex]
-        while self.predecessor[vertices[-1]] != len(self.distance_m):
-            vertices.append(self.predecessor[vertices[-1]])
+        while (vertex := predecessor[vertex]) != robot:
+            vertices.append(vertex)
         return vertices
 
 
@@ -79,7 +80,12 @@ def shortest_paths(graph: VoronoiGraph, topdown: TopDownMap, pose: Pose2, safe_m
     """
     n = len(graph.vertex_xy_m)
     connections = _connect(graph, topdown, pose, safe_m)
-    lengths = [float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in connections.values()]
+    if len(connections) > 1:
+        # All are straight.
+        ends_m = np.stack([path[1] for path in connections.values()])
+        lengths = np.linalg.norm(ends_m - pose.xy_m, axis=1)
+    else:
+        lengths = [float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in connections.values()]
     ends = np.fromiter(connections.keys(), np.int64, len(connections))
     rows = np.concatenate([graph.edges[:, 0], np.full(len(ends), n)])
     cols = np.concatenate([graph.edges[:, 1], ends])

@@ -17,13 +17,13 @@ import math
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
-from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance_transform import capped_distance_cells
+from anm_mj.planning.enclosed_holes import enclosed_holes
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
@@ -264,7 +264,7 @@ class TopDownMapper:
         layers = self._layers
         around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < self._enough(grid)
-        holes = _enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
+        holes = enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
         inner = relative_to(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
         state[layers.near_trajectory[window]] = FREE
@@ -401,14 +401,3 @@ def _stamp_disc(
     x = grid.origin_m[0] + (cols + 0.5) * resolution - xy_m[0]
     disc = x[None, :] ** 2 + y[:, None] ** 2 <= radius_m**2
     layer[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1][disc] = True
-
-
-def _enclosed_holes(unknown: Bool[np.ndarray, "rows cols"], max_cells: float) -> Bool[np.ndarray, "rows cols"]:
-    labels = np.empty(unknown.shape, np.int32)
-    count = int(ndimage.label(unknown, output=labels))  # pyright: ignore[reportArgumentType]
-    if not count:
-        return unknown
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)
-    small = sizes <= max_cells
-    small[0] = False
-    return small[labels]

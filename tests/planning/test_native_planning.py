@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from anm_mj.geometry.connected_components import connected_components, scipy_connected_components
 from anm_mj.planning.distance_transform import capped_distance_cells, numpy_capped_distance_cells
+from anm_mj.planning.enclosed_holes import enclosed_holes, scipy_enclosed_holes
 from anm_mj.planning.policies.gvg import pooling, ray_casting, unmeasured
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.pooling import KNOWN, PooledPart, numpy_pool, pool
@@ -122,6 +123,13 @@ def test_rays_without_a_measurement_end_the_same(seed, share):
 def test_distances_are_the_same_bits(seed, rows, cols, cap, share):
     free = np.random.default_rng(seed).random((rows, cols)) < share**0.1
     assert capped_distance_cells(free, cap).tobytes() == numpy_capped_distance_cells(free, cap).tobytes()
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.integers(0, 40), st.integers(1, 50), st.floats(0.1, 0.9), st.sampled_from([0.0, 3.0, 12.5, 400.0]))
+def test_holes_are_the_same(seed, rows, cols, share, max_cells):
+    unknown = np.random.default_rng(seed).random((rows, cols)) < share
+    assert np.array_equal(enclosed_holes(unknown, max_cells), scipy_enclosed_holes(unknown, max_cells))
 
 
 @settings(max_examples=40, deadline=None)

@@ -5,7 +5,8 @@ In C++ (``native/gain_rays.h``) where the engine was built, else in NumPy, which
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Int8, Int32, Int64, UInt8
@@ -31,8 +32,7 @@ class Rays:
     """Where that cell is unknown, the number of unknown cells from there on."""
 
 
-@dataclass(frozen=True)
-class GainRule:
+class GainRule(NamedTuple):
     """What the gain of a ray into the unknown depends on, besides the ray."""
 
     cell_m: float
@@ -118,7 +118,7 @@ def unknown_gains(
     if native is None:
         return numpy_unknown_gains(rays, distance_m, layer_share, tried_from_m, rule)
     gain_m2 = np.empty(rays.hit.shape, np.float32)
-    numbers = np.array(astuple(rule), np.float32)
+    numbers = np.array(rule, np.float32)
     native(rays.hit, rays.state, rays.sample, rays.depth, distance_m, layer_share, tried_from_m, numbers, gain_m2)
     return gain_m2
 
@@ -131,7 +131,7 @@ def numpy_unknown_gains(
     rule: GainRule,
 ) -> Float32[np.ndarray, "n rays"]:
     """The reference of :func:`unknown_gains`."""
-    cell_m, max_depth_m, range_m, suppressed_share, solid_angle = (np.float32(number) for number in astuple(rule))
+    cell_m, max_depth_m, range_m, suppressed_share, solid_angle = (np.float32(number) for number in rule)
     gain_m2 = np.zeros(rays.hit.shape, np.float32)
     at = np.nonzero(rays.state == UNKNOWN)
     hit, here_m = rays.hit[at], distance_m[rays.sample[at]]
