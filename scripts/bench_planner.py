@@ -23,13 +23,14 @@ import numpy as np
 import tyro
 from jaxtyping import Float, Float32
 
+from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.explore import Outcome, explore
 from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.make_map import make_map
+from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import default_settings, make_policy
@@ -191,7 +192,9 @@ def run(
         truth = cached_ground_truth(world, robot.footprint, camera, first.pose)
         coverage = Coverage(CompletionCurve(truth))
         timed = Timed(make_policy(name, PolicyContext(robot.footprint, default_settings(name), seed=seed)))
-        mapper = OccupancyMapper() if sensor is None else make_map(seed=seed)
+        # With the uncertainty that guides the policy.
+        config = make_config("default", [], scene=world.name, policy=name)
+        mapper = OccupancyMapper() if sensor is None else NeuralMap(config.mapping, seed=seed)
         outcome = explore(robot, mapper, timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
         coverage.curve.last()
         return outcome, coverage, timed

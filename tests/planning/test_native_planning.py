@@ -35,9 +35,7 @@ def drawn(rng, states, shape, share):
     return grid
 
 
-@settings(max_examples=40, deadline=None)
-@given(SEEDS, st.floats(0.0, 1.0))
-def test_cells_are_pooled_the_same(seed, share):
+def check_cells_are_pooled_the_same(seed, share):
     rng = np.random.default_rng(seed)
     state = drawn(rng, (UNKNOWN, FREE, OCCUPIED), (int(rng.integers(4, 14)), 30, 21), share)
     shape = np.array([rng.integers(1, 8), rng.integers(2, 19), rng.integers(2, 15)])
@@ -52,6 +50,12 @@ def test_cells_are_pooled_the_same(seed, share):
     cells, num_free, num_surface = found[0]
     assert np.array_equal(num_free, (cells == FREE).sum(axis=(1, 2)))
     assert np.array_equal(num_surface, (cells == OCCUPIED).sum(axis=(1, 2)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_cells_are_pooled_the_same(seed, share):
+    check_cells_are_pooled_the_same(seed, share)
 
 
 def test_a_part_that_does_not_fit_is_refused():
@@ -69,9 +73,7 @@ def drawn_rays(rng, cells, num_rows=9, num_rays=12, num_samples=7):
     return offset, start, Rays(*(np.full((num_rows, num_rays), -3 if t is np.int8 else 0, t) for t in types))
 
 
-@settings(max_examples=40, deadline=None)
-@given(SEEDS, st.floats(0.0, 1.0))
-def test_rays_end_in_the_same_cells_with_the_same_gains(seed, share):
+def check_rays_end_in_the_same_cells_with_the_same_gains(seed, share):
     rng = np.random.default_rng(seed)
     cells = drawn(rng, (FREE, UNKNOWN, OCCUPIED, KNOWN), (4, 12, 15), share)
     offset, start, blank = drawn_rays(rng, cells)
@@ -91,6 +93,12 @@ def test_rays_end_in_the_same_cells_with_the_same_gains(seed, share):
     assert gains.tobytes() == ray_casting.numpy_unknown_gains(expected, distance_m, shares, tried_m, rule).tobytes()
 
 
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_rays_end_in_the_same_cells_with_the_same_gains(seed, share):
+    check_rays_end_in_the_same_cells_with_the_same_gains(seed, share)
+
+
 def test_rays_that_leave_the_cells_are_refused():
     cells = np.zeros((2, 3, 4), np.int8)
     offset, start = np.full((1, 2), 25), np.zeros(1, np.int64)
@@ -102,9 +110,7 @@ def test_rays_that_leave_the_cells_are_refused():
         ray_casting.unknown_gains(gone, two, two, np.ones((2, 3, 4), np.float32), GainRule(1.0, 1.0, 1.0, 1.0, 1.0))
 
 
-@settings(max_examples=40, deadline=None)
-@given(SEEDS, st.floats(0.0, 1.0))
-def test_rays_without_a_measurement_end_the_same(seed, share):
+def check_rays_without_a_measurement_end_the_same(seed, share):
     rng = np.random.default_rng(seed)
     occupancy = PooledOccupancy(1.0)
     occupancy.cell_m, occupancy.origin_m = 0.1, np.array([-4.05, -3.9, -0.2])
@@ -116,6 +122,12 @@ def test_rays_without_a_measurement_end_the_same(seed, share):
     found = unmeasured.first_closed(occupancy, view, distance_m)
     expected = unmeasured.numpy_first_closed(occupancy, view, distance_m)
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_rays_without_a_measurement_end_the_same(seed, share):
+    check_rays_without_a_measurement_end_the_same(seed, share)
 
 
 @settings(max_examples=40, deadline=None)
@@ -148,8 +160,8 @@ def test_links_to_nodes_that_are_not_there_are_refused():
 def test_an_engine_without_these_is_enough(module, monkeypatch):
     calls = []
     monkeypatch.setattr(module, "native_function", lambda name: calls.append(name))
-    test_cells_are_pooled_the_same.hypothesis.inner_test(0, 0.5)
-    test_rays_end_in_the_same_cells_with_the_same_gains.hypothesis.inner_test(0, 0.5)
-    test_rays_without_a_measurement_end_the_same.hypothesis.inner_test(0, 0.5)
+    check_cells_are_pooled_the_same(0, 0.5)
+    check_rays_end_in_the_same_cells_with_the_same_gains(0, 0.5)
+    check_rays_without_a_measurement_end_the_same(0, 0.5)
     assert calls
     assert set(calls) <= set(BUILT_LATER)
