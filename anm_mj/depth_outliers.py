@@ -1,9 +1,14 @@
-"""Finds pixels of a depth image that no pixel beside them agrees with: speckles of a faulty depth camera."""
+"""Finds pixels of a depth image that no pixel beside them agrees with: speckles of a faulty depth camera.
+
+In C++ (``native/outliers.h``) where the native engine was built, else in NumPy; both find the same.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float32
+
+from anm_mj.utils.native_functions import native_function
 
 AGREEMENT = 0.1
 """Two neighbours agree when their depths differ by at most this share of the nearer one."""
@@ -25,6 +30,16 @@ def outliers(depth_m: Float32[np.ndarray, "h w"], support: int = SUPPORT) -> Boo
         depth_m: planar depth [m]; not finite, or not positive, where nothing was measured.
         support: number of neighbours that must agree.
     """
+    function = native_function("depth_outliers")
+    if function is None:
+        return numpy_outliers(depth_m, support)
+    found = np.empty(depth_m.shape, np.uint8)
+    function(np.ascontiguousarray(depth_m, np.float32), support, AGREEMENT, LEAST_M, found)
+    return found.view(bool)
+
+
+def numpy_outliers(depth_m: Float32[np.ndarray, "h w"], support: int) -> Bool[np.ndarray, "h w"]:
+    """The reference of :func:`outliers`."""
     measured = np.isfinite(depth_m) & (depth_m > 0.0)
     known = depth_m if measured.all() else np.where(measured, depth_m, np.float32(np.nan))
     limit = np.maximum(np.float32(AGREEMENT) * known, np.float32(LEAST_M))

@@ -116,6 +116,7 @@ def explore(
         state.observation = first
         recorder.observation(first)
     observation, plan = state.observation, state.plan
+    ahead = robot if isinstance(robot, Anticipates) else None
 
     def outcome(reason: StopReason) -> Outcome:
         return Outcome(reason, state.step, state.loop_s, observation)
@@ -159,12 +160,17 @@ def explore(
             state.step = step
             return outcome(StopReason.SENSOR_FAULT)
         with watch.stage("observe"):
-            _anticipate(robot, state.follower, seen.pose, 1)
+            coming = _coming_actions(state.follower, seen.pose) if ahead is not None else []
+            if ahead is not None:
+                ahead.anticipate(*coming[:1])
             observation = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
         update = _learn(observation, mapper, policy, watch)
-        with watch.stage("observe"):
-            # One more than the next: it is drawn while the run records, decides and moves, on one core.
-            _anticipate(robot, state.follower, observation.pose, 2)
+        if ahead is not None:
+            with watch.stage("observe"):
+                # One more than the next: it is drawn while the run records, decides and moves, on one core.
+                if observation.pose != seen.pose:
+                    coming = _coming_actions(state.follower, observation.pose)
+                ahead.anticipate(*coming)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)
         state.total.add(watch)
@@ -197,13 +203,13 @@ def _observe(robot: Robot) -> Observation | None:
         return None
 
 
-def _anticipate(robot: Robot, follower: Follower, pose: Pose2, count: int) -> None:
-    """Let the robot begin with what it will see after the next actions, as far as the plan says them.
+def _coming_actions(follower: Follower, pose: Pose2) -> list[Action]:
+    """The next two actions from a pose, as far as the plan says them; for who begins with what will be seen after them.
 
     A pose that is not finite says nothing; the monitor tells of it.
     """
-    if isinstance(robot, Anticipates) and all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
-        robot.anticipate(*follower.coming_actions(pose, count))
+    finite = all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad)))
+    return follower.coming_actions(pose, 2) if finite else []
 
 
 def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:

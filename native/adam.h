@@ -36,27 +36,51 @@ struct AdamScale {
     }
 };
 
+constexpr int kLine = 16;                  // floats of one cache line: 8 entries
+constexpr int kLinesTogether = 8;          // whose marks are looked at in one go
+constexpr int kAhead = 1024;               // a page, where the processor's own foresight ends
+
+ANM_INLINE std::uint64_t marks(const std::uint8_t* touched) {
+    std::uint64_t all;
+    std::memcpy(&all, touched, sizeof all);
+    return all;
+}
+
+// Whether any of `count` gradients, a multiple of a line, is not zero.
+ANM_INLINE bool any_gradient(const float* g, int count) {
+    I any{};
+    for (int i = 0; i < count; i += kLanes) any |= load(g + i) != 0.0F;
+    std::int32_t bits = 0;
+    for (int lane = 0; lane < kLanes; ++lane) bits |= any[lane];
+    return bits != 0;
+}
+
 // One level. Clears the gradient. Lines that never had a gradient have zero moments and would not move: they are passed
-// over, which on coarse levels is most of the table.
+// over, which on coarse levels is most of the table, and their moments are not even asked for.
 ANM_INLINE void adam_level(const AdamScale& scale, int entries, float* p, float* m, float* v, std::uint8_t* touched,
                            float* g) {
-    constexpr int kLine = 16;
-    constexpr int kAhead = 1024;  // a page, where the processor's own foresight ends
-    for (int i = 0; i < 2 * entries; i += kLine) {
-        __builtin_prefetch(p + i + kAhead, 1);
-        __builtin_prefetch(m + i + kAhead, 1);
-        __builtin_prefetch(v + i + kAhead, 1);
-        if (!touched[i / kLine]) {
-            I any{};
-            for (int lane = 0; lane < kLine; lane += kLanes) any |= load(g + i + lane) != 0.0F;
-            bool moved = false;
-            for (int lane = 0; lane < kLanes; ++lane) moved |= any[lane] != 0;
-            if (!moved) continue;
-            touched[i / kLine] = 1;
+    constexpr int kTogether = kLine * kLinesTogether;
+    for (int i = 0; i < 2 * entries; i += kTogether) {
+        const int ahead = i + kAhead;
+        if (ahead + kTogether <= 2 * entries && marks(touched + ahead / kLine) != 0) {
+            for (int line = ahead; line < ahead + kTogether; line += kLine) {
+                __builtin_prefetch(p + line, 1);
+                __builtin_prefetch(m + line, 1);
+                __builtin_prefetch(v + line, 1);
+            }
         }
-        for (int lane = i; lane < i + kLine; lane += kLanes) {
-            scale.update(p + lane, m + lane, v + lane, load(g + lane));
-            store(g + lane, F{});
+        const bool whole = i + kTogether <= 2 * entries;
+        if (whole && marks(touched + i / kLine) == 0 && !any_gradient(g + i, kTogether)) continue;
+        const int end = whole ? i + kTogether : 2 * entries;
+        for (int line = i; line < end; line += kLine) {
+            if (!touched[line / kLine]) {
+                if (!any_gradient(g + line, kLine)) continue;
+                touched[line / kLine] = 1;
+            }
+            for (int lane = line; lane < line + kLine; lane += kLanes) {
+                scale.update(p + lane, m + lane, v + lane, load(g + lane));
+                store(g + lane, F{});
+            }
         }
     }
 }

@@ -6,6 +6,7 @@
 #include "lattice.h"
 #include "nearest.h"
 #include "pass_variance.h"
+#include "outliers.h"
 #include "pixels.h"
 #include "sample_cells.h"
 #include "thread_pool.h"
@@ -261,6 +262,14 @@ std::int64_t cover_samples(Array<const double, 2> points, Array<const double, 2>
                               near.data());
 }
 
+// Marks the outliers of a depth image; see outliers.h.
+void depth_outliers(In depth, int support, float share, float least, Array<std::uint8_t, 2> out) {
+    require(out.shape(0) == depth.shape(0) && out.shape(1) == depth.shape(1), "the arrays differ in size");
+    if (depth.size() == 0) return;
+    const auto rows = static_cast<std::int64_t>(depth.shape(0)), cols = static_cast<std::int64_t>(depth.shape(1));
+    anm::Outliers(depth.data(), rows, cols, share, least).mark(support, out.data());
+}
+
 nb::dict roofline(std::size_t table_bytes, const std::string& kernel) {
     anm::Roofline best{};
     find_kernel(kernel).roofline(table_bytes, best);
@@ -290,6 +299,7 @@ void bind_functions(nb::module_& m) {
     m.def("triangle_distances", &triangle_distances, "triangles"_a, "places"_a, "distance"_a, "num_threads"_a);
     m.def("cover_samples", &cover_samples, "points"_a, "samples"_a, "level"_a, "column_start"_a, "low"_a, "cell"_a,
           "within"_a, "covered"_a, "near"_a);
+    m.def("depth_outliers", &depth_outliers, "depth"_a, "support"_a, "share"_a, "least"_a, "out"_a);
     m.def("lend_cores", [](int cores) { anm::thread_pool().lend(cores); }, "cores"_a);
     m.def("roofline", &roofline, "table_bytes"_a, "kernel"_a);
 }

@@ -138,14 +138,25 @@ struct CarveRow {
             int first = 0, last = count;
             span(share, layer, static_cast<int>(high[0] - low[0] + 1), first, last);
             if (first >= last) continue;
-            project(share, layer, first, last, planar, index);
             const std::int64_t start = ((z - voxels.corner[2]) * voxels.rows + row) * voxels.cols + low[0] - voxels.corner[0];
+            if (z < high[2]) ask_for(start + voxels.rows * voxels.cols, first, last);
+            project(share, layer, first, last, planar, index);
             if (!lower(start, first, last, planar, index, changed)) continue;
             const std::int64_t first_col = low[0] - voxels.corner[0];
             for (int i = first; i < last; ++i) {
                 // Several rows share a block, and all write the same.
                 if (changed[i]) __atomic_store_n(versions + ((first_col + i) >> kBlockShift), settings.frame, __ATOMIC_RELAXED);
             }
+        }
+    }
+
+    // Has the voxels brought near that are carved next: layers lie so far apart that the processor does not foresee them.
+    void ask_for(std::int64_t start, int first, int last) const {
+        constexpr int kLine = 64;
+        for (int i = first;; i = i + kLine < last ? i + kLine : last - 1) {
+            __builtin_prefetch(voxels.log_odds + start + i, 1);
+            __builtin_prefetch(voxels.state + start + i, 1);
+            if (i == last - 1) return;
         }
     }
 
@@ -261,11 +272,24 @@ void mark(const Voxels& voxels, const std::int64_t* places, const float* depth, 
     std::int64_t* table = buffer<std::int64_t>(arena, kSeen, 0, size);
     std::memset(table, 0xFF, size * sizeof *table);
     const std::int64_t block_rows = voxels.rows >> kBlockShift, block_cols = voxels.cols >> kBlockShift;
+    const auto flat_of = [&](std::int64_t col, std::int64_t row, std::int64_t layer) {
+        return (layer * voxels.rows + row) * voxels.cols + col;
+    };
+    constexpr std::int64_t kAhead = 8;
     for (std::int64_t i = 0; i < count; ++i) {
+        if (i + kAhead < count) {
+            const std::int64_t* place = places + 3 * (i + kAhead);
+            const std::int64_t next =
+                flat_of(place[0] - voxels.corner[0], place[1] - voxels.corner[1], place[2] - voxels.corner[2]);
+            __builtin_prefetch(voxels.seen_range + next, 1);
+            __builtin_prefetch(voxels.num_hits + next, 1);
+            __builtin_prefetch(voxels.log_odds + next, 1);
+            __builtin_prefetch(voxels.state + next, 1);
+        }
         const std::int64_t col = places[3 * i] - voxels.corner[0];
         const std::int64_t row = places[3 * i + 1] - voxels.corner[1];
         const std::int64_t layer = places[3 * i + 2] - voxels.corner[2];
-        const std::int64_t flat = (layer * voxels.rows + row) * voxels.cols + col;
+        const std::int64_t flat = flat_of(col, row, layer);
         std::int32_t* version = voxels.column_version + (row >> kBlockShift) * block_cols + (col >> kBlockShift);
         float& seen = voxels.seen_range[flat];
         if (depth[i] < seen) {

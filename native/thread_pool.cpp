@@ -60,13 +60,13 @@ void ThreadPool::run(int workers, int count, Task fn, void* arg) {
     wake_.notify_all();
     take_tasks(0);
     // Every thread reports back, so that none can meet the next batch half-way.
-    for (int spin = 0; running_.load() != 0; ++spin) {
-        if (spin < kSpins) {
-            pause();
-        } else {
-            std::this_thread::yield();
-        }
-    }
+    for (int spin = 0; spin < kSpins && running_.load() != 0; ++spin) pause();
+    if (running_.load() == 0) return;
+    // A thread that has lost its core to somebody else takes milliseconds: waiting for it awake would cost as much.
+    std::unique_lock<std::mutex> lock(mutex_);
+    waiting_.store(true);
+    done_.wait(lock, [this] { return running_.load() == 0; });
+    waiting_.store(false);
 }
 
 void ThreadPool::take_tasks(int worker) {
@@ -85,7 +85,11 @@ void ThreadPool::work(int worker) {
             seen = batch_.load();
         }
         take_tasks(worker);
-        running_.fetch_sub(1);
+        // Whoever sees the last one done without having waited goes on at once; one that waits is told.
+        if (running_.fetch_sub(1) == 1 && waiting_.load()) {
+            const std::lock_guard<std::mutex> lock(mutex_);
+            done_.notify_one();
+        }
     }
 }
 

@@ -28,10 +28,11 @@ private:
     std::vector<std::thread> threads_;
     std::mutex user_;
     std::mutex mutex_;
-    std::condition_variable wake_;
+    std::condition_variable wake_, done_;
     std::atomic<std::uint64_t> batch_{0};  // counts batches, so that a worker knows a new one
     std::atomic<int> next_{0};
     std::atomic<int> running_{0};
+    std::atomic<bool> waiting_{false};  // whether the caller sleeps until all are done
     std::atomic<int> lent_{0};
     int count_ = 0, workers_ = 0;
     Task fn_ = nullptr;

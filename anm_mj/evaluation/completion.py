@@ -25,8 +25,8 @@ COVERED_M = 0.05
 """A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
 CAP_M = 1.0
 """Cap of each sample's distance in the mean [m] (paper's protocol)."""
-BATCH_FRAMES = 5
-"""Frames per batch; larger batches take a core for longer at a time, smaller ones look at all samples more often."""
+BATCH_FRAMES = 10
+"""Frames per batch: as many as steps between two rows of the curve. Smaller ones look at all samples more often."""
 
 
 @dataclass(frozen=True)

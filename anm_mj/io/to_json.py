@@ -18,6 +18,11 @@ from anm_mj.utils.files import write_text
 
 def to_json(value: object) -> Any:
     """A value as dicts, lists, strings, numbers and None; integers stay integers, floats keep every digit."""
+    # What most of a log is made of comes first: the other questions cost more.
+    if type(value) is float:
+        return value if math.isfinite(value) else None
+    if type(value) is str or type(value) is int:
+        return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: to_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Enum):

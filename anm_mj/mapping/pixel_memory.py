@@ -19,21 +19,26 @@ NO_DEPTH = 0
 _DEPTH_LIMIT = np.iinfo(np.uint16).max
 PIXEL = np.dtype([("index", "<u4"), ("rgb", np.uint8, 3), ("depth", "<u2")])
 """A stored pixel: its place in the image, row by row, its colour and its depth in units."""
+_OPAQUE = np.dtype([("index", "<u4"), ("rgb", "V3"), ("depth", "<u2")])
+"""The same with a colour that is copied as a whole, which NumPy does several times as fast."""
+_WHOLE = np.dtype(("V", PIXEL.itemsize))
+"""The same as bytes that are copied as a whole."""
 
 
 def pack(observation: Observation, pixel: Int64[np.ndarray, " p"]) -> Shaped[np.ndarray, " p"]:
     """Some pixels of an observation, of type :data:`PIXEL`."""
-    packed = np.empty(len(pixel), PIXEL)
+    packed = np.empty(len(pixel), _OPAQUE)
     packed["index"] = pixel
-    packed["rgb"] = observation.rgb.reshape(-1, 3)[pixel]
+    packed["rgb"] = np.ascontiguousarray(observation.rgb).reshape(-1, 3).view(_OPAQUE["rgb"])[:, 0][pixel]
     packed["depth"] = _pack_depth(observation.depth_m.reshape(-1)[pixel])
-    return packed
+    return packed.view(PIXEL)
 
 
 def _pack_depth(depth_m: Float32[np.ndarray, " p"]) -> UInt16[np.ndarray, " p"]:
     """Depth in storage units; what is missing or beyond their reach becomes "no depth"."""
-    units = np.rint(np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0) / DEPTH_UNIT_M)
-    return np.where((units < 0) | (units > _DEPTH_LIMIT), NO_DEPTH, units).astype(np.uint16)
+    units = np.rint(depth_m / DEPTH_UNIT_M)
+    # Comparisons with NaN are false.
+    return np.where((units >= 0) & (units <= _DEPTH_LIMIT), units, NO_DEPTH).astype(np.uint16)
 
 
 def require_room(pixels: Shaped[np.ndarray, " p"], cameras: Float32[np.ndarray, "k 17"], count: int) -> None:
@@ -119,7 +124,7 @@ class HostPixels:
 
     def add_keyframe(self, start: int, pixels: Shaped[np.ndarray, " p"], camera: Float32[np.ndarray, "17"]) -> None:
         """Take in a keyframe; see the protocol."""
-        self._pixels[start : start + len(pixels)] = pixels
+        self._pixels[start : start + len(pixels)].view(_WHOLE)[:] = pixels.view(_WHOLE)
         self._cameras = np.concatenate((self._cameras, camera[None]))
 
     def first(self, count: int) -> tuple[Shaped[np.ndarray, " p"], Float32[np.ndarray, "k 17"]]:

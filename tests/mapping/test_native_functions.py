@@ -180,3 +180,17 @@ def test_lent_cores_leave_one_at_least():
     finally:
         lend(0)
     assert np.array_equal(NativeBackend(default_mapping(), seed=0, num_threads=2).query_sdf(points), with_one)
+
+
+def test_a_thread_that_waits_for_a_longer_task_wakes_when_it_is_done():
+    lower = native_function("lower_distances")
+    rng = np.random.default_rng(0)
+    points = rng.random((3000, 3))
+    # Of the two tasks one has milliseconds to do and the other next to nothing.
+    places = np.concatenate((rng.random((4096, 3)), rng.random((4096, 3)) + 9.0))
+    expected = np.ones(len(places))
+    lower(points, places, expected, 1)
+    for flip in (False, True) * 20:
+        distance = np.ones(len(places))
+        lower(points, places[::-1].copy() if flip else places, distance, 2)
+        assert np.array_equal(distance[::-1] if flip else distance, expected)
