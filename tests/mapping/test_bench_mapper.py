@@ -50,6 +50,9 @@ def test_with_cuda_its_rows_come_first_and_say_wall_time(monkeypatch, tmp_path):
 
 def test_steps_with_their_draw_train_on_as_many_rays_as_a_map_does():
     sizes = []
-    backend = SimpleNamespace(pixel_memory=HostPixels, step=lambda rays, seed: sizes.append(len(rays)))
+    backend = SimpleNamespace(
+        pixel_memory=HostPixels,
+        steps=lambda batches, draws: sizes.extend(len(rays) for rays, _ in zip(batches, draws, strict=True)),
+    )
     bench_mapper.replay_steps(backend, np.random.default_rng(0))(0)
     assert sizes == [538] * 5
