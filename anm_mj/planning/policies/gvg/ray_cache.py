@@ -11,6 +11,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from anm_mj.errors import PlanError
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_casting import Rays, cast_again
@@ -20,6 +21,8 @@ INSIDE = 0.95
 """The outermost rays lie this share of the way from the middle of the image to its edge."""
 NEAREST_M = 0.25
 """Rays begin at this distance from the camera's axis [m]: the robot's own body is free."""
+MAX_SAMPLES = 256
+"""Of a ray; a byte holds the number of each."""
 MIN_ROWS = 256
 """Rows allocated at first."""
 MAX_ROWS = 32_768
@@ -65,7 +68,11 @@ class RayCache:
         )
 
     def cast(self, places_xy_m: Float[np.ndarray, "n 2"]) -> Rays:
-        """The rays of places as the occupancy is now."""
+        """The rays of places as the occupancy is now.
+
+        Raises:
+            PlanError: the rays are too long for cells as small as these.
+        """
         self._follow_layout()
         places_m = np.insert(places_xy_m, 2, self._camera_height_m, axis=1)
         rows = self._allocate(self._occupancy.flat_index(places_m))
@@ -104,6 +111,11 @@ class RayCache:
         layers, rows, cols = self._occupancy.state.shape
         cell = self._occupancy.cell_m
         distance_m = np.arange(NEAREST_M, self._range_m, cell)
+        if len(distance_m) > MAX_SAMPLES:
+            raise PlanError(
+                f"A ray of {self._range_m:g} m through cells of {cell:g} m has {len(distance_m)} samples, and "
+                f"{MAX_SAMPLES} are the most; lower policy.gain_range_m, or raise mapping.occupancy.voxel_m."
+            )
         azimuth = np.arange(NUM_AZIMUTHS) * math.tau / NUM_AZIMUTHS
         # Offsets start at the centre of a cell: the place may lie anywhere in it.
         dx = np.rint(np.cos(azimuth)[:, None, None] * distance_m / cell)

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from anm_mj.errors import PlanError
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg import ray_cache
 from anm_mj.planning.policies.gvg.config import GvgConfig
@@ -42,6 +43,14 @@ def gain_at(grid, x, y):
 
 def test_known_room_has_no_gain():
     assert gain_at(with_lid(room(4, 3)), 2.0, 1.5)[0] == 0.0
+
+
+def test_rays_longer_than_a_byte_counts_are_refused_in_a_sentence():
+    gain = InformationGain(GvgConfig(gain_range_m=30.0), FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25))
+    grid = with_lid(room(4, 3))
+    gain.update(grid, everywhere(grid))
+    with pytest.raises(PlanError, match=r"A ray of 30 m through cells of 0\.\d m has \d+ samples.*lower policy\."):
+        gain.sector_gains(np.array([[2.0, 1.5]]))
 
 
 def test_gain_lies_where_the_unknown_is():
