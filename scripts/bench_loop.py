@@ -29,6 +29,8 @@ from rich.console import Console
 from rich.table import Table
 
 from anm_mj.config import make_config
+from anm_mj.mapping.config import MappingConfig
+from anm_mj.types import VoxelGrid
 
 STAGES = {
     "camera": "picture, noise of the sensor and pose",
@@ -216,6 +218,8 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
 
     def ended(outcome: Any) -> None:
         loop.update(seconds=dict(watch.seconds), beside=dict(watch.beside), calls=dict(watch.calls))
+        # The map is given back before the run ends.
+        loop.update(config=maps[0].config, grid=maps[0].observed.grid)
 
     config = make_config("default", [], scene=scene, policy="gvg", steps=steps, sensor=sensor)
     _, metrics = anm_mj.run.run(config, out=out, on_end=ended)
@@ -223,7 +227,8 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     frames = calls["occupancy"]
     stage_ms = {name: 1e3 * seconds.get(name, 0.0) / frames for name in STAGES}
     beside_ms = {name: 1e3 * loop["beside"].get(name, 0.0) / frames for name in STAGES}
-    floor_ms = floors(maps[0], iterations / frames, stage_ms["renderer"] + beside_ms["renderer"])
+    renderer_ms = stage_ms["renderer"] + beside_ms["renderer"]
+    floor_ms = floors(loop["config"], loop["grid"], iterations / frames, renderer_ms)
     return Budget(
         scene,
         frames - 1,
@@ -237,18 +242,17 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     )
 
 
-def floors(mapper: Any, iterations: float, renderer_ms: float) -> dict[str, float]:
+def floors(config: MappingConfig, grid: VoxelGrid, iterations: float, renderer_ms: float) -> dict[str, float]:
     """The least milliseconds per step of the stages whose least is known."""
     from bench_mapper import LEVEL_BYTES, step_limit_ms
 
     from anm_mj.mapping.backends.native_backend import roofline
 
     rates = roofline(LEVEL_BYTES)
-    config, cores = mapper.config, len(os.sched_getaffinity(0))
+    cores = len(os.sched_getaffinity(0))
     sampling, schedule = config.sampling, config.schedule
     samples = sampling.samples_per_ray * (schedule.num_rays + schedule.min_current_rays)
     byte_ms = 1e3 / (rates["stream_gb_per_s"] * 1e9)
-    grid = mapper.observed.grid
     # Of the box of everything seen, a view of 90 degrees and the carving range hold at most this.
     seen = min(grid.state.size, int((4.0 / 3.0) * (config.occupancy.carve_range_m / grid.resolution_m) ** 3))
     return {

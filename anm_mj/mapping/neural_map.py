@@ -367,8 +367,10 @@ class NeuralMap:
         return self._keyframes.keyframes().thinned(limit_bytes)
 
     def close(self) -> None:
-        """Give the memory back; nothing can be asked any more. May be called again."""
+        """Give the memory back: only the settings can be asked any more. May be called again."""
+        kept = {"config": self.config, "seed": self.seed}
         vars(self).clear()
+        vars(self).update(kept)
 
     def checkpoint_state(self) -> dict[str, np.ndarray]:
         """Parameters and optimiser of the engine, for a checkpoint."""
