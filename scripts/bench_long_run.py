@@ -1,10 +1,11 @@
 """Measures whether a long run stays as quick and as small as it was: steps, memory and disk, thousand by thousand.
 
     python scripts/bench_long_run.py aws_hospital --steps 20000 --out runs/long --figure long.png
+    python scripts/bench_long_run.py white_room --policy random --steps 10000
 
 The run is one of ``anm-mj explore --goal both``, recording included. "ms" is the median wall time of a step, "CPU" the
-mean processor time of all threads. Memory is what the process holds at the end of each thousand, read after garbage
-collection; growth counts from the step at which the coverage of the observable surface last grew by a point.
+mean processor time of all threads. Memory is what the process holds at the end of each thousand, after freed memory
+was given back; growth counts from the step at which the coverage of the observable surface last grew by a point.
 """
 
 import gc
@@ -24,6 +25,7 @@ from rich.table import Table
 
 import anm_mj
 from anm_mj.errors import AnmError
+from anm_mj.utils.memory import malloc_trim
 
 PART = 1000
 """Steps of a row."""
@@ -63,6 +65,7 @@ class Meter:
             return
         cpu_s = time.process_time()
         gc.collect()
+        malloc_trim()
         self.rows.append(
             Row(
                 report.step,
@@ -97,7 +100,7 @@ def growth_mib(rows: list[Row]) -> float:
     return float(slope)
 
 
-def draw(rows: list[Row], scene: str, path: Path) -> None:
+def draw(rows: list[Row], title: str, path: Path) -> None:
     """Draw the four curves over the steps."""
     from matplotlib.figure import Figure
 
@@ -109,13 +112,14 @@ def draw(rows: list[Row], scene: str, path: Path) -> None:
         axes.plot(steps, [getattr(row, name) for row in rows], marker=".")
         axes.set(xlabel="step", ylabel=label, ylim=(0, None))
         axes.grid(alpha=0.3)
-    figure.suptitle(f"{scene}, gvg, {steps[-1]} steps")
+    figure.suptitle(f"{title}, {steps[-1]} steps")
     figure.savefig(path)
 
 
 def main(
     scene: Annotated[str, tyro.conf.Positional],
     steps: int = 20_000,
+    policy: str = "gvg",
     out: Path = Path("runs/long"),
     figure: Path | None = None,
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
@@ -125,13 +129,14 @@ def main(
     Args:
         scene: name or folder of a scene.
         steps: budget.
+        policy: who explores.
         out: the run folder.
         figure: where the curves are drawn.
         json_file: where the rows go too.
     """
     meter = Meter(out)
     try:
-        anm_mj.explore_scene(scene, steps=steps, out=out, on_step=meter.step)
+        anm_mj.explore_scene(scene, policy=policy, steps=steps, out=out, on_step=meter.step)
     except AnmError as err:
         print(err, file=sys.stderr)
         sys.exit(2)
@@ -147,7 +152,7 @@ def main(
     if math.isfinite(growth):
         print(f"memory grows by {growth:.2f} MiB per {PART} steps once the scene is covered")
     if figure is not None:
-        draw(meter.rows, scene, figure)
+        draw(meter.rows, f"{scene}, {policy}", figure)
     if json_file is not None:
         json_file.write_text(json.dumps([asdict(row) for row in meter.rows], indent=2) + "\n")
 

@@ -98,6 +98,8 @@ def room_plan() -> Plan:
 class FakeMap:
     """Stands for the neural map: knows the room exactly."""
 
+    closed = False
+
     def mesh(self, resolution_m: float) -> trimesh.Trimesh:
         mesh = room()
         while mesh.edges_unique_length.max() > 10 * resolution_m:

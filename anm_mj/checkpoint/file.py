@@ -11,9 +11,6 @@ import hashlib
 import json
 import os
 import struct
-import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
@@ -23,6 +20,7 @@ from msgspec import Meta, Struct
 
 from anm_mj.checkpoint.encode import Graph
 from anm_mj.errors import CheckpointError
+from anm_mj.utils.files import beside, removed_on_error
 from anm_mj.utils.read_file import convert, open_regular, parse_json
 
 MAGIC = b"anm-mj checkpoint 1\n"
@@ -67,8 +65,8 @@ def draft_checkpoint(path: Path, step: int, facts: dict[str, Any], graph: Graph)
     sizes = [array.nbytes for array in graph.arrays]
     header = {"step": step, "facts": facts, "sizes": sizes, "nodes": graph.nodes}
     text = json.dumps(header, separators=(",", ":")).encode()
-    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    with _removed_on_error(draft), draft.open("wb") as file:
+    draft = beside(path)
+    with removed_on_error(draft), draft.open("wb") as file:
         for part in (MAGIC, struct.pack("<Q", len(text)), text, *(array.data for array in graph.arrays)):
             file.write(part)
     return draft
@@ -83,7 +81,7 @@ def complete_checkpoint(draft: Path, path: Path) -> int:
     Raises:
         OSError: The file cannot be read or written; nothing is left of the draft.
     """
-    with _removed_on_error(draft):
+    with removed_on_error(draft):
         with draft.open("r+b") as file:
             digest = hashlib.file_digest(file, "sha256")
             file.seek(0, os.SEEK_END)
@@ -94,15 +92,6 @@ def complete_checkpoint(draft: Path, path: Path) -> int:
         draft.replace(path)
     sync_folder(path.parent)
     return size
-
-
-@contextmanager
-def _removed_on_error(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
 
 
 def sync_folder(path: Path) -> None:

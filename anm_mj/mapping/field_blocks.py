@@ -213,7 +213,7 @@ class NativeBlocks(NumpyBlocks):
         return out
 
 
-def field_blocks() -> NumpyBlocks | NativeBlocks:
+def field_blocks() -> NumpyBlocks:
     """The native kernels where they were built, else NumPy's."""
     functions = native_function("voxels_to_read"), native_function("write_blocks")
     if functions[0] is None or functions[1] is None:

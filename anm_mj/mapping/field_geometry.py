@@ -22,7 +22,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Int8, Int32, Int64
 
-from anm_mj.mapping.field_blocks import DoubtRule, NativeBlocks, NumpyBlocks, field_blocks
+from anm_mj.mapping.field_blocks import DoubtRule, NumpyBlocks, field_blocks
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.occupancy_fusion import BLOCK, HALF_DIAGONAL
 from anm_mj.types import UNKNOWN, SdfQuery, VoxelGrid
@@ -52,7 +52,7 @@ class FieldGeometry:
 
     REBUILT = ("_blocks",)
 
-    def __init__(self, occupancy: OccupancyGrid, blocks: NumpyBlocks | NativeBlocks | None = None) -> None:
+    def __init__(self, occupancy: OccupancyGrid, blocks: NumpyBlocks | None = None) -> None:
         """Start with nothing read.
 
         Args:

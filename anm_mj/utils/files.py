@@ -24,12 +24,24 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Raises:
         OSError: The folder cannot be written.
     """
-    partial = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    try:
+    partial = beside(path)
+    with removed_on_error(partial):
         yield partial
         partial.replace(path)
+
+
+def beside(path: Path) -> Path:
+    """A name in the same folder that nobody else uses, for what is to become ``path``."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+
+
+@contextmanager
+def removed_on_error(path: Path) -> Iterator[None]:
+    """Remove a file if the block fails."""
+    try:
+        yield
     except BaseException:
-        partial.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
         raise
 
 

@@ -19,7 +19,9 @@ from tests.box_room import CAMERA, FakeMap, new_recorder, observe, record_steps,
 def test_a_finished_run_leaves_every_file(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 23)
-    metrics = recorder.finish(StopReason.BUDGET, FakeMap(), room_plan(), wall_s=9.0, loop_s=4.6)
+    finished = FakeMap()
+    metrics = recorder.finish(StopReason.BUDGET, finished, room_plan(), wall_s=9.0, loop_s=4.6)
+    assert finished.closed
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names >= {
         "steps.jsonl",
