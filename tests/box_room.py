@@ -99,6 +99,7 @@ class FakeMap:
     """Stands for the neural map: knows the room exactly."""
 
     closed = False
+    is_trained = True
 
     def mesh(self, resolution_m: float) -> trimesh.Trimesh:
         mesh = room()

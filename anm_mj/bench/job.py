@@ -10,10 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.planning.policies.context import DEFAULT_GOAL
+from anm_mj.planning.policies.registry import policy_entry
 from anm_mj.robot.config import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
     from anm_mj.config import RunConfig
+
+
+UNTRAINED = (
+    "mapping.schedule.first_iterations=0",
+    "mapping.schedule.iterations=0",
+    "mapping.schedule.final_iterations=0",
+    "mapping.schedule.keyframe_every=1000000",
+    "planning.geometry=occupancy",
+)
+"""Settings of a run that trains no map: the occupancy alone says what blocks a path."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +55,8 @@ class Job:
     """What the run is for: coverage, reconstruction, or both in this order."""
     views: bool = True
     """Whether the finished map is judged by held-out and by fixed views."""
+    maps: bool = True
+    """Whether a map is trained for a policy that asks it nothing, too."""
     cuts: tuple[tuple[str, int], ...] = ()
     """Budgets by name that the tables cut the run at [steps]; empty = none but ``steps``."""
 
@@ -72,6 +85,12 @@ class Job:
         """Its fields without the folders of this machine, which are private; a hash identifies the scene."""
         return {**asdict(self), "scene": self.scene_name, "robot": Path(self.robot).name}
 
+    @property
+    def trains(self) -> bool:
+        """Whether the run trains a map: where sensor or pose err, occupancy without a field would block other paths."""
+        exact = self.sensor == "exact" and self.pose == "true"
+        return self.maps or not exact or policy_entry(self.policy).asks_map
+
     def config(self) -> RunConfig:
         """The configuration of the run.
 
@@ -83,7 +102,7 @@ class Job:
 
         return make_config(
             self.preset,
-            list(self.settings),
+            [*(() if self.trains else UNTRAINED), *self.settings],
             sensor=self.sensor,
             robot=self.robot,
             drive=self.drive,

@@ -91,6 +91,9 @@ class Sweep:
     """What the runs are for: ``coverage``, ``reconstruction``, ``both`` in this order, or a list of these."""
     views: bool = True
     """Whether finished maps are judged by held-out and by 200 fixed views: as long as a short run takes."""
+    maps: bool = True
+    """Whether a map is trained for policies that ask it nothing, too; without, they take half the time and their rows
+    have no mesh."""
     settings: tuple[str, ...] = ()
     """Settings as for ``anm-mj explore --set``, for all runs."""
 
@@ -110,6 +113,7 @@ FIELDS: dict[str, type | tuple[type, ...]] = {
     "pose": _TEXTS,
     "goal": _TEXTS,
     "views": bool,
+    "maps": bool,
     "settings": list,
 }
 """Keys of a sweep and their types."""
@@ -246,6 +250,7 @@ def _jobs_in(sweep: Sweep, where: str, scene: Scene) -> list[Job]:
             pose=source,
             goal=goal,
             views=sweep.views,
+            maps=sweep.maps,
             settings=sweep.settings,
         )
         for start, pose in enumerate(scene.starts[: sweep.starts])

@@ -58,7 +58,7 @@ def explore(job: Job, folder: Path) -> None:
     # What is for replay and exports would be deleted below.
     config = replace(config, record=replace(config.record, images="none", plans=False, replay_bytes=0))
     made, _ = run(config, out=folder)
-    if job.views and config.mapping.engine != WITHOUT_PICTURES:
+    if job.views and job.trains and config.mapping.engine != WITHOUT_PICTURES:
         add_views(made.path, evaluate_novel_views(made.path), evaluate_fixed_views(made.path))
     if needs_truth(job.policy):
         write_bound(config, made.path / BOUND)

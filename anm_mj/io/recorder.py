@@ -78,6 +78,11 @@ class Arrays(Protocol):
 class FinishedMap(Protocol):
     """The neural map at the end of a run."""
 
+    @property
+    def is_trained(self) -> bool:
+        """Whether it has a surface: whether anything was trained."""
+        ...
+
     def mesh(self, resolution_m: float) -> trimesh.Trimesh:
         """The coloured mesh of the surface, world [m]."""
         ...
@@ -300,7 +305,8 @@ class RunRecorder:
         if changes is not None:
             write_changes(self._folder.changes, self._folder.changed_voxels, changes)
         write_plan(self._folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
-        write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
+        if finished.is_trained:
+            write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         # Its memory is needed for the comparison with the truth.
         finished.close()
         malloc_trim()

@@ -104,6 +104,11 @@ class NeuralMap:
         """What computes the map, for the run's manifest: "torch", "triton", or "native" with its instruction set."""
         return self.backend.name
 
+    @property
+    def is_trained(self) -> bool:
+        """Whether the field is trained; without, it says nothing, and only the occupancy means something."""
+        return self.config.schedule.trains
+
     def integrate(self, observation: Observation) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
 

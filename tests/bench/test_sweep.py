@@ -1,5 +1,6 @@
 import dataclasses
 import hashlib
+import inspect
 import json
 import math
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import AnmError, SceneError
+from anm_mj.planning.policies.registry import POLICIES, policy_class
 from anm_mj.scene.folder import load_scene
 
 
@@ -75,6 +77,26 @@ def test_views_are_a_choice_and_those_of_before_keep_their_names(tmp_path):
     assert not without.views
     assert with_views.name != without.name
     assert with_views.name == dataclasses.replace(without, views=True).name
+
+
+def test_maps_that_nobody_asks_are_a_choice(tmp_path):
+    text = 'scenes = ["home"]\npolicies = ["gvg", "frontier"]\n'
+    always, seldom = jobs_of(tmp_path, text), jobs_of(tmp_path, text + "maps = false\n")
+    assert [job.trains for job in always] == [True, True]
+    assert [job.trains for job in seldom] == [True, False]
+    assert [job.config().mapping.schedule.trains for job in seldom] == [True, False]
+    assert seldom[1].config().planning.geometry == "occupancy"
+    assert not {job.name for job in always} & {job.name for job in seldom}
+    assert always[1].name == dataclasses.replace(seldom[1], maps=True).name
+    # What such a sensor shows blocks other paths without a field.
+    assert dataclasses.replace(seldom[1], sensor="d435i").trains
+    assert dataclasses.replace(seldom[1], pose="odometry").trains
+
+
+def test_policies_that_ask_no_map_are_those_that_drop_it_unread():
+    for name, entry in POLICIES.items():
+        source = inspect.getsource(policy_class(name).plan)
+        assert entry.asks_map == ("del mapper" not in source), name
 
 
 def test_robot_drive_pose_and_sensor_vary(tmp_path):

@@ -127,6 +127,19 @@ def test_a_run_without_a_surface_has_metrics(tmp_path, caplog):
     assert "holds no surface" in caplog.text
 
 
+def test_a_map_that_nothing_trained_has_no_mesh(tmp_path, caplog):
+    class Untrained(FakeMap):
+        is_trained = False
+
+    recorder = new_recorder(tmp_path / "run")
+    record_steps(recorder, 1)
+    metrics = recorder.finish(StopReason.BUDGET, Untrained(), room_plan(), wall_s=1.0, loop_s=1.0)
+    assert metrics.accuracy_cm is None
+    assert metrics.completion_ratio > 0.0
+    assert not (tmp_path / "run" / "mesh.ply").exists()
+    assert not caplog.text
+
+
 def test_mesh_keeps_its_colours(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 1)

@@ -41,17 +41,23 @@ class PolicyEntry:
     """The mapping preset whose uncertainty guides the policy, whatever preset the rest comes from; None = the same."""
     needs_truth: bool = False
     """Whether the policy is told the true scene."""
+    asks_map: bool = True
+    """Whether the policy asks the neural map anything."""
 
 
 POLICIES: Mapping[str, PolicyEntry] = {
     "gvg": PolicyEntry("anm_mj.planning.policies.gvg.policy:Gvg", "ours"),
     "anm-s": PolicyEntry("anm_mj.planning.policies.anm_s.policy:AnmS", "the paper's", uncertainty_preset="paper"),
     "anm": PolicyEntry("anm_mj.planning.policies.anm.policy:Anm", "with a map of its own kind", mapping_preset="anm"),
-    "upen": PolicyEntry("anm_mj.planning.policies.upen.policy:Upen"),
-    "frontier": PolicyEntry("anm_mj.planning.policies.frontier.policy:Frontier"),
-    "frontier-full": PolicyEntry("anm_mj.planning.policies.frontier.policy:Frontier", defaults={"range_m": 10.0}),
-    "random": PolicyEntry("anm_mj.planning.policies.random_walk.policy:RandomWalk"),
-    "oracle": PolicyEntry("anm_mj.evaluation.oracle.policy:Oracle", "knows the scene", needs_truth=True),
+    "upen": PolicyEntry("anm_mj.planning.policies.upen.policy:Upen", asks_map=False),
+    "frontier": PolicyEntry("anm_mj.planning.policies.frontier.policy:Frontier", asks_map=False),
+    "frontier-full": PolicyEntry(
+        "anm_mj.planning.policies.frontier.policy:Frontier", defaults={"range_m": 10.0}, asks_map=False
+    ),
+    "random": PolicyEntry("anm_mj.planning.policies.random_walk.policy:RandomWalk", asks_map=False),
+    "oracle": PolicyEntry(
+        "anm_mj.evaluation.oracle.policy:Oracle", "knows the scene", needs_truth=True, asks_map=False
+    ),
 }
 
 
