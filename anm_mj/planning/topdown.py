@@ -80,8 +80,6 @@ class TopDownMapper:
         self.read_window: Window | None = None
         """The part of the occupancy grid that the last update read; None for none."""
         self._changes = ChangeReader()
-        self._sdf_changes = ChangeReader()
-        """What changed since the SDF was asked for there."""
         self._starts_xy_m: list[Float[np.ndarray, 2]] = []
         """Where runs began, this one and those it goes on from [m]."""
         self._num_former = 0
@@ -306,20 +304,15 @@ class TopDownMapper:
         return [clamp(low, high, layers.state.shape)]
 
     def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
-        """Query the minimum SDF of the columns beside surface where the horizon's map changed; return what changed.
+        """Query the minimum SDF of the horizon's columns beside surface anew, and return where it changed.
 
+        The field learns on where no depth changes: asked only where that did, what it said at first would stay.
         Columns with a hit are not asked for: they are occupied, whatever the SDF says.
         """
-        layers, half_m = self._layers, self.config.horizon_m / 2
-        window = self._sdf_changes.take(grid, np.stack([pose.xy_m - half_m, pose.xy_m + half_m]))
-        if window is None:
-            return []
-        if grid.column_version is None:
-            centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
-            half = int(np.ceil(half_m / grid.resolution_m))
-            window = clamp(centre - half, centre + half, layers.state.shape)
-        # What is beside surface in the next block has changed, too.
-        window = dilate(window, _BESIDE_CELLS, layers.state.shape)
+        layers = self._layers
+        centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
+        half = int(np.ceil(self.config.horizon_m / 2 / grid.resolution_m))
+        window = clamp(centre - half, centre + half, layers.state.shape)
         around = dilate(window, _BESIDE_CELLS, layers.state.shape)
         beside = dilate_mask(dilate_mask(layers.hit[around]))[relative_to(window, around)]
         cells = np.argwhere(beside & ~layers.hit[window] & (layers.num_free[window] > 0))

@@ -193,22 +193,23 @@ def test_low_surface_at_the_body_s_underside_is_an_obstacle_once_it_was_seen_fro
     assert state_at(topdown, 3.05, 1.55) == FREE
 
 
-def test_the_sdf_is_asked_again_only_where_the_map_has_changed_and_never_of_obstacles():
-    world, mapper, asked = room(4, 3, boxes=[(2, 1, 2.5, 1.5)]), TopDownMapper(PlanningConfig(), BODY), []
+def test_the_sdf_is_asked_anew_inside_the_horizon_and_never_of_obstacles():
+    world, config, asked = room(4, 3, boxes=[(2, 1, 2.5, 1.5)]), PlanningConfig(horizon_m=1.5), []
+    mapper, shift_m = TopDownMapper(config, BODY), [0.0]
 
     def sdf(points):
         asked.append(points)
-        return world.sdf(points)
+        return world.sdf(points) - np.float32(shift_m[0])
 
     version = np.ones((17, 22), np.int32)
-    first = mapper.update(replace(world.occupancy, version=1, column_version=version), sdf, Pose2(1, 1, 0))
-    (everywhere,) = asked
-    col, row = np.floor(everywhere[:, :2].T / RESOLUTION_M).astype(int)
+    grid = replace(world.occupancy, version=1, column_version=version)
+    first = mapper.update(grid, sdf, Pose2(1.5, 1, 0))
+    (points,) = asked
+    col, row = np.floor(points[:, :2].T / RESOLUTION_M).astype(int)
     assert not (world.occupancy.state[10, row, col] == OCCUPIED).any()
-    mapper.update(replace(world.occupancy, version=1, column_version=version), sdf, Pose2(1, 1, 0))
-    assert len(asked) == 1
-    changed = version.copy()
-    changed[5:8, 10:13] = 2
-    again = mapper.update(replace(world.occupancy, version=2, column_version=changed), sdf, Pose2(1, 1, 0))
-    assert 0 < len(asked[1]) < len(everywhere) / 3
-    assert np.array_equal(first.surface_xy_m, again.surface_xy_m)
+    assert (abs(points[:, :2] - (1.5, 1.0)) <= 0.75 + RESOLUTION_M).all()
+    # What the field has learnt since counts, though no depth has changed.
+    shift_m[0] = 0.02
+    again = mapper.update(grid, sdf, Pose2(1.5, 1, 0))
+    assert np.array_equal(asked[1], points)
+    assert not np.array_equal(first.surface_xy_m, again.surface_xy_m)
