@@ -21,6 +21,7 @@ from pathlib import Path
 
 from anm_mj.errors import RenderError
 from anm_mj.utils.files import cache_folder, store_in_cache
+from anm_mj.utils.read_file import read_json
 
 _logger = logging.getLogger(__name__)
 
@@ -142,8 +143,8 @@ def _probe_cached(name: str) -> str:
     """
     path = _cache_path(name)
     try:
-        return str(json.loads(path.read_text())["renderer"])
-    except (OSError, ValueError, KeyError):
+        return str(read_json(path)["renderer"])
+    except (OSError, ValueError, KeyError, TypeError):
         pass
     renderer_string = probe(name)
     store_in_cache(path, json.dumps({"backend": name, "renderer": renderer_string}).encode())

@@ -13,6 +13,7 @@ import stat
 import tomllib
 import zipfile
 import zlib
+from collections.abc import Callable
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -67,14 +68,19 @@ def read_text(path: Path) -> str:
     return read_bytes(path).decode("utf-8")
 
 
-def parse_json(content: bytes | str) -> Any:
+def parse_json(content: bytes | str, parse_constant: Callable[[str], Any] | None = None) -> Any:
     """The value that JSON holds.
+
+    Args:
+        content: the text.
+        parse_constant: gives the value of NaN, Infinity and -Infinity, which JSON does not know, or raises a
+            ``ValueError``; None = they are taken as numbers.
 
     Raises:
         ValueError: It is no JSON, or nested too deeply.
     """
     try:
-        return json.loads(content)
+        return json.loads(content, parse_constant=parse_constant)
     except RecursionError:
         raise ValueError("its values are nested too deeply") from None
 

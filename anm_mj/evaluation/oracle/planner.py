@@ -31,6 +31,7 @@ from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import TURN_STEP_RAD, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
 from anm_mj.utils.raycast import RayCaster
+from anm_mj.utils.read_file import read_json
 
 _logger = logging.getLogger(__name__)
 
@@ -260,7 +261,7 @@ class TourPlanner:
 def _read_tour(path: Path) -> list[Stop] | None:
     """A cached tour; None if there is none, or it is damaged."""
     try:
-        stops = json.loads(path.read_text(encoding="utf-8"))
+        stops = read_json(path)
         return [(int(place), int(yaw), int(side)) for place, yaw, side in stops]
     except (OSError, ValueError, TypeError):
         return None

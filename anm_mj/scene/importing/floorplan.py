@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import zlib
 from pathlib import Path
@@ -18,6 +17,7 @@ from anm_mj.scene.importing.floorplans.houseexpo import is_houseexpo, read_house
 from anm_mj.scene.importing.floorplans.plan1 import is_plan1, read_plan1
 from anm_mj.scene.importing.floorplans.procthor import is_procthor, read_procthor
 from anm_mj.scene.writer import SceneInfo, check_destination
+from anm_mj.utils.read_file import parse_json, read_bytes, read_json
 
 _logger = logging.getLogger(__name__)
 
@@ -35,7 +35,7 @@ def is_floorplan(src: Path) -> bool:
     if src.suffix.lower() != ".json" or not src.is_file():
         return False
     try:
-        plan = json.loads(src.read_bytes())
+        plan = read_json(src)
     except (OSError, ValueError):
         return False
     return any(matches(plan) for _, matches, _ in _FORMATS)
@@ -48,7 +48,7 @@ def read_floorplan(src: Path) -> tuple[str, Building, dict[str, Any]]:
         SceneError: if the file cannot be read, is no floor plan of a known format, or is damaged.
     """
     try:
-        plan = json.loads(src.read_bytes(), parse_constant=_refuse)
+        plan = parse_json(read_bytes(src), parse_constant=_refuse)
     except OSError as err:
         raise SceneError(f"{src} cannot be read ({err.strerror}): give the path of a floor plan in JSON.") from err
     except ValueError as err:

@@ -183,12 +183,14 @@ def test_a_room_of_any_outline_is_closed_above_and_below(tmp_path):
     ("text", "said"),
     [
         ("{", "not a JSON document"),
+        ('{"a":' * 50_000 + "1" + "}" * 50_000, "nested too deeply"),
         ("{}", "no floor plan of a known format"),
         ('{"schema": "plan-1"}', "damaged plan-1"),
         ('{"verts": [], "room_category": {}}', "damaged HouseExpo"),
         ('{"verts": [[0, 0], [9000, 0], [0, 9000]], "room_category": {}}', "larger than 500 m"),
         ('{"verts": [[0, 0], [NaN, 0], [0, 9]], "room_category": {}}', "it holds NaN"),
     ],
+    ids=lambda value: value[:30],
 )
 def test_what_is_no_plan_is_refused_in_a_sentence(text, said, tmp_path):
     src = tmp_path / "plan.json"

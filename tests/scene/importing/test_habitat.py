@@ -186,12 +186,14 @@ def test_a_scene_that_was_taken_out_of_its_dataset_asks_for_it(tmp_path):
     ("text", "reason"),
     [
         ("{", "cannot be read"),
+        ('{"a":' * 50_000 + "1" + "}" * 50_000, "nested too deeply"),
         ("[]", "not an object"),
         ('{"object_instances": [{}]}', "damaged"),
         ('{"object_instances": [{"template_name": "cube", "rotation": [0, 0, 0, 0]}]}', "no rotation"),
         ('{"object_instances": [{"template_name": "cube", "translation": [0, 1]}]}', "no proper translation"),
         ("{}", "Nothing that"),
     ],
+    ids=lambda value: value[:30],
 )
 def test_broken_scenes_are_refused_in_one_sentence(tmp_path, text, reason):
     src = _replica_cad(tmp_path / "cad", {})

@@ -6,7 +6,6 @@ dataset, or a .json beside it that names the .glb and its axes. Articulated obje
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +22,7 @@ from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedS
 from anm_mj.scene.importing.readers.sdf_pose import quaternion_matrix
 from anm_mj.scene.importing.readers.urdf import read_urdf
 from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
+from anm_mj.utils.read_file import read_json
 
 _SCENE_SUFFIX = ".scene_instance.json"
 _DATASET_SUFFIX = ".scene_dataset_config.json"
@@ -110,7 +110,7 @@ def _dataset_config(src: Path) -> Path | None:
 def _read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file."""
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
+        entries = read_json(path)
     except (OSError, ValueError) as err:
         raise SceneError(f"{path} cannot be read ({err}): download it again.") from err
     if not isinstance(entries, dict):
