@@ -4,8 +4,10 @@
     python scripts/bench_long_run.py white_room --policy random --steps 10000
 
 The run is one of ``anm-mj explore --goal both``, recording included. "ms" is the median wall time of a step, "CPU" the
-mean processor time of all threads. Memory is what the process holds at the end of each thousand, after freed memory
-was given back; growth counts from the step at which the coverage of the observable surface last grew by a point.
+mean processor time of all threads. Memory is what the process holds after freed memory was given back, at every
+hundredth step: the least and the most of a thousand's ten readings, because what drawing takes comes and goes with the
+view, by tens of megabytes. Growth is that of the least, from the step at which the coverage of the observable surface
+last grew by a point.
 """
 
 import gc
@@ -29,6 +31,8 @@ from anm_mj.utils.memory import malloc_trim
 
 PART = 1000
 """Steps of a row."""
+READING = 100
+"""Steps between two readings of the memory."""
 
 
 @dataclass
@@ -44,6 +48,8 @@ class Row:
     cpu_ms: float
     """Mean processor time of a step, all threads."""
     rss_mib: float
+    """Memory that is kept: the least reading."""
+    most_rss_mib: float
     disk_mib: float
     """Size of the run folder, checkpoints included."""
 
@@ -56,27 +62,35 @@ class Meter:
         self.rows: list[Row] = []
         self._out = out
         self._wall_s: list[float] = []
+        self._rss_mib: list[float] = []
         self._cpu_s = time.process_time()
+        self._unmeasured_s = 0.0
+        """Processor time of the readings."""
 
     def step(self, report: Any) -> None:
         """Note the end of a step."""
         self._wall_s.append(time.perf_counter())
-        if report.step == 0 or report.step % PART:
+        if report.step == 0 or report.step % READING:
             return
         cpu_s = time.process_time()
         gc.collect()
         malloc_trim()
+        self._rss_mib.append(rss_mib())
+        self._unmeasured_s += time.process_time() - cpu_s
+        if report.step % PART:
+            return
         self.rows.append(
             Row(
                 report.step,
                 float("nan"),
                 1e3 * float(np.median(np.diff(self._wall_s[-PART - 1 :]))),
-                1e3 * (cpu_s - self._cpu_s) / PART,
-                rss_mib(),
+                1e3 * (time.process_time() - self._cpu_s - self._unmeasured_s) / PART,
+                min(self._rss_mib),
+                max(self._rss_mib),
                 folder_mib(self._out),
             )
         )
-        self._cpu_s = time.process_time()
+        self._cpu_s, self._unmeasured_s, self._rss_mib = time.process_time(), 0.0, []
         print(f"step {report.step}: {self.rows[-1].step_ms:.1f} ms, {self.rows[-1].rss_mib:.0f} MiB", flush=True)
 
 
@@ -143,9 +157,9 @@ def main(
     curve = np.genfromtxt(out / "curve.csv", delimiter=",", names=True)
     for row in meter.rows:
         row.covered = float(np.interp(row.step, curve["step"], curve["observable_ratio"]))
-    table = Table("step", "covered %", "ms", "CPU ms", "memory MiB", "disk MiB")
+    table = Table("step", "covered %", "ms", "CPU ms", "memory MiB", "most MiB", "disk MiB")
     for row in meter.rows:
-        figures = (row.covered, row.step_ms, row.cpu_ms, row.rss_mib, row.disk_mib)
+        figures = (row.covered, row.step_ms, row.cpu_ms, row.rss_mib, row.most_rss_mib, row.disk_mib)
         table.add_row(str(row.step), *(f"{value:.1f}" for value in figures))
     Console().print(table)
     growth = growth_mib(meter.rows)
