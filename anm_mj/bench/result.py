@@ -72,6 +72,13 @@ class _Done(Struct):
     moved_m: Number
 
 
+class _Place(Struct):
+    """Where the robot was after a line of ``steps.jsonl``."""
+
+    x_m: Number
+    y_m: Number
+
+
 class _Git(Struct):
     revision: str | None = None
     changed: bool = False
@@ -128,6 +135,17 @@ class Result:
         steps = np.append(self.curve[:, 0], self.budget)
         values = np.append(self.curve[:, column], self.curve[-1, column])
         return float(np.trapezoid(values, steps) / self.budget)
+
+    def trajectory_xy_m(self) -> Float[np.ndarray, "n 2"]:
+        """Where the robot was, from its start on [m].
+
+        Raises:
+            BenchError: The log of its steps is damaged.
+        """
+        x_m, y_m, _ = self.job["start_pose"]
+        with _of(self.folder):
+            places = [convert(line, _Place) for line in read_jsonl(self.folder / "steps.jsonl")[: self.budget]]
+        return np.array([(x_m, y_m), *((place.x_m, place.y_m) for place in places)])
 
     def bound(self) -> Float[np.ndarray, "n 2"] | None:
         """Step, and the most that any tour can have covered by then [%]; None for runs that no oracle made."""

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from anm_mj.bench.result import OBSERVABLE, Result
 from anm_mj.bench.style import style
-from anm_mj.io.jsonl import read_jsonl
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
 from anm_mj.viz.figure_file import PICTURE, save_figure
@@ -54,9 +53,7 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
     )  # fmt: skip
     for k, name in enumerate(dict.fromkeys(result.variant for result in results)):
         run = median_run([result for result in results if result.variant == name])
-        x, y, _ = run.job["start_pose"]
-        steps = read_jsonl(run.folder / "steps.jsonl")[: run.budget]
-        xy_m = np.array([(x, y), *((step["x_m"], step["y_m"]) for step in steps)])
+        xy_m = run.trajectory_xy_m()
         axes.plot(*xy_m.T, lw=1.3, markevery=0.25, ms=4, mec="white", mew=0.5, label=name, alpha=0.9, **style(k))
         axes.plot(*xy_m[0], "o", ms=6, mfc="white", mec=style(k)["color"], zorder=4)
     axes.set(xlabel="x [m]", ylabel="y [m]")

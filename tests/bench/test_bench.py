@@ -341,7 +341,7 @@ def test_real_runs_resume(tmp_path):
     file = tmp_path / "real.toml"
     file.write_text(
         f'scenes = ["{tmp_path / "small"}"]\npolicies = ["gvg", "frontier", "random"]\nstarts = 2\n'
-        'seeds = [0, 1, 2, 3]\nsteps = 12\npreset = "quick"\n'
+        'seeds = [0, 1, 2, 3]\nsteps = 12\npreset = "quick"\nviews = false\n'
     )
     command = [sys.executable, "-m", "anm_mj.cli", "bench", str(file), "--workers", "2", "--out"]
     undisturbed, out = tmp_path / "undisturbed", tmp_path / "out"
@@ -385,6 +385,8 @@ def test_real_runs_resume(tmp_path):
         ("result.json", "[" * 10_000),
         ("metrics.json", '{"steps": "many"}'),
         ("manifest.json", '{"git": {"revision": 7}}'),
+        ("steps.jsonl", '{"action": "STOP", "collided": false, "moved_m": 0.0}\n'),
+        ("steps.jsonl", '{"x_m": "NaN", "y_m": 0.0}\n'),
         ("curve.csv", "step\n"),
         ("curve.csv", "step\n10,1,x,2,3\n"),
         ("curve.csv", "step\n10,1,1,1,1\n5,1,1,1,1\n"),
