@@ -140,10 +140,14 @@ def _config(folder: RunFolder, policy: str | None) -> RunConfig:
     """The run's configuration.
 
     Raises:
-        CheckpointError: its policy is code that nobody has vouched for.
+        CheckpointError: its policy is no name, or code that nobody has vouched for.
     """
     values = read_json(folder.config)
     named = values.get("policy")
+    if not isinstance(named, str):
+        raise CheckpointError(
+            f"The run's policy in {folder.config} is {named!r}, which is no name; copy the run again."
+        )
     if policy is not None and policy != named:
         raise CheckpointError(f"--policy is '{policy}', but the run's policy is '{named}'; leave --policy out.")
     if named not in POLICIES and policy is None:

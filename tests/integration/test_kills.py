@@ -163,6 +163,9 @@ def test_code_that_a_folder_names_is_not_run(small, tmp_path):
     with pytest.raises(CheckpointError, match="add --policy antigravity:Policy"):
         resume(folder)
     assert "antigravity" not in sys.modules
+    (folder / "config.json").write_text(json.dumps(said | {"policy": {"__class__": "antigravity"}}))
+    with pytest.raises(CheckpointError, match="is no name; copy the run again"):
+        resume(folder)
     (folder / "config.json").write_text(json.dumps(said))
     (tmp_path / "elsewhere").write_text("kept")
     (folder / "curve.png").unlink()
