@@ -165,9 +165,14 @@ async def _take_connections(listening: socket.socket, server: _Server) -> None:
     """Hand connections to the server, no faster than allowed; those that come meanwhile wait in the kernel's queue."""
     loop = asyncio.get_running_loop()
     allowed, then_s = float(BURST), loop.time()
+    listening.setblocking(False)
     while True:
+        # Accepted and handed on without a wait in between: whoever cancels this loses no connection.
         try:
-            connection, address = await loop.sock_accept(listening)
+            connection, address = listening.accept()
+        except BlockingIOError:
+            await _until_readable(listening)
+            continue
         except OSError:
             # It has gone already, or no file descriptor is left at the moment.
             await asyncio.sleep(1.0 / TAKEN_PER_S)
@@ -178,6 +183,16 @@ async def _take_connections(listening: socket.socket, server: _Server) -> None:
         then_s = now_s
         if allowed < 1.0:
             await asyncio.sleep((1.0 - allowed) / TAKEN_PER_S)
+
+
+async def _until_readable(listening: socket.socket) -> None:
+    """Wait for a connection."""
+    loop, readable = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_reader(listening, readable.set)
+    try:
+        await readable.wait()
+    finally:
+        loop.remove_reader(listening)
 
 
 class _Server(HTTPServer):
