@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
 import shlex
 import shutil
@@ -178,9 +179,7 @@ def _make_missing(
     failures = []
     done, written_s = len(there), time.monotonic()
     on_run(done, len(jobs), "")
-    # Oracles come last, because they begin from what the others have found.
-    for stage in (False, True):
-        now = [job for job in missing if needs_truth(job.policy) is stage]
+    for now in _stages(missing):
         for job, error in run_jobs(now, runs, engine, min(num_workers, max(len(now), 1)), function, modules):
             done += error is None
             if error is not None:
@@ -191,6 +190,19 @@ def _make_missing(
             on_run(done, len(jobs), error or job.name)
     write_tables(jobs, out, text)
     return Bench(out, jobs, len(there), failures)
+
+
+def _stages(jobs: Sequence[Job]) -> Iterator[list[Job]]:
+    """Jobs in the order in which they are run, start by start, so that tables of a part compare all policies.
+
+    The oracles of a start come last, because they begin from what the others have found.
+    """
+
+    def stage(job: Job) -> tuple[int, bool]:
+        return job.start, needs_truth(job.policy)
+
+    for _, group in itertools.groupby(sorted(jobs, key=stage), key=stage):
+        yield list(group)
 
 
 def _without_folders(command: Sequence[str]) -> list[str]:

@@ -88,7 +88,8 @@ class Job:
     @property
     def trains(self) -> bool:
         """Whether the run trains a map: where sensor or pose err, occupancy without a field would block other paths."""
-        exact = self.sensor == "exact" and self.pose == "true"
+        errs = any(setting.startswith("sensor.") for setting in self.settings)
+        exact = self.sensor == "exact" and self.pose == "true" and not errs
         return self.maps or not exact or policy_entry(self.policy).asks_map
 
     def config(self) -> RunConfig:

@@ -9,7 +9,9 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from anm_mj.cli.bench import add_bench
@@ -82,13 +84,28 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return parsed.command(parsed)
     except AnmError as err:
-        # What a library says within the sentence may come in several lines.
-        Console(stderr=True, markup=False).print(
-            f"anm-mj: {' '.join(str(err).split())}", style="red", markup=False, highlight=False, soft_wrap=True
-        )
-        return USAGE_ERROR
+        sentence = str(err)
     except KeyboardInterrupt:
         return INTERRUPTED
+    except Exception as err:
+        if parsed.verbose:
+            raise
+        sentence = _unforeseen(err)
+    # What a library says within the sentence may come in several lines.
+    Console(stderr=True, markup=False).print(
+        f"anm-mj: {' '.join(sentence.split())}", style="red", markup=False, highlight=False, soft_wrap=True
+    )
+    return USAGE_ERROR
+
+
+def _unforeseen(err: Exception) -> str:
+    """What to say of an error that no reader has turned into a sentence of its own."""
+    place = traceback.extract_tb(err.__traceback__)[-1]
+    return (
+        f"unforeseen {type(err).__name__} in {Path(place.filename).name}, line {place.lineno}: {err}. A file may be "
+        "damaged in a new way, or the program is wrong. The same command with --verbose shows where; please report it "
+        "with the output of anm-mj doctor --report."
+    )
 
 
 def _with_joined_start(argv: list[str]) -> list[str]:
@@ -117,7 +134,7 @@ def make_parser() -> _Parser:
     doctor.add_argument("--report", action="store_true", help="for a bug report: Markdown, without your folders")
     doctor.set_defaults(command=_doctor)
     for command in commands.choices.values():
-        command.add_argument("-v", "--verbose", action="store_true", help="show details, and tracebacks of a policy")
+        command.add_argument("-v", "--verbose", action="store_true", help="show details and tracebacks")
     return parser
 
 

@@ -164,11 +164,6 @@ class ScheduleConfig:
     def __post_init__(self) -> None:
         check_settings(self, "mapping.schedule", MapError)
 
-    @property
-    def trains(self) -> bool:
-        """Whether anything is trained while frames come in."""
-        return self.first_iterations > 0 or self.iterations > 0
-
 
 @dataclass(frozen=True)
 class OccupancyConfig:

@@ -91,6 +91,8 @@ class NeuralMap:
         self._mesh = MeshExtractor(self._occupancy)
         self._former: FormerSurface | None = None
         """What was here before, where the map goes on from that of a former run."""
+        self.is_trained = False
+        """Whether the field was ever trained; else it says nothing, and only the occupancy means something."""
         self._num_frames = 0
         self._last: Observation | None = None
         """The last frame that was not blind."""
@@ -103,11 +105,6 @@ class NeuralMap:
     def engine_name(self) -> str:
         """What computes the map, for the run's manifest: "torch", "triton", or "native" with its instruction set."""
         return self.backend.name
-
-    @property
-    def is_trained(self) -> bool:
-        """Whether the field is trained; without, it says nothing, and only the occupancy means something."""
-        return self.config.schedule.trains
 
     def integrate(self, observation: Observation) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
@@ -357,6 +354,8 @@ class NeuralMap:
             self._occupancy.set_state(_part(saved.arrays, "occupancy."))
         except (ValueError, KeyError) as err:
             raise MapError(f"The saved map is damaged ({err}); explore anew.") from err
+        schedule = saved.config.schedule
+        self.is_trained = max(schedule.first_iterations, schedule.iterations, schedule.final_iterations) > 0
 
     def changes(self) -> tuple[SurfaceChange, ...] | None:
         """What new frames have found to be gone or new, largest first; None for a map that began empty."""
@@ -454,6 +453,7 @@ class NeuralMap:
                         f"{name} {value:g}" for name, value in losses._asdict().items() if name != "total"
                     )
                     raise _NotFinite(f"{losses.total:g} ({terms})")
+                self.is_trained = True
                 yield losses.total
 
     def _smoothness_corner(self) -> Float[np.ndarray, "3"]:

@@ -310,7 +310,7 @@ class TopDownMapper:
         Columns with a hit are not asked for: they are occupied, whatever the SDF says.
         """
         layers = self._layers
-        centre = np.floor((pose.xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
+        centre = world_to_cell(pose.xy_m[None], grid.origin_m[:2], grid.resolution_m)[0]
         half = int(np.ceil(self.config.horizon_m / 2 / grid.resolution_m))
         window = clamp(centre - half, centre + half, layers.state.shape)
         around = dilate(window, _BESIDE_CELLS, layers.state.shape)

@@ -165,7 +165,6 @@ async def _take_connections(listening: socket.socket, server: _Server) -> None:
     """Hand connections to the server, no faster than allowed; those that come meanwhile wait in the kernel's queue."""
     loop = asyncio.get_running_loop()
     allowed, then_s = float(BURST), loop.time()
-    listening.setblocking(False)
     while True:
         # Accepted and handed on without a wait in between: whoever cancels this loses no connection.
         try:

@@ -180,6 +180,18 @@ def test_another_policy_joins_all_sweeps_without_settings(file, tmp_path):
     ]
 
 
+def test_start_after_start_is_run_with_its_oracles_last(tmp_path):
+    file = tmp_path / "small.toml"
+    file.write_text('scenes = ["home"]\npolicies = ["oracle", "gvg", "random"]\nstarts = 2\nsteps = 300\n')
+    made = []
+    bench = run_bench(
+        file, tmp_path / "out", function="tests.bench.fake:quick", on_run=lambda done, total, last: made.append(last)
+    )
+    policies = ["gvg", "random", "oracle", "oracle"]
+    jobs = {job.name: (job.start, job.policy) for job in bench.jobs}
+    assert [jobs[name] for name in made if name] == [(start, policy) for start in (0, 1) for policy in policies]
+
+
 @pytest.mark.slow
 def test_a_comparison_locks_its_folder(file, tmp_path):
     run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")

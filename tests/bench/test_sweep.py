@@ -84,13 +84,18 @@ def test_maps_that_nobody_asks_are_a_choice(tmp_path):
     always, seldom = jobs_of(tmp_path, text), jobs_of(tmp_path, text + "maps = false\n")
     assert [job.trains for job in always] == [True, True]
     assert [job.trains for job in seldom] == [True, False]
-    assert [job.config().mapping.schedule.trains for job in seldom] == [True, False]
+    schedules = [job.config().mapping.schedule for job in seldom]
+    assert [(each.first_iterations > 0, each.iterations > 0, each.final_iterations > 0) for each in schedules] == [
+        (True, True, True),
+        (False, False, False),
+    ]
     assert seldom[1].config().planning.geometry == "occupancy"
     assert not {job.name for job in always} & {job.name for job in seldom}
     assert always[1].name == dataclasses.replace(seldom[1], maps=True).name
     # What such a sensor shows blocks other paths without a field.
     assert dataclasses.replace(seldom[1], sensor="d435i").trains
     assert dataclasses.replace(seldom[1], pose="odometry").trains
+    assert dataclasses.replace(seldom[1], settings=("sensor.fault=outliers",)).trains
 
 
 def test_policies_that_ask_no_map_are_those_that_drop_it_unread():

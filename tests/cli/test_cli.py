@@ -217,3 +217,16 @@ def test_a_bar_without_end_shows_only_in_a_terminal():
         with busy(Console(file=said, force_terminal=terminal, width=60), "import"):
             pass
         assert ("import" in said.getvalue()) == terminal
+
+
+def test_an_unforeseen_error_is_one_sentence_and_with_verbose_a_traceback(monkeypatch, capsys):
+    def broken(parsed):
+        return {}["key"]
+
+    monkeypatch.setattr("anm_mj.cli.main._doctor", broken)
+    assert main(["doctor"]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("anm-mj: unforeseen KeyError in test_cli.py, line ")
+    assert "--verbose" in said
+    with pytest.raises(KeyError):
+        main(["doctor", "--verbose"])

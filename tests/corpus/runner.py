@@ -43,7 +43,7 @@ class Outcome:
             return f"not done after {WAITING_S:g} s, most of which it waited"
         if self.status == -signal.SIGXCPU:
             return f"not done after {SECONDS} s"
-        if "Traceback" in self.stderr:
+        if "Traceback" in self.stderr or "unforeseen" in self.stderr:
             return f"traceback: {last}"
         if self.status not in (0, 1, 2):
             return f"exit status {self.status}: {last}"

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -115,11 +116,9 @@ def test_every_policy_and_drive_completes_a_run(scene, tmp_path, finished, optio
 def started(scene, out):
     words = ["explore", scene, "--preset", "quick", "--steps", "5000", "--out", out]
     # A shell's background job ignores SIGINT, and so would what these tests start there.
-    heard = signal.signal(signal.SIGINT, signal.default_int_handler)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "anm_mj.cli", *map(str, words)], stdout=subprocess.PIPE, text=True
-    )
-    signal.signal(signal.SIGINT, heard)
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    command = [sys.executable, "-m", "anm_mj.cli", *map(str, words)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=heard)
     waited = time.monotonic() + 120
     while not (out / "steps.jsonl").exists() or (out / "steps.jsonl").read_text().count("\n") < 12:
         assert process.poll() is None, process.stdout.read()

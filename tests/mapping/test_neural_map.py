@@ -334,6 +334,15 @@ def test_the_final_training_settles_the_map(tiny_config, room):
     np.testing.assert_array_equal(again.sdf(points), after.sdf(points))
 
 
+@pytest.mark.parametrize("final", [0, 40])
+def test_a_map_knows_whether_anything_trained_it(tiny_config, room, tmp_path, final):
+    schedule = replace(tiny_config.schedule, first_iterations=0, iterations=0)
+    neural_map, _ = settled(replace(tiny_config, schedule=schedule), room, final, frames=1)
+    assert neural_map.is_trained == (final > 0)
+    neural_map.save(tmp_path / "map.safetensors")
+    assert NeuralMap.load(tmp_path / "map.safetensors", device="cpu").is_trained == (final > 0)
+
+
 def test_an_empty_map_has_no_final_training(tiny_config):
     assert NeuralMap(tiny_config, seed=0, device="cpu").finish() == 0
 
