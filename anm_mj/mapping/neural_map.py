@@ -371,8 +371,8 @@ class NeuralMap:
         return self._keyframes.keyframes().thinned(limit_bytes)
 
     def close(self) -> None:
-        """Give the memory back: only the settings can be asked any more. May be called again."""
-        kept = {"config": self.config, "seed": self.seed}
+        """Give the memory back: only settings and ``is_trained`` can be asked any more. May be called again."""
+        kept = {"config": self.config, "seed": self.seed, "is_trained": self.is_trained}
         vars(self).clear()
         vars(self).update(kept)
 
