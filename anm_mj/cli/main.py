@@ -12,7 +12,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from anm_mj.cli.bench import add_bench
 from anm_mj.cli.evaluate import add_evaluate
@@ -133,9 +133,18 @@ def make_parser() -> _Parser:
     doctor = commands.add_parser("doctor", help="what this machine has, and what will be used")
     doctor.add_argument("--report", action="store_true", help="for a bug report: Markdown, without your folders")
     doctor.set_defaults(command=_doctor)
-    for command in commands.choices.values():
-        command.add_argument("-v", "--verbose", action="store_true", help="show details and tracebacks")
+    _add_verbose(commands)
     return parser
+
+
+def _add_verbose(commands: argparse._SubParsersAction[Any]) -> None:
+    """Give every command the option, or each of its actions where it has some."""
+    for command in commands.choices.values():
+        actions = [action for action in command._actions if isinstance(action, argparse._SubParsersAction)]
+        if actions:
+            _add_verbose(actions[0])
+        else:
+            command.add_argument("-v", "--verbose", action="store_true", help="show details and tracebacks")
 
 
 def _doctor(parsed: argparse.Namespace) -> int:

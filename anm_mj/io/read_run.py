@@ -93,8 +93,10 @@ class Run:
         if not is_below(path, self.folder.path):
             raise RunFolderError(f"{path} leads out of the run's folder; copy the run again.")
         try:
-            with open_picture(path):
-                return read_bytes(path)
+            with open_picture(path) as picture:
+                # A damaged one is found here, not by whoever reads the copy.
+                picture.load()
+            return read_bytes(path)
         except (OSError, ValueError) as err:
             raise RunFolderError(f"{path} cannot be read ({err}); copy the run again.") from err
 

@@ -240,6 +240,8 @@ def _read_geometry(
         if prefix and f"{prefix}vertices" not in arrays:
             return _read_geometry(path, content_hash)
         vertices, faces = checked_triangles(arrays[f"{prefix}vertices"], arrays[f"{prefix}faces"])
+        if not len(faces):
+            raise ValueError(f"{prefix}faces is empty")
     except (OSError, ValueError, KeyError) as err:
         raise SceneError(f"{path} cannot be read ({err}): import the scene again.") from err
     vertices.setflags(write=False)

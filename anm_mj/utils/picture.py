@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +19,9 @@ FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF", "GIF", "PPM", "DDS")
 MAX_MEGAPIXELS = 100.0
 """Larger pictures are refused."""
 
+_OF_DECODERS = (SyntaxError, struct.error, zlib.error, EOFError, IndexError, OverflowError)
+"""What decoders raise for damaged pixels, beside OSError and ValueError."""
+
 # Pillow is also called by libraries that read meshes; these limits hold there, too. Between one and two times the
 # limit Pillow only warns.
 Image.MAX_IMAGE_PIXELS = int(MAX_MEGAPIXELS * 1e6 / 2)
@@ -29,7 +34,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
     Raises:
         OSError: The file cannot be read, is no picture, or of another format than ``FORMATS``.
-        ValueError: It has more than ``MAX_MEGAPIXELS``.
+        ValueError: It has more than ``MAX_MEGAPIXELS``, or its pixels cannot be decoded.
     """
     with open_regular(path) as file, read_picture(file) as image:
         yield image
@@ -49,4 +54,7 @@ def read_picture(file: Any) -> Iterator[Image.Image]:
         megapixels = math.prod(image.size) / 1e6
         if megapixels > MAX_MEGAPIXELS:
             raise ValueError(f"its {megapixels:.0f} megapixels are more than the {MAX_MEGAPIXELS:g} that are read")
-        yield image
+        try:
+            yield image
+        except _OF_DECODERS as err:
+            raise ValueError(f"its pixels cannot be decoded ({err})") from err

@@ -70,8 +70,11 @@ class Checker:
     def _leak(self, out: Path) -> str:
         """Whether the picture from outside got into a scene."""
         for path in out.rglob("*.png"):
-            with Image.open(path) as image:
-                colours = np.asarray(image.convert("RGB")).reshape(-1, 3)
+            try:
+                with Image.open(path) as image:
+                    colours = np.asarray(image.convert("RGB")).reshape(-1, 3)
+            except OSError as err:
+                return f"wrote a picture that cannot be read, {path.name} ({err})"
             if (colours == SECRET_RGB).all(axis=1).any():
                 return f"took a picture from outside its folder into {path.name}"
         return ""

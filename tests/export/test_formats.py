@@ -2,6 +2,7 @@
 
 import base64
 import json
+import shutil
 from xml.etree import ElementTree
 
 import networkx
@@ -281,6 +282,16 @@ def test_what_a_run_lacks_is_one_sentence(run_folder, tmp_path, capsys):
         assert words in " ".join(capsys.readouterr().err.split())
     assert [path.name for path in export_run(tmp_path, ["tum"])] == ["trajectory_camera.tum", "trajectory_base.tum"]
     assert (tmp_path / "export" / "trajectory_base.tum").is_file()
+
+
+def test_a_damaged_picture_is_not_copied(run_folder, tmp_path, capsys):
+    shutil.copytree(run_folder, tmp_path / "run")
+    for damaged in sorted((tmp_path / "run" / "depth").iterdir()):
+        damaged.write_bytes(damaged.read_bytes()[:-40])
+    assert main(["export", str(tmp_path / "run"), "--format", "nerfstudio", "--out", str(tmp_path / "out")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "cannot be read" in said
+    assert "depth/000000.png" in said
 
 
 def lines_of(path):

@@ -148,3 +148,10 @@ def test_a_spoilt_geometry_is_said_to_be_so(copied, cut):
     path.write_bytes(path.read_bytes()[:200] if cut else b"no archive")
     with pytest.raises(SceneError, match=r"geometry\.npz cannot be read"):
         load_scene(copied).geometry()
+
+
+def test_a_geometry_without_faces_is_said_to_be_so(copied):
+    path = copied / "geometry.npz"
+    np.savez(path, **{**np.load(path), "faces": np.zeros((0, 3), np.int32)})
+    with pytest.raises(SceneError, match=r"geometry\.npz cannot be read \(faces is empty\)"):
+        load_scene(copied).triangles()

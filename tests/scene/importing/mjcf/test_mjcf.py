@@ -249,6 +249,10 @@ def test_worlds_with_more_contacts_than_memory_and_places_that_are_no_numbers(tm
     src = write_world(tmp_path / "nan.xml", room_xml() + '<geom name="lost" size="0.1" pos="nan 0 0"/>')
     with pytest.raises(SceneError, match="place of the geom lost is no number"):
         import_scene(src, tmp_path / "nan")
+    for size in ("inf", "1e30"):
+        src = write_world(tmp_path / "wide.xml", room_xml() + f'<geom name="wide" type="box" size="1 {size} 1"/>')
+        with pytest.raises(SceneError, match="geom 'wide' is infinite, or reaches farther"):
+            import_scene(src, tmp_path / "wide")
     src = write_world(tmp_path / "falls.xml", room_xml() + boxes.replace("<geom", "<freejoint/><geom", 1), small)
     with pytest.raises(SceneError, match=r"cannot simulate the world.*--settle"):
         import_scene(src, tmp_path / "falls", settle=True)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from anm_mj.errors import SceneError
+from anm_mj.geometry.triangles import FARTHEST_M
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mjcf.bodies import joints_of, part_names, robot_bodies
 from anm_mj.scene.importing.readers.mjcf.ground import (
@@ -137,6 +138,7 @@ class _Reader:
         for geom in np.flatnonzero(used & ~self._is_plane).tolist():
             shape = geom_shape(self._model, geom)
             if shape is not None and len(shape.faces):
+                self._check_extent(geom, shape)
                 shapes[geom] = shape
         self._add_grounds(shapes, np.flatnonzero(used & (self._is_plane | self._is_field)).tolist())
         drawn, solid = [], []
@@ -173,6 +175,19 @@ class _Reader:
                 shapes[geom] = cut
         for geom, shape in slabs.items():
             shapes[geom] = cut_slab(shape, *self._placement(geom), box)
+
+    def _check_extent(self, geom: int, shape: Shape) -> None:
+        """Raise unless a geom lies where a robot may come to.
+
+        Raises:
+            SceneError: It does not, or is infinite.
+        """
+        _, position = self._placement(geom)
+        if not np.abs(shape.vertices_m).max() + np.abs(position).max() <= FARTHEST_M:
+            raise SceneError(
+                f"The geom {self._names(geom)[0]!r} is infinite, or reaches farther than {FARTHEST_M:g} m: repair its "
+                "size or place."
+            )
 
     def _in_world(self, geom: int, shape: Shape) -> Float64[np.ndarray, "v 3"]:
         rotation, position = self._placement(geom)
