@@ -24,7 +24,7 @@ from tests.corpus.hostile_cases import ROBOT
 from tests.corpus.sources import write_sources
 
 
-def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1) -> None:
+def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1, skip: int = 0) -> None:
     """Run the corpus and print a line per case that fails, and a table; Ctrl-C gives the table so far.
 
     Args:
@@ -32,6 +32,7 @@ def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1) -> No
         per_file: changes of each sort per file.
         seed: of the changes.
         every: run one case in so many.
+        skip: leave out so many of all cases, to go on where an earlier call was stopped.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     root = Path(tempfile.mkdtemp(prefix="bad_inputs_"))
@@ -42,7 +43,7 @@ def main(only: str = "", per_file: int = 8, seed: int = 0, every: int = 1) -> No
         cases = (case for case in all_cases(good, checker.canary, seed, per_file) if only in case.name)
         began = time.monotonic()
         try:
-            for case in islice(cases, 0, None, every):
+            for case in islice(cases, skip, None, every):
                 fault = checker.fault(case)
                 total[case.kind] += 1
                 if fault:

@@ -319,7 +319,7 @@ def explore(words, command, place, monkeypatch):
         return
     asked = []
 
-    class Stop(Exception):
+    class Stop(BaseException):
         pass
 
     def stop(config, **_):

@@ -151,7 +151,7 @@ def test_explore_takes_a_file(tmp_path, monkeypatch):
     src = write_world(tmp_path / "src" / "hut.xml", room_xml(2.0))
     seen = []
 
-    class Stopped(Exception):
+    class Stopped(BaseException):
         pass
 
     def stop(config, **_):
