@@ -37,6 +37,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -156,12 +157,12 @@ def _scene(path: Path, name: str, entry: GeneratedScene | ImportedScene | None) 
     if isinstance(entry, ImportedScene):
         return find_imported(entry)
     beside = path.parent / name
-    return load_scene(str(beside) if (beside / "scene.toml").is_file() else name)
+    return load_scene(str(beside) if os.path.isfile(beside / "scene.toml") else name)
 
 
 def _beside(path: Path, name: str) -> str:
     """The file of this name beside the comparison's file, if there is one, else the name."""
-    return str((path.parent / name).resolve()) if (path.parent / name).is_file() else name
+    return str((path.parent / name).resolve()) if os.path.isfile(path.parent / name) else name
 
 
 def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | ImportedScene]]:

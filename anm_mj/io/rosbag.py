@@ -7,6 +7,7 @@ said by the user where several fit. Depth has to be registered to the colour ima
 
 from __future__ import annotations
 
+import os
 import struct
 import weakref
 from collections.abc import Callable, Mapping
@@ -45,7 +46,7 @@ MM = 0.001
 
 def is_recording(path: Path) -> bool:
     """Whether a path is a bag: a ``.bag`` or ``.mcap`` file, or a folder with a ``metadata.yaml``."""
-    return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").is_file()
+    return path.suffix in (".bag", ".mcap") or os.path.isfile(path / "metadata.yaml")
 
 
 def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | None = None) -> Sequence:

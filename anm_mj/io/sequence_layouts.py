@@ -6,6 +6,7 @@ The world of a layout is turned so that z points up, and moved so that the floor
 from __future__ import annotations
 
 import math
+import os
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -123,7 +124,7 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
     folder = path.parent if path.name == "transforms.json" else path
     if options.topics:
         raise RunFolderError(f"{path} is no ROS bag, so it has no topics; leave out --topic.")
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # Unlike Path.is_dir, never an error.
         raise RunFolderError(f"{folder} is not a folder; give that of a recorded sequence.")
     found = options.layout or next((name for name, layout in LAYOUTS.items() if (folder / layout.sign).exists()), None)
     if found is None:

@@ -79,7 +79,7 @@ def preset_config(robot: str) -> RobotConfig:
     if preset is None:
         return RobotConfig()
     values = dict(preset.model)
-    if file.is_file():
+    if os.path.isfile(file):  # Unlike Path.is_file, never an error.
         text = _text(file)
         for key in [k for k in _NAMES_ELEMENT if k in values and f'"{values[k]}"' not in text]:
             _logger.info('%s has no "%s", so model.%s of preset %s is left out', robot, values[key], key, preset.name)
@@ -100,12 +100,12 @@ def robot_path(name_or_file: str) -> Path:
     """
     builtin = MODELS / name_or_file / f"{name_or_file}.xml"
     is_name = Path(name_or_file).name == name_or_file and not Path(name_or_file).suffix
-    if is_name and builtin.is_file():
+    if is_name and os.path.isfile(builtin):
         return builtin
     path = Path(name_or_file)
-    if path.is_file():
+    if os.path.isfile(path):
         return path
-    if path.is_dir():
+    if os.path.isdir(path):
         raise RobotError(f"{name_or_file} is a folder; give the robot's MJCF file in it, as --robot {path}/NAME.xml.")
     preset = _preset(name_or_file)
     if not is_name:

@@ -141,6 +141,8 @@ def test_names_of_former_comparisons_stay(tmp_path):
         ('scenes = ["home"]\npolicies = ["gvg"]\npreset = "best"\n', AnmError, "preset is .best."),
         ('scenes = ["home"]\npolicies = ["best"]\n', AnmError, "Unknown policy 'best'"),
         ('scenes = ["no_such"]\npolicies = ["gvg"]\n', SceneError, "no_such"),
+        (f'scenes = ["{"x" * 5000}"]\npolicies = ["gvg"]\n', SceneError, "no scene"),
+        (f'scenes = ["home"]\npolicies = ["gvg"]\nrobot = ["{"x" * 5000}.xml"]\n', AnmError, "no robot file"),
         ("scenes = [", BenchError, "cannot be read"),
         ("sweep = 3", BenchError, "list of tables"),
     ],

@@ -179,6 +179,8 @@ def test_a_folder_of_something_else(tmp_path):
         open_sequence(tmp_path)
     with pytest.raises(RunFolderError, match="is not a folder"):
         open_sequence(tmp_path / "nowhere")
+    with pytest.raises(RunFolderError, match="is not a folder"):
+        open_sequence(tmp_path / ("x" * 5000))
 
 
 def test_a_run_without_images_cannot_be_mapped_again(tmp_path):

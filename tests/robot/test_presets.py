@@ -46,6 +46,13 @@ def test_a_robot_in_a_folder_of_the_user(tmp_path, monkeypatch):
     assert robot_path("turtlebot3_burger") == tmp_path / "tb3" / "turtlebot3_burger.xml"
 
 
+@pytest.mark.parametrize("name", ["x" * 5000, "x" * 5000 + ".xml"])
+def test_a_name_that_no_file_can_have_is_no_robot(name):
+    assert preset_config(name) == RobotConfig()
+    with pytest.raises(RobotError, match="There is no robot file"):
+        robot_path(name)
+
+
 def test_without_the_package(monkeypatch):
     monkeypatch.delenv("ANM_MJ_ROBOTS", raising=False)
     monkeypatch.setitem(sys.modules, "robot_descriptions", None)

@@ -128,7 +128,7 @@ def find_named(src: str | Path, root: Path | None = None) -> NamedSource:
     data, name = _SETS[prefix], name.strip("/")
     if not name or ".." in name.split("/"):
         raise SceneError(f"{src} names no scene of {data.title}: give one as in {_EXAMPLES[prefix]}.")
-    if root is not None and not root.is_dir():
+    if root is not None and not os.path.isdir(root):
         raise SceneError(f"{root} is not a folder: give the folder of {data.title} with --root.")
     folders = [root] if root is not None else _folders(data)
     found = _first(folders, data.files(name))
@@ -153,7 +153,7 @@ def _folders(data: _DataSet) -> list[Path]:
     """Existing folders that may hold a data set."""
     stated = [Path(os.environ[variable]).expanduser() for variable in data.variables if os.environ.get(variable)]
     usual = [Path(folder).expanduser() for folder in data.usual]
-    return [folder for folder in (*stated, *usual) if folder.is_dir()]
+    return [folder for folder in (*stated, *usual) if os.path.isdir(folder)]
 
 
 def _package_folders(names: Sequence[str]) -> list[Path]:
@@ -172,7 +172,10 @@ def _first(folders: Sequence[Path], patterns: Sequence[str]) -> Path | None:
     """The first file that is there; of several versions the newest by name."""
     for folder in folders:
         for pattern in patterns:
-            matches = sorted(path for path in folder.glob(pattern) if path.is_file())
+            try:
+                matches = sorted(path for path in folder.glob(pattern) if os.path.isfile(path))
+            except (OSError, ValueError):  # A name that no file can have.
+                continue
             if matches:
                 return matches[-1]
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -82,7 +83,7 @@ def import_scene(
         raise SceneError(f"A scale of {scale:g} m per unit makes no sense: give 1 for m, 0.01 for cm, 0.001 for mm.")
     if up not in ("x", "y", "z", "auto"):
         raise SceneError(f"There is no up axis {up!r}: give x, y, z or auto.")
-    missing = next((folder for folder in model_paths if not folder.is_dir()), None)
+    missing = next((folder for folder in model_paths if not os.path.isdir(folder)), None)
     if missing is not None:
         raise SceneError(f"{missing} is not a folder: give folders that hold models with --model-path.")
     check_destination(out, overwrite)

@@ -92,6 +92,8 @@ def test_what_is_missing_says_what_to_download(capsys):
     ):
         assert word in fails(capsys, "scene", "import", name, "out")
     assert "is not a folder" in fails(capsys, "scene", "import", "robocasa:k", "out", "--root", "gone")
+    assert "is not a folder" in fails(capsys, "scene", "import", "robocasa:k", "out", "--root", "x" * 5000)
+    assert "has no scene" in fails(capsys, "scene", "import", f"robocasa:{'x' * 5000}", "out", "--root", ".")
     assert list(Path().iterdir()) == []
 
 
