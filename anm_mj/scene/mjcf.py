@@ -12,6 +12,7 @@ from jaxtyping import Float, Float32, Int32, Integer
 from scipy.spatial.transform import Rotation
 
 from anm_mj.scene.movable import Movable
+from anm_mj.utils.read_file import MAX_ARRAY_MIB, read_bytes
 
 VISUAL_GROUP = 2
 """Geom group that the camera sees."""
@@ -178,7 +179,7 @@ def read_msh(
         OSError: if the file cannot be read.
         ValueError: if it is no such file.
     """
-    data = path.read_bytes()
+    data = read_bytes(path, MAX_ARRAY_MIB)
     num_vertices, num_normals, num_uv, num_faces = np.frombuffer(data, dtype="<i4", count=4).tolist()
     counts = np.cumsum([4, 3 * num_vertices, 3 * num_normals, 2 * num_uv, 3 * num_faces])
     if len(data) != 4 * counts[-1]:

@@ -1,4 +1,5 @@
 import math
+import os
 import tomllib
 
 import numpy as np
@@ -10,6 +11,7 @@ from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.gazebo import read_gazebo
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.sdf_material import read_script
 from anm_mj.scene.submesh import merge_geometry
 from tests.scene.furnished import looks_at_the_poster, picture, poster
 from tests.scene.view import look
@@ -276,7 +278,7 @@ def test_the_ground_is_left_out_of_the_way_of_a_floor(tmp_path):
 
 _NOTHING = (
     '<model name="a"><link name="l"><visual name="v"><geometry>'
-    "<cylinder><radius>0</radius><length>0</length></cylinder></geometry></visual></link></model>"
+    "<box><size>0 0 0</size></box></geometry></visual></link></model>"
 )
 
 
@@ -308,10 +310,164 @@ def test_a_model_that_includes_itself_is_refused(tmp_path):
         import_scene(src, tmp_path / "out")
 
 
-def test_a_model_path_that_is_no_folder_is_refused(tmp_path):
+@pytest.mark.parametrize("name", ["gone", "x" * 5000])
+def test_a_model_path_that_is_no_folder_is_refused(tmp_path, name):
     src = _world(tmp_path / "w.world", GROUND + ROOM)
     with pytest.raises(SceneError, match="--model-path"):
-        import_scene(src, tmp_path / "out", model_paths=[tmp_path / "gone"])
+        import_scene(src, tmp_path / "out", model_paths=[tmp_path / name])
+
+
+def _mesh(uri: str) -> str:
+    return (
+        f"<model name='m'><link name='l'><visual name='v'><geometry><mesh><uri>{uri}</uri></mesh></geometry></visual>"
+        "</link></model>"
+    )
+
+
+@pytest.mark.parametrize("where", ["{0}/secret.obj", "file://{0}/secret.obj", "../../../../secret.obj", "link.obj"])
+def test_a_mesh_from_elsewhere_is_not_read(tmp_path, where):
+    trimesh.creation.box().export(tmp_path / "secret.obj")
+    src = _world(tmp_path / "a" / "b" / "c" / "d" / "w.world", _box("a") + _mesh(where.format(tmp_path)))
+    (src.parent / "link.obj").symlink_to(tmp_path / "secret.obj")
+    parts, said = _read(src)
+    assert len(parts) == 1
+    assert said[0].startswith("Not read, because they lie elsewhere")
+    assert "secret.obj" in said[0] or "link.obj" in said[0]
+    # The folder that the user gives is one that may be read.
+    assert len(_read(src, tmp_path)[0]) == 2
+
+
+def test_a_mesh_up_to_three_folders_above_is_read(tmp_path):
+    (tmp_path / "a").mkdir()
+    trimesh.creation.box().export(tmp_path / "a" / "near.obj")
+    parts, said = _read(_world(tmp_path / "a" / "b" / "c" / "d" / "w.world", _mesh("../../../near.obj")))
+    assert len(parts) == 1
+    assert not said
+
+
+def test_a_texture_or_model_from_elsewhere_is_not_read(tmp_path):
+    _with_picture(tmp_path)
+    _model(tmp_path, "far", _box("b"))
+    map_ = f"<material><pbr><metal><albedo_map>file://{tmp_path}/p.png</albedo_map></metal></pbr></material>"
+    # The configuration of a model names no file elsewhere, either.
+    near = tmp_path / "a" / "b" / "c" / "d"
+    (near / "near").mkdir(parents=True)
+    (near / "near" / "model.config").write_text("<model><sdf>../../../../../far/model.sdf</sdf></model>")
+    includes = f"<include><uri>file://{tmp_path}/far</uri></include><include><uri>near</uri></include>"
+    parts, said = _read(_world(near / "w.world", _box("a", more=map_) + includes))
+    assert [part.texture for part in parts] == [None]
+    assert said[0].startswith("Not read, because they lie elsewhere")
+    assert f"{tmp_path}/p.png" in said[0] or f"{tmp_path}/far" in said[0]
+
+
+def _scripted(tmp_path):
+    """A world with one box, and the folder of its material scripts."""
+    more = "<material><script><uri>file://scripts</uri><name>A</name></script></material>"
+    src = _world(tmp_path / "in" / "w.world", _box("a", more=more))
+    (src.parent / "scripts").mkdir()
+    return src, src.parent / "scripts"
+
+
+def test_a_fifo_for_a_material_script_is_not_waited_for(tmp_path):
+    src, scripts = _scripted(tmp_path)
+    os.mkfifo(scripts / "a.material")
+    (scripts / "b.material").symlink_to("/dev/zero")
+    _, said = _read(src)
+    assert any("a.material" in sentence and "no regular file" in sentence for sentence in said)
+    assert any("b.material" in sentence for sentence in said)
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    "text", ["material A {\n" * 100_000, "/* " * 300_000, "material " + ":" * 300_000, "{" * 10**6]
+)
+def test_an_endless_material_script_is_read_in_one_pass(text):
+    assert all(found.diffuse is None for found in read_script(text).values())
+
+
+def test_a_material_that_is_not_closed_ends_where_the_next_begins():
+    script = (
+        "material A { pass { diffuse 1 0 0\nmaterial B:A{ }\nmaterial C { diffuse 1 . . } material D { diffuse 9 1 0 }"
+    )
+    found = read_script(script)
+    assert {name: material.diffuse for name, material in found.items()} == {
+        "A": (1, 0, 0),
+        "B:A": None,
+        "C": None,
+        "D": (1, 1, 0),
+    }
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        "<capsule><radius>0</radius><length>0</length></capsule>",
+        "<sphere><radius>-1</radius></sphere>",
+        "<cylinder><radius>0</radius></cylinder>",
+        "<polyline><point>0 0</point><point>1 0</point><point>0 1</point><height>0</height></polyline>",
+    ],
+)
+def test_a_shape_without_size_is_left_out_and_said(tmp_path, shape):
+    hollow = f"<model name='n'><link name='l'><visual name='v'><geometry>{shape}</geometry></visual></link></model>"
+    parts, said = _read(_world(tmp_path / "w.sdf", _box("a") + hollow))
+    assert len(parts) == 1
+    assert said == [f"Left out, because such shapes cannot be imported: <{shape[1:].partition('>')[0]}> of n_v."]
+
+
+def test_all_outlines_of_a_polyline_count_and_the_inner_is_a_hole(tmp_path):
+    def outline(x, y, side):
+        corners = ((x, y), (x + side, y), (x + side, y + side), (x, y + side))
+        return f"<polyline><height>2</height>{''.join(f'<point>{a} {b}</point>' for a, b in corners)}</polyline>"
+
+    shapes = outline(0, 0, 4) + outline(1, 1, 2) + outline(9, 0, 1)
+    content = f"<model name='a'><link name='l'><visual name='v'><geometry>{shapes}</geometry></visual></link></model>"
+    (part,), said = _read(_world(tmp_path / "w.sdf", content))
+    assert not said
+    assert np.allclose(_bounds([part]), [[0, 0, 0], [10, 4, 2]])
+    assert trimesh.Trimesh(part.vertices_m, part.faces).volume == pytest.approx(2 * (16 - 4 + 1))
+
+
+def test_a_chain_of_thousands_of_frames_is_followed(tmp_path):
+    pose = "<pose>0 0 0.001 0 0 0</pose>"
+    frames = "".join(f"<frame name='f{i}' attached_to='f{i + 1}'>{pose}</frame>" for i in range(3000))
+    on_chain = _box("b", "<pose relative_to='f0'>0 0 0 0 0 0</pose>", "1 1 1")
+    (part,), _ = _read(_world(tmp_path / "w.sdf", frames + "<frame name='f3000'/>" + on_chain))
+    assert np.allclose(part.vertices_m.mean(axis=0), [0, 0, 3])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        _mesh("x" * 5000),
+        _mesh("model://" + "x" * 5000),
+        _mesh("https://fuel/1.0/o/models/" + "x" * 5000),
+        _mesh("https://fuel/1.0/o/models/%2Fetc"),
+        _mesh("https://[/models/a"),
+        f"<include><uri>{'x' * 5000}</uri></include>",
+        _box("b", more=f"<material><script><uri>{'x' * 5000}</uri><name>A</name></script></material>"),
+    ],
+    ids=range(7),
+)
+def test_names_that_no_file_can_have_are_not_found(tmp_path, content):
+    _, said = _read(_world(tmp_path / "w.sdf", _box("a") + content))
+    assert said[0].startswith("Not found")
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        "<?xml version='1.0' encoding='x-foo'?><model/>",
+        f"<model><sdf version='{'9' * 5000}'>gone.sdf</sdf></model>",
+        f"<model><sdf version='1'>{'x' * 5000}</sdf></model>",
+        "<model>",
+    ],
+    ids=range(4),
+)
+def test_a_model_whose_configuration_is_damaged_is_read_from_its_usual_file(tmp_path, config):
+    _model(tmp_path / "models", "thing", _box("b"))
+    (tmp_path / "models" / "thing" / "model.config").write_text(config)
+    parts, _ = _read(_world(tmp_path / "w.sdf", "<include><uri>model://thing</uri></include>"))
+    assert len(parts) == 1
 
 
 def test_a_real_apartment_looks_as_the_same_apartment_in_one_file(dev_scenes, tmp_path, caplog):

@@ -1,4 +1,5 @@
 import json
+import os
 import tomllib
 
 import numpy as np
@@ -170,6 +171,68 @@ def test_what_is_missing_is_said_once_and_left_out(tmp_path):
     missing, broken = report.sentences()
     assert missing == "Not found in the dataset's folder: sofa, lamp, which are left out."
     assert broken.startswith("Left out, because they cannot be read: broken (")
+
+
+def _with_thing(tmp_path, config):
+    """A dataset three folders below ``tmp_path``, with a room and a thing of that configuration, and its scene."""
+    root = tmp_path / "a" / "b" / "cad"
+    src = _replica_cad(root, {"object_instances": [{"template_name": "thing"}]})
+    if config is not None:
+        _write(root / "configs" / "objects" / "thing.object_config.json", config)
+    return src, root
+
+
+def _said(src, *model_paths):
+    report = ImportReport()
+    parts = read_scene_instance(DATASETS[1], src, list(model_paths), report).submeshes
+    return len(parts), report.sentences()
+
+
+@pytest.mark.parametrize("asset", ["../../../../../{}", "{}"])
+def test_an_asset_from_elsewhere_is_not_read(tmp_path, asset):
+    write_glb(tmp_path / "secret.glb", box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
+    name = asset.format("secret.glb") if asset[0] == "." else str(tmp_path / "secret.glb")
+    src, _ = _with_thing(tmp_path, {"render_asset": name})
+    count, said = _said(src)
+    assert count == 1
+    assert said[0].startswith("Not read, because they lie elsewhere")
+    # The folder that the user gives is one that may be read.
+    assert _said(src, tmp_path)[0] == 2
+
+
+def test_a_mesh_of_a_urdf_from_elsewhere_is_not_read(tmp_path):
+    write_glb(tmp_path / "secret.glb", box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
+    src, root = _with_thing(tmp_path, None)
+    mesh = f'<mesh filename="{tmp_path}/secret.glb"/>'
+    urdf = f'<robot><link name="l"><visual><geometry>{mesh}</geometry></visual></link></robot>'
+    (root / "objects" / "thing.urdf").write_text(urdf)
+    count, said = _said(src)
+    assert count == 1
+    assert said[0].startswith("Not read, because they lie elsewhere")
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_a_urdf_that_is_no_file_is_not_waited_for(tmp_path, make):
+    src, root = _with_thing(tmp_path, None)
+    make(root / "objects" / "thing.urdf")
+    count, said = _said(src)
+    assert count == 1
+    assert "thing" in said[0]
+    with pytest.raises(SceneError, match="no regular file"):
+        read_urdf(root / "objects" / "thing.urdf", ImportReport())
+
+
+def test_an_asset_whose_name_no_file_can_have_is_not_found(tmp_path):
+    src, _ = _with_thing(tmp_path, {"render_asset": "x" * 5000})
+    assert _said(src)[1][0].startswith("Not found in the dataset's folder")
+
+
+def test_shapes_of_a_urdf_that_cannot_be_drawn_are_said(tmp_path):
+    visual = '<visual><geometry><sphere radius="0"/></geometry></visual>'
+    (tmp_path / "a.urdf").write_text(f'<robot><link name="l">{visual}</link></robot>')
+    report = ImportReport()
+    assert not read_urdf(tmp_path / "a.urdf", report)
+    assert report.sentences() == ["Left out, because such shapes cannot be imported: <sphere> of a.urdf."]
 
 
 def test_a_scene_that_was_taken_out_of_its_dataset_asks_for_it(tmp_path):

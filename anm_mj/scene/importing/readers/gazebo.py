@@ -8,6 +8,7 @@ Gazebo does.
 from __future__ import annotations
 
 import math
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
@@ -21,13 +22,14 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
-from anm_mj.scene.importing.readers.model_path import find_uri, model_file, search_folders
+from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
 from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, pose_of, state_poses
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
 from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
 from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
+from anm_mj.utils.read_file import read_bytes
 
 _FOLDER = "anm_mj_folder"
 """Attribute that remembers the folder of the file an element came from; relative paths start there."""
@@ -54,8 +56,8 @@ _SCALED = "Not applied: the scale in the saved state of {names}."
 
 def is_gazebo(src: Path) -> bool:
     """Whether a file is a Gazebo world or model, or a folder a Gazebo model."""
-    if src.is_dir():
-        return (src / "model.config").is_file() and model_file(src) is not None
+    if os.path.isdir(src):
+        return os.path.isfile(src / "model.config") and model_file(src) is not None
     return src.suffix.lower() in (".world", ".sdf")
 
 
@@ -68,7 +70,7 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
     file = model_file(src)
     if file is None:
         raise SceneError(f"{src} is no Gazebo model: it holds neither model.config nor model.sdf.")
-    reader = _Reader(search_folders(file, model_paths), report)
+    reader = _Reader(world_places(file, model_paths), report)
     submeshes = reader.read(file)
     if not submeshes:
         raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
@@ -80,14 +82,14 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
 class _Reader:
     """Gathers the submeshes of one world."""
 
-    def __init__(self, folders: list[Path], report: ImportReport) -> None:
+    def __init__(self, places: Places, report: ImportReport) -> None:
         self.models: set[str] = set()
         """Names of the model folders that were used."""
         self.joints: dict[str, Joint] = {}
         """How links can move, by the name of their part."""
-        self._folders = folders
+        self._places = places
         self._report = report
-        self._materials = MaterialReader(folders, report)
+        self._materials = MaterialReader(places, report)
         self._meshes: dict[Path, list[Submesh]] = {}
         self._submeshes: list[Submesh] = []
         self._grounds: list[tuple[Submesh, Material]] = []
@@ -129,8 +131,10 @@ class _Reader:
         parent.remove(include)
         uri = (include.findtext("uri") or "").strip()
         name = uri.rstrip("/").rpartition("/")[2] or uri
-        found = find_uri(uri, folder, self._folders)
+        found = find_uri(uri, folder, self._places, self._report)
         file = None if found is None else model_file(found)
+        # The file may be linked from elsewhere.
+        file = None if file is None else self._places.first([file], folder, self._report)
         if file is None:
             if name == "ground_plane":
                 parent.insert(at, _ground_plane())
@@ -178,7 +182,8 @@ class _Reader:
         self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path, part: str
     ) -> None:
         """Gather the submeshes of one <visual>."""
-        shape = next(iter(visual.findall("geometry/*")), None)
+        shapes = visual.findall("geometry/*")
+        shape = next(iter(shapes), None)
         if shape is None or shape.tag == "empty" or numbers(visual.find("transparency"), 1, (0.0,))[0] >= 1.0:
             return
         pose = visual.find("pose")
@@ -204,7 +209,7 @@ class _Reader:
             else:
                 self._submeshes.append(with_material(plane, material))
             return
-        submesh = shape_submesh(shape, name)
+        submesh = shape_submesh(shape, name, [other for other in shapes[1:] if other.tag == "polyline"])
         if submesh is None:
             self._report.add(_NO_SHAPE, f"<{shape.tag}> of {name}")
         else:
@@ -241,8 +246,8 @@ class _Reader:
     def _mesh_submeshes(self, shape: ET.Element, folder: Path) -> Iterator[Submesh]:
         """The submeshes of a <mesh>, scaled; none, with a note, where they cannot be had."""
         uri = (shape.findtext("uri") or "").strip()
-        path = find_uri(uri, folder, self._folders)
-        if path is None or not path.is_file():
+        path = find_uri(uri, folder, self._places, self._report)
+        if path is None or not os.path.isfile(path):
             self._report.add(_NO_MESH, uri.partition("://")[2] or uri)
             return
         if path not in self._meshes:
@@ -296,7 +301,7 @@ def _parse(file: Path) -> ET.Element:
     """The root element of an XML file."""
     try:
         # Gazebo reads a file with blank lines before its declaration too.
-        return ET.fromstring(file.read_bytes().lstrip())
+        return ET.fromstring(read_bytes(file).lstrip())
     except ET.ParseError as err:
         raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
     except (OSError, ValueError, LookupError) as err:

@@ -18,6 +18,7 @@ from jaxtyping import Float64
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import read_mesh
+from anm_mj.scene.importing.readers.model_path import places_of
 from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedScene
 from anm_mj.scene.importing.readers.sdf_pose import quaternion_matrix
 from anm_mj.scene.importing.readers.urdf import read_urdf
@@ -55,7 +56,7 @@ DATASETS = (
 
 def is_scene_instance(src: Path, dataset: Dataset) -> bool:
     """Whether a file is a scene of a dataset."""
-    if not (src.is_file() and src.name.endswith(_SCENE_SUFFIX)):
+    if not (os.path.isfile(src) and src.name.endswith(_SCENE_SUFFIX)):
         return False
     config = _dataset_config(src)
     return not dataset.prefix or (config is not None and config.name.lower().startswith(dataset.prefix))
@@ -67,7 +68,7 @@ def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path]
     Raises:
         SceneError: if the file is no scene, or lies outside a dataset's folder, or nothing of it is there.
     """
-    if not (src.is_file() and src.name.endswith(_SCENE_SUFFIX)):
+    if not (os.path.isfile(src) and src.name.endswith(_SCENE_SUFFIX)):
         raise SceneError(f"{src} is no scene of a {dataset.title}: give one of its *{_SCENE_SUFFIX} files.")
     config = _dataset_config(src)
     if config is None and not model_paths:
@@ -81,7 +82,7 @@ def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path]
         placements = _placements(scene)
     except (TypeError, ValueError, KeyError, AttributeError) as err:
         raise SceneError(f"{src} is damaged or no Habitat scene ({err}): download it again.") from err
-    templates = _Templates(folders, {placement.template for placement in placements}, report)
+    templates = _Templates(src, folders, {placement.template for placement in placements}, report)
     submeshes = [submesh for placement in placements for submesh in templates.placed(placement)]
     if not submeshes:
         raise SceneError(f"Nothing that {src} names is in {folders[0]}: download the dataset's stages and objects.")
@@ -157,7 +158,9 @@ def _placements(scene: dict[str, Any]) -> list[_Placement]:
 class _Templates:
     """The templates of one scene, each read once."""
 
-    def __init__(self, folders: Sequence[Path], names: set[str], report: ImportReport) -> None:
+    def __init__(self, src: Path, folders: Sequence[Path], names: set[str], report: ImportReport) -> None:
+        self._folders = folders
+        self._places = places_of(src, folders)
         self._files = _find_templates(folders, names)
         self._report = report
         self._submeshes: dict[str, list[Submesh]] = {}
@@ -183,19 +186,22 @@ class _Templates:
         if path is None:
             self._report.add(_NO_TEMPLATE, name)
             return []
+        # A template may be linked from elsewhere.
+        if self._places.first([path], path.parent, self._report) is None:
+            return []
         try:
             if path.suffix == ".urdf":
-                return read_urdf(path, self._report)
+                return read_urdf(path, self._report, self._folders)
             if path.suffix != ".json":
                 return read_mesh(path, self._report)
             config = _read_json(path)
             asset = config.get("urdf_filepath") or config.get("render_asset") or ""
-            asset_path = path.parent / str(asset)
-            if not asset or not asset_path.is_file():
+            asset_path = self._places.first([path.parent / str(asset)], path.parent, self._report)
+            if not asset or asset_path is None or not os.path.isfile(asset_path):
                 self._report.add(_NO_TEMPLATE, Path(str(asset)).name or name)
                 return []
             if asset_path.suffix == ".urdf":
-                return read_urdf(asset_path, self._report)
+                return read_urdf(asset_path, self._report, self._folders)
             turn = _canonical_axes(config) * np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
             turn = turn * float(config.get("units_to_meters", 1.0))
             return [transformed(submesh, turn) for submesh in read_mesh(asset_path, self._report)]

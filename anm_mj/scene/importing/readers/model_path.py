@@ -1,112 +1,167 @@
-"""Finds the models and files that a Gazebo world names by URI."""
+"""Finds the models and files that a Gazebo world or a URDF file names by URI, and says which of them may be read."""
 
 from __future__ import annotations
 
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
+
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.utils.read_file import read_bytes
+from anm_mj.utils.read_mjcf import LEVELS_UP, top_folder
 
 _VARIABLES = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
 _LEVELS = 5
 """A ROS package keeps its worlds up to this many folders below the folder that also holds ``models``."""
+_ELSEWHERE = (
+    "Not read, because they lie elsewhere than the file that names them, the folders up to three above it and the "
+    "folders of models: {names}; give their folders with --model-path."
+)
 
 
-def search_folders(world: Path, given: Sequence[Path]) -> list[Path]:
-    """Folders that may hold models, best first.
+@dataclass(frozen=True)
+class Places:
+    """Where the files that a scene names are looked for, and where they may lie."""
 
-    Those given, then those of Gazebo's environment variables, then ``models`` beside the world's folder or a few levels
-    above it, and last Gazebo's own caches.
+    searched: tuple[Path, ...]
+    """Folders that may hold models, best first."""
+    own: tuple[Path, ...]
+    """Folders whose files may be read whatever names them, links followed."""
+
+    def holds(self, path: Path, folder: Path) -> bool:
+        """Whether a file or folder that a file in ``folder`` names may be read, links followed."""
+        real = Path(os.path.realpath(path))
+        tops = (top_folder(Path(os.path.realpath(folder)), LEVELS_UP), *self.own)
+        return any(top in (real, *real.parents) for top in tops)
+
+    def first(self, places: Iterable[Path], folder: Path, report: ImportReport) -> Path | None:
+        """The first that exists and may be read; a note, if those that exist lie elsewhere."""
+        existing = [place for place in places if os.path.exists(place)]  # Unlike Path.exists, never an error.
+        found = next((place for place in existing if self.holds(place, folder)), None)
+        if found is None and existing:
+            report.add(_ELSEWHERE, str(existing[0]))
+        return found
+
+
+def places_of(source: Path, others: Sequence[Path] = ()) -> Places:
+    """Where files that ``source`` names may lie: up to three folders above it, and in ``others``."""
+    # A file that is linked, as colcon does, has its neighbours where it really is, too.
+    return Places((), (top_folder(Path(os.path.realpath(source)).parent, LEVELS_UP), *_real(others)))
+
+
+def world_places(world: Path, given: Sequence[Path]) -> Places:
+    """Where the models that a world names are looked for, and may lie.
+
+    Those given come first, then those of Gazebo's environment variables, then ``models`` beside the world's folder or a
+    few levels above it, and last Gazebo's own caches.
     """
-    folders = list(given)
+    stated = list(given)
     for variable in _VARIABLES:
-        folders += [Path(entry).expanduser() for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
-    for above in [world.absolute().parent, *world.absolute().parent.parents][:_LEVELS]:
-        folders += [above / "models", above / "gazebo_models", above]
+        stated += [Path(entry).expanduser() for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
+    beside, above_world = [], [world.absolute().parent, *world.absolute().parent.parents][:_LEVELS]
+    for above in above_world:
+        beside += [above / "models", above / "gazebo_models", above]
     home = Path.home()
-    folders.append(home / ".gazebo" / "models")
+    caches = [home / ".gazebo" / "models"]
     for cache in (home / ".gz" / "fuel", home / ".ignition" / "fuel"):
-        folders += sorted(cache.glob("*/*/models"))
-    return [folder for folder in dict.fromkeys(folders) if os.path.isdir(folder)]
+        caches += sorted(cache.glob("*/*/models"))
+    searched = tuple(folder for folder in dict.fromkeys((*stated, *beside, *caches)) if os.path.isdir(folder))
+    # A folder far above the world is looked through for models, but all that is in it is not the world's own.
+    models = [folder for folder in searched if folder in stated or folder not in above_world]
+    media = [folder.parent / "media" for folder in models]
+    return Places(searched, places_of(world, (*models, *media)).own)
 
 
-def find_uri(uri: str, folder: Path, folders: Sequence[Path]) -> Path | None:
-    """The file or folder that a URI in a file of ``folder`` means, or None if it is nowhere.
+def _real(folders: Sequence[Path]) -> list[Path]:
+    """Folders, links followed."""
+    return [Path(os.path.realpath(folder)) for folder in folders]
 
-    ``model://NAME/PATH`` and ``package://NAME/PATH`` are looked for in ``folders`` and above ``folder``; an address of
-    the Fuel server by its model's name and what follows; anything else is a path, from ``folder`` if it is relative.
+
+def find_uri(uri: str, folder: Path, places: Places, report: ImportReport) -> Path | None:
+    """The file or folder that a URI in a file of ``folder`` means, or None if it is nowhere, or may not be read.
+
+    ``model://NAME/PATH`` and ``package://NAME/PATH`` are looked for in the folders of models and above ``folder``; an
+    address of the Fuel server by its model's name and what follows; anything else is a path, from ``folder`` if it is
+    relative.
     """
     uri = uri.strip()
     scheme, _, rest = uri.partition("://") if "://" in uri else ("", "", uri)
     if scheme in ("http", "https", "fuel"):
-        return _find_fuel(uri, folders)
+        return places.first(_fuel_places(uri, places.searched), folder, report)
     rest = unquote(rest)
     if scheme in ("model", "package"):
-        return _find_named(rest.strip("/"), folder, folders)
-    places = [Path(rest)] if os.path.isabs(rest) else [folder / rest]
-    # Gazebo's own materials and meshes are named file://media/..., from its resource folder.
-    places += [above / rest.lstrip("/") for root in folders for above in (root, root.parent)]
-    return next((place for place in places if rest and place.exists()), None)
-
-
-def _find_named(name: str, folder: Path, folders: Sequence[Path]) -> Path | None:
-    """A model, or a file in one, by its path below the folder that holds the model."""
-    if not name:
+        return places.first(_named_places(rest.strip("/"), folder, places.searched), folder, report)
+    if not rest:
         return None
+    at = [Path(rest)] if os.path.isabs(rest) else [folder / rest]
+    # Gazebo's own materials and meshes are named file://media/..., from its resource folder.
+    at += [above / rest.lstrip("/") for root in places.searched for above in (root, root.parent)]
+    return places.first(at, folder, report)
+
+
+def _named_places(name: str, folder: Path, folders: Sequence[Path]) -> list[Path]:
+    """Where a model, or a file in one, may be by its path below the folder that holds the model."""
+    if not name:
+        return []
     model = name.partition("/")[0]
     # Inside a model, its own name means it wherever it lies, and its siblings are the next thing to look at.
     own = [above.parent for above in (folder, *folder.parents)[:4] if above.name == model]
     beside = list(folder.parents)[:3]
-    for root in (*own, *folders, *beside):
-        if (root / name).exists():
-            return root / name
-    return None
+    return [root / name for root in (*own, *folders, *beside)]
 
 
-def _find_fuel(uri: str, folders: Sequence[Path]) -> Path | None:
-    """A model of the Fuel server, or a file in one, in a folder that has been downloaded.
+def _fuel_places(uri: str, folders: Sequence[Path]) -> list[Path]:
+    """Where a model of the Fuel server, or a file in one, is in folders that have been downloaded.
 
     Addresses are https://SERVER/VERSION/OWNER/models/NAME[/VERSION[/files/PATH]]; Fuel's own cache writes names in
     small letters and keeps each version in a subfolder.
     """
-    parts = [unquote(part) for part in urlparse(uri).path.split("/") if part]
+    try:
+        parts = [unquote(part) for part in urlparse(uri).path.split("/") if part]
+    except ValueError:  # Brackets that belong to no address.
+        return []
     if "models" not in parts or parts.index("models") + 1 == len(parts):
-        return None
+        return []
     name, *rest = parts[parts.index("models") + 1 :]
     inside = rest[rest.index("files") + 1 :] if "files" in rest else []
+    found = []
     for root in folders:
         for called in dict.fromkeys((name, name.lower(), name.replace(" ", "_"))):
             model = root / called
-            if model.is_dir():
-                versions = sorted((path for path in model.iterdir() if path.name.isdigit()), key=lambda p: -int(p.name))
-                for place in (model, *versions):
-                    wanted = place.joinpath(*inside)
-                    if wanted.exists() and (inside or model_file(place) is not None):
-                        return wanted
-    return None
+            if os.path.isdir(model):
+                versions = [path for path in model.glob("*") if path.name.isdecimal()]
+                for place in (model, *sorted(versions, key=lambda path: -int(path.name))):
+                    if inside or model_file(place) is not None:
+                        found.append(place.joinpath(*inside))
+    return found
 
 
 def model_file(folder: Path) -> Path | None:
     """The SDF file of a model's folder: the newest that model.config names, or model.sdf; None if there is none."""
-    if folder.is_file():
+    if os.path.isfile(folder):
         return folder
     config = folder / "model.config"
-    if not config.is_file():
+    if not os.path.isfile(config):
         config = folder / "manifest.xml"
-    if config.is_file():
-        try:
-            listed = ET.fromstring(config.read_bytes().lstrip()).findall("sdf")
-        except ET.ParseError:
-            listed = []
-        named = [(_version(entry.get("version", "0")), (entry.text or "").strip()) for entry in listed]
-        for _, name in sorted(named, reverse=True):
-            if name and (folder / name).is_file():
-                return folder / name
-    return next((folder / name for name in ("model.sdf", "model.world") if (folder / name).is_file()), None)
+    try:
+        listed = ET.fromstring(read_bytes(config).lstrip()).findall("sdf")
+    except (OSError, ValueError, LookupError, ET.ParseError):
+        listed = []
+    named = [(_version(entry.get("version", "0")), (entry.text or "").strip()) for entry in listed]
+    names = [name for _, name in sorted(named, reverse=True) if name and _stays_below(name)]
+    files = [folder / name for name in (*names, "model.sdf", "model.world")]
+    return next((file for file in files if os.path.isfile(file)), None)
+
+
+def _stays_below(name: str) -> bool:
+    """Whether a path leads to below the folder that it starts from."""
+    return not os.path.isabs(name) and os.path.normpath(name).split(os.sep)[0] != os.pardir
 
 
 def _version(text: str) -> tuple[int, ...]:
-    """A version number, for sorting."""
-    return tuple(int(number) for number in re.findall(r"\d+", text))
+    """A version number, for sorting; Python refuses to read numbers of thousands of digits."""
+    return tuple(int(number) for number in re.findall(r"\d{1,9}", text))

@@ -6,9 +6,10 @@ material, the diffuse colour, the material script's texture or diffuse colour, t
 
 from __future__ import annotations
 
+import math
+import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,13 +17,19 @@ import numpy as np
 from jaxtyping import UInt8
 
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.model_path import find_uri
+from anm_mj.scene.importing.readers.model_path import Places, find_uri
 from anm_mj.scene.importing.readers.sdf_pose import numbers
 from anm_mj.scene.importing.readers.texture_file import MISSING, find_texture, read_texture
 from anm_mj.scene.importing.readers.texture_limit import flat_coloured
 from anm_mj.scene.submesh import Submesh
+from anm_mj.utils.read_file import read_bytes
 
 _UNKNOWN_SCRIPT = "Not found: the materials {names}; what is made of them comes out grey."
+_BAD_SCRIPT = "Left out, because they cannot be read: {names}."
+_MAX_SCRIPT_MIB = 16
+"""Largest material script [MiB]."""
+_SMALLEST_SCALE = 1e-6
+"""Textures that should repeat more often are not scaled."""
 
 Rgb = tuple[float, float, float]
 
@@ -74,9 +81,9 @@ class Material:
 class MaterialReader:
     """Reads the materials of one world; every script and texture once."""
 
-    def __init__(self, folders: Sequence[Path], report: ImportReport) -> None:
-        """MaterialReader that name files in model folders, best first."""
-        self._folders = folders
+    def __init__(self, places: Places, report: ImportReport) -> None:
+        """MaterialReader that name files in these places."""
+        self._places = places
         self._report = report
         self._textures: dict[Path, UInt8[np.ndarray, "h w 3"] | None] = {}
         self._scripts: dict[Path, dict[str, _Script]] = {}
@@ -105,11 +112,11 @@ class MaterialReader:
     def _scripted(self, script: ET.Element, folder: Path) -> Material | None:
         """The material of a material script, or None if it is not there and unknown."""
         name = (script.findtext("name") or "").strip()
-        uris = [find_uri(uri.text or "", folder, self._folders) for uri in script.findall("uri")]
+        uris = [find_uri(uri.text or "", folder, self._places, self._report) for uri in script.findall("uri")]
         places = [place for place in uris if place is not None]
-        files = [
-            file for place in places for file in ([place] if place.is_file() else sorted(place.glob("*.material")))
-        ]
+        listed = [[place] if os.path.isfile(place) else sorted(place.glob("*.material")) for place in places]
+        # A file in a folder may be linked from elsewhere.
+        files = [file for files in listed for file in files if self._places.first([file], folder, self._report)]
         for file in files:
             found = self._script_file(file).get(name)
             if found is not None and found.texture is not None:
@@ -126,10 +133,10 @@ class MaterialReader:
 
     def _texture(self, name: str, places: list[Path], folder: Path) -> UInt8[np.ndarray, "h w 3"] | None:
         """The texture of that name or URI; None, with a note, if it is not there or cannot be decoded."""
-        path = find_uri(name, folder, self._folders) if "://" in name else None
+        path = find_uri(name, folder, self._places, self._report) if "://" in name else None
         for place in places:
-            path = path or find_texture(name, place if place.is_dir() else place.parent)
-        if path is not None and path.is_file():
+            path = path or find_texture(name, place if os.path.isdir(place) else place.parent)
+        if path is not None and os.path.isfile(path):
             if path not in self._textures:
                 self._textures[path] = read_texture(path)
             if self._textures[path] is not None:
@@ -138,9 +145,14 @@ class MaterialReader:
         return None
 
     def _script_file(self, path: Path) -> dict[str, _Script]:
-        """The materials of a script file."""
+        """The materials of a script file; none, with a note, if it cannot be read."""
         if path not in self._scripts:
-            self._scripts[path] = read_script(path.read_text(errors="replace"))
+            try:
+                text = read_bytes(path, _MAX_SCRIPT_MIB).decode("utf-8", errors="replace")
+            except (OSError, ValueError) as err:
+                self._report.add(_BAD_SCRIPT, f"{path.name} ({err})")
+                text = ""
+            self._scripts[path] = read_script(text)
         return self._scripts[path]
 
 
@@ -153,29 +165,51 @@ class _Script:
     uv_scale: tuple[float, float]
 
 
+_COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)|//[^\n]*", re.DOTALL)
+_HEAD = re.compile(r"\bmaterial\s++(\"[^\"\n]++\"|(?>[^\s{]*[^\s{:]))(?:\s*+:\s*+([^\s{]++))?\s*+\{")
+"""The beginning of a material; a pattern that never goes back over what it has read."""
+
+
 def read_script(text: str) -> dict[str, _Script]:
     """The materials of an OGRE material script, by name: the first diffuse colour and texture of each."""
-    text = re.sub(r"/\*.*?\*/|//[^\n]*", "", text, flags=re.DOTALL)
+    text = _COMMENT.sub("", text)
     materials: dict[str, _Script] = {}
-    for head in re.finditer(r"\bmaterial\s+(\"[^\"]+\"|\S+)(?:\s*:\s*(\S+))?\s*\{", text):
-        depth, end = 1, head.end()
-        while depth and end < len(text):
-            depth += {"{": 1, "}": -1}.get(text[end], 0)
-            end += 1
-        body, base = text[head.end() : end], materials.get((head[2] or "").strip('"'))
-        diffuse = re.search(r"\bdiffuse\s+([\d.eE+-]+)\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body)
+    heads = list(_HEAD.finditer(text))
+    ends = [*(head.start() for head in heads[1:]), len(text)]
+    for head, end in zip(heads, ends, strict=False):
+        body = _body(text, head.end(), end)
+        diffuse, scale = _first_numbers("diffuse", 3, body), _first_numbers("scale", 2, body)
         texture = re.search(r"\btexture\s+(\S+)", body)
-        scale = re.search(r"\bscale\s+([\d.eE+-]+)\s+([\d.eE+-]+)", body)
-        found = base or _Script(None, None, (1.0, 1.0))
+        found = materials.get((head[2] or "").strip('"')) or _Script(None, None, (1.0, 1.0))
         if diffuse is not None:
-            found = replace(found, diffuse=(float(diffuse[1]), float(diffuse[2]), float(diffuse[3])))
+            found = replace(found, diffuse=_clipped(diffuse))
         if texture is not None:
             found = replace(found, texture=texture[1])
-        if scale is not None and float(scale[1]) and float(scale[2]):
+        if scale is not None and min(map(abs, scale)) > _SMALLEST_SCALE:
             # OGRE's scale is that of the picture: half its size shows it twice.
-            found = replace(found, uv_scale=(1.0 / float(scale[1]), 1.0 / float(scale[2])))
+            found = replace(found, uv_scale=(1.0 / scale[0], 1.0 / scale[1]))
         materials[head[1].strip('"')] = found
     return materials
+
+
+def _body(text: str, start: int, end: int) -> str:
+    """What stands between a brace, which ends at ``start``, and the one that closes it; the next material closes it."""
+    depth = 1
+    for brace in re.finditer(r"[{}]", text[start:end]):
+        depth += 1 if brace[0] == "{" else -1
+        if not depth:
+            return text[start : start + brace.start()]
+    return text[start:end]
+
+
+def _first_numbers(keyword: str, count: int, body: str) -> tuple[float, ...] | None:
+    """The numbers after the first such keyword that has some; None if there is none, or they are no numbers."""
+    found = re.search(rf"\b{keyword}((?:\s+[\d.eE+-]+){{{count}}})", body)
+    try:
+        values = () if found is None else tuple(float(word) for word in found[1].split())
+    except ValueError:
+        return None
+    return values if values and all(math.isfinite(value) for value in values) else None
 
 
 def with_material(submesh: Submesh, material: Material) -> Submesh:
@@ -192,5 +226,10 @@ def _colour(element: ET.Element | None) -> Rgb | None:
     """The red, green and blue of a colour, in 0..1."""
     if element is None:
         return None
-    red, green, blue = (min(1.0, max(0.0, value)) for value in numbers(element, 3, (0.0, 0.0, 0.0)))
+    return _clipped(numbers(element, 3, (0.0, 0.0, 0.0)))
+
+
+def _clipped(values: tuple[float, ...]) -> Rgb:
+    """Red, green and blue in 0..1."""
+    red, green, blue = (min(1.0, max(0.0, value)) for value in values)
     return red, green, blue

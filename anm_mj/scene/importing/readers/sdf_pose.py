@@ -16,6 +16,8 @@ from anm_mj.errors import SceneError
 
 _FRAMED = ("model", "link", "joint", "frame")
 """Elements that others may stand relative to."""
+_OF_SCOPE = ("__model__", "world", "__root__")
+"""Names of the frame of the model or world itself."""
 
 Transform = Float64[np.ndarray, "4 4"]
 
@@ -105,9 +107,9 @@ class Scope:
         self.T_world_scope = T_world_scope
         self.path = path
         self._states = states
+        self._where = f"{element.tag} {element.get('name', '')!r}"
         self._framed = {child.get("name", ""): child for child in element if child.tag in _FRAMED}
         self._poses: dict[str, Transform] = {}
-        self._open: list[str] = []
 
     def place(self, child: ET.Element) -> Transform:
         """T_world_child of an element of this scope, named or not.
@@ -126,23 +128,39 @@ class Scope:
         Raises:
             SceneError: as :meth:`place`.
         """
-        if name in ("__model__", "world", "__root__"):
+        if name in _OF_SCOPE:
             return self.T_world_scope
-        if name in self._poses:
-            return self._poses[name]
         first, _, rest = name.partition("::")
-        child = self._framed.get(first)
-        where = f"{self.element.tag} {self.element.get('name', '')!r}"
+        self._place_chain(first)
+        return self.inner(self._named(first)).frame(rest) if rest else self._poses[first]
+
+    def _named(self, name: str) -> ET.Element:
+        """A named element of this scope.
+
+        Raises:
+            SceneError: if there is none.
+        """
+        child = self._framed.get(name)
         if child is None:
-            raise SceneError(f"A pose in {where} is relative to {name!r}, which is not there: fix the world file.")
-        if rest:
-            return self.inner(child).frame(rest)
-        if name in self._open:
-            raise SceneError(f"The poses in {where} go round in a circle at {name!r}: fix the world file.")
-        self._open.append(name)
-        self._poses[name] = self._place(child)
-        self._open.pop()
-        return self._poses[name]
+            raise SceneError(
+                f"A pose in {self._where} is relative to {name!r}, which is not there: fix the world file."
+            )
+        return child
+
+    def _place_chain(self, name: str) -> None:
+        """Place a named frame after all that it stands on, one by one: a chain may have thousands of frames.
+
+        Raises:
+            SceneError: as :meth:`place`.
+        """
+        chain: dict[str, ET.Element] = {}
+        while name not in _OF_SCOPE and name not in self._poses:
+            if name in chain:
+                raise SceneError(f"The poses in {self._where} go round in a circle at {name!r}: fix the world file.")
+            chain[name] = self._named(name)
+            name = (self._stands_on(chain[name]) or _OF_SCOPE[0]).partition("::")[0]
+        for each, child in reversed(chain.items()):
+            self._poses[each] = self._place(child)
 
     def inner(self, model: ET.Element) -> Scope:
         """The scope of a model in this one."""
@@ -158,16 +176,27 @@ class Scope:
 
     def _place(self, child: ET.Element) -> Transform:
         """T_world_child from the state, or from the frame that its pose is relative to."""
-        path = "::".join(part for part in (self.path, child.get("name", "")) if part)
-        if child.tag in ("model", "link") and path in self._states:
-            return self._states[path]
+        state = self._states.get(self._state_path(child))
+        if state is not None and child.tag in ("model", "link"):
+            return state
+        relative_to = self._stands_on(child)
+        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_matrix(child.find("pose"))
+
+    def _state_path(self, child: ET.Element) -> str:
+        """The path of an element in <state>."""
+        return "::".join(part for part in (self.path, child.get("name", "")) if part)
+
+    def _stands_on(self, child: ET.Element) -> str:
+        """The frame that the pose of an element is relative to; empty where that is the scope's own, or the world's."""
+        if child.tag in ("model", "link") and self._state_path(child) in self._states:
+            return ""
         pose = child.find("pose")
         relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
         if not relative_to:
             relative_to = child.get("attached_to") if child.tag == "frame" else None
         if not relative_to and child.tag == "joint":
             relative_to = (child.findtext("child") or "").strip()
-        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_matrix(pose)
+        return relative_to or ""
 
 
 def state_poses(world: ET.Element) -> dict[str, Transform]:

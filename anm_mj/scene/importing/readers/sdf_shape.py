@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -12,17 +15,34 @@ from anm_mj.scene.submesh import Submesh
 
 _SECTIONS = 32
 """A round shape gets so many faces around."""
+_SIZES = {
+    "sphere": (("radius", 1),),
+    "ellipsoid": (("radii", 3),),
+    "cylinder": (("radius", 1),),
+    "capsule": (("radius", 1),),
+    "cone": (("radius", 1),),
+    "polyline": (("height", 1),),
+}
+"""Measures, and of how many numbers each, without which a shape is none; a disc, a cylinder without length, is one."""
 
 
-def shape_submesh(shape: ET.Element, name: str) -> Submesh | None:
-    """The submesh of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape.
+def shape_submesh(shape: ET.Element, name: str, outlines: Sequence[ET.Element] = ()) -> Submesh | None:
+    """The submesh of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape or has no size.
 
     Boxes have texture coordinates from 0 to 1 on every face.
+
+    Args:
+        shape: The element.
+        name: Of the submesh.
+        outlines: Further <polyline> elements of the same geometry.
 
     Raises:
         SceneError: if its measures are no numbers.
     """
     import trimesh
+
+    if any(min(numbers(shape.find(tag), count, (1.0,) * count)) <= 0.0 for tag, count in _SIZES.get(shape.tag, ())):
+        return None
 
     def number(tag: str, default: float) -> float:
         return numbers(shape.find(tag), 1, (default,))[0]
@@ -46,7 +66,7 @@ def shape_submesh(shape: ET.Element, name: str) -> Submesh | None:
         mesh = trimesh.creation.cone(number("radius", 0.5), length, sections=_SECTIONS)
         mesh.apply_translation([0.0, 0.0, -length / 2.0])
     elif shape.tag == "polyline":
-        return _extruded(shape, name)
+        return _extruded([shape, *outlines], name)
     else:
         return None
     return Submesh(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
@@ -80,13 +100,26 @@ def plane_submesh(size_m: tuple[float, float], normal: Float64[np.ndarray, "3"],
     return Submesh(name, corners @ rotation.T, np.array([[0, 1, 2], [0, 2, 3]]), uv=square + 0.5)
 
 
-def _extruded(shape: ET.Element, name: str) -> Submesh | None:
-    """A <polyline>: an outline pulled up to a height; None if it encloses nothing or crosses itself."""
+def _extruded(outlines: Sequence[ET.Element], name: str) -> Submesh | None:
+    """<polyline> elements: outlines pulled up to a height; None if they enclose nothing or one crosses itself.
+
+    As in Gazebo, an outline within another is a hole, and all are as high as the first.
+    """
     import trimesh
     from shapely.geometry import Polygon
 
-    points = [numbers(point, 2, (0.0, 0.0)) for point in shape.findall("point")]
-    if len(points) < 3 or not Polygon(points).is_valid:
+    points = [[numbers(point, 2, (0.0, 0.0)) for point in outline.findall("point")] for outline in outlines]
+    areas = [Polygon(corners) for corners in points if len(corners) >= 3]
+    if len(areas) < len(outlines) or not all(area.is_valid for area in areas):
         return None
-    mesh = trimesh.creation.extrude_polygon(Polygon(points), numbers(shape.find("height"), 1, (1.0,))[0])
+    enclosed = reduce(lambda one, other: one.symmetric_difference(other), areas)
+    height = numbers(outlines[0].find("height"), 1, (1.0,))[0]
+    parts = [
+        trimesh.creation.extrude_polygon(part, height)
+        for part in getattr(enclosed, "geoms", [enclosed])
+        if part.geom_type == "Polygon" and part.area > 0.0
+    ]
+    if not parts:
+        return None
+    mesh: Any = trimesh.util.concatenate(parts)
     return Submesh(name, np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))

@@ -12,7 +12,9 @@ from PIL import Image
 from trimesh.resolvers import FilePathResolver
 
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB
 from anm_mj.utils.picture import open_picture
+from anm_mj.utils.read_file import read_bytes
 
 MAX_TEXTURE_PX = 1024
 """At the robot's image size, larger textures cost memory and time, and alias."""
@@ -38,14 +40,15 @@ class MeshNeighbours(FilePathResolver):
         """Bytes of a named file.
 
         Raises:
-            FileNotFoundError: if it is nowhere.
+            OSError: if it is nowhere, or cannot be read.
+            ValueError: if it is larger than mesh files may be.
         """
         path = find_texture(name, self._folder)
         if path is None:
             self.missed = True
             self._report.add(MISSING, Path(name.replace("\\", "/")).name)
             raise FileNotFoundError(name)
-        return path.read_bytes()
+        return read_bytes(path, MAX_MESH_MIB)
 
     def namespaced(self, namespace: str) -> MeshNeighbours:
         """The same for the files of a subfolder."""

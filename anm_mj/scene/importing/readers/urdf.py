@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import os
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,26 +14,33 @@ from jaxtyping import Float64
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
-from anm_mj.scene.importing.readers.model_path import find_uri
+from anm_mj.scene.importing.readers.model_path import Places, find_uri, places_of
 from anm_mj.scene.importing.readers.sdf_pose import rpy_matrix
 from anm_mj.scene.importing.readers.sdf_shape import box_submesh, shape_submesh
 from anm_mj.scene.submesh import Submesh, transformed
+from anm_mj.utils.read_file import read_bytes
 
 _NO_MESH = "Not found: the meshes {names}, which are left out."
+_NO_SHAPE = "Left out, because such shapes cannot be imported: {names}."
 
 
-def read_urdf(path: Path, report: ImportReport) -> list[Submesh]:
+def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) -> list[Submesh]:
     """Submeshes of an object in the frame of its root link [m].
+
+    Args:
+        path: The file.
+        report: Gets what is left out.
+        folders: Where meshes may lie, beside its own folder and up to three above.
 
     Raises:
         SceneError: if the file is no URDF, a joint names a link that is not there, or a mesh cannot be read.
     """
     try:
-        robot = ET.fromstring(path.read_bytes().lstrip())
+        robot = ET.fromstring(read_bytes(path).lstrip())
     except (OSError, ValueError, LookupError, ET.ParseError) as err:
         raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
     joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}
-    submeshes = []
+    submeshes, places = [], places_of(path, folders)
     for link in robot.findall("link"):
         T_root_link, name, seen = np.eye(4), link.get("name", ""), set()
         while name in joints and name not in seen:
@@ -39,7 +49,7 @@ def read_urdf(path: Path, report: ImportReport) -> list[Submesh]:
             name = _named(joints[name], "parent", "link")
         for visual in link.findall("visual"):
             T_root_visual = T_root_link @ _origin(visual)
-            for submesh in _visual_submeshes(visual, path, report):
+            for submesh in _visual_submeshes(visual, path, places, report):
                 submeshes.append(transformed(submesh, T_root_visual[:3, :3], T_root_visual[:3, 3]))
     return submeshes
 
@@ -61,7 +71,7 @@ def _origin(element: ET.Element) -> Float64[np.ndarray, "4 4"]:
     return matrix
 
 
-def _visual_submeshes(visual: ET.Element, path: Path, report: ImportReport) -> list[Submesh]:
+def _visual_submeshes(visual: ET.Element, path: Path, places: Places, report: ImportReport) -> list[Submesh]:
     """The submeshes of a <visual>, about its own origin."""
     shape = next(iter(visual.findall("geometry/*")), None)
     if shape is None:
@@ -69,8 +79,8 @@ def _visual_submeshes(visual: ET.Element, path: Path, report: ImportReport) -> l
     colour = visual.find("material/color")
     red, green, blue = PLAIN_RGB if colour is None else _numbers(colour.get("rgba", ""), 3)
     if shape.tag == "mesh":
-        file = find_uri(shape.get("filename", ""), path.absolute().parent, [])
-        if file is None or not file.is_file():
+        file = find_uri(shape.get("filename", ""), path.absolute().parent, places, report)
+        if file is None or not os.path.isfile(file):
             report.add(_NO_MESH, shape.get("filename", ""))
             return []
         scale = np.diag(_numbers(shape.get("scale", "1 1 1"), 3))
@@ -84,7 +94,10 @@ def _visual_submeshes(visual: ET.Element, path: Path, report: ImportReport) -> l
         for key, value in shape.items():
             ET.SubElement(as_sdf, key).text = value
         submesh = shape_submesh(as_sdf, path.stem)
-    return [] if submesh is None else [Submesh(submesh.name, submesh.vertices_m, submesh.faces, (red, green, blue))]
+    if submesh is None:
+        report.add(_NO_SHAPE, f"<{shape.tag}> of {path.name}")
+        return []
+    return [Submesh(submesh.name, submesh.vertices_m, submesh.faces, (red, green, blue))]
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...]:
@@ -93,6 +106,6 @@ def _numbers(text: str, count: int) -> tuple[float, ...]:
         values = tuple(float(word) for word in text.split()[:count])
     except ValueError:
         values = ()
-    if len(values) < count:
+    if len(values) < count or not all(math.isfinite(value) for value in values):
         raise SceneError(f"{text!r} should be {count} numbers: fix the URDF file.")
     return values
