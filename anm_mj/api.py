@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float64, Int64
 from anm_mj.config import make_config, read_config
 from anm_mj.errors import AnmError, MapError
 from anm_mj.evaluation.metrics import read_metrics
+from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, policy_entry
@@ -98,12 +99,12 @@ class LoadedRun:
 
     @cached_property
     def curve(self) -> dict[str, np.ndarray]:
-        """Completion against steps: the columns of ``curve.csv``; NaN where unknown."""
-        lines = self.content.folder.curve.read_text(encoding="utf-8").splitlines()
-        rows = [[float(cell) if cell else np.nan for cell in line.split(",")] for line in lines[1:]]
-        names = lines[0].split(",")
-        values = np.array(rows, np.float64).reshape(-1, len(names))
-        return {name: values[:, k] for k, name in enumerate(names)}
+        """Completion against steps: the columns of ``curve.csv``; NaN where unknown.
+
+        Raises:
+            RunFolderError: the file holds no curve.
+        """
+        return read_curve(self.content.folder.curve)
 
     def depth_m(self, step: int) -> np.ndarray:
         """Reduced depth of the observation after ``step`` actions [m]; NaN where nothing was measured.

@@ -17,9 +17,10 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt16
 
 from anm_mj.frames import pixel_directions, transform_points
+from anm_mj.io.run_folder import DEPTH_SIDE_PX
 from anm_mj.types import Intrinsics
 
-EVALUATION_SIDE_PX = 128
+EVALUATION_SIDE_PX = DEPTH_SIDE_PX
 """Rows and columns of reduced depth (paper's protocol); smaller images stay as they are."""
 MAX_DEPTH_M = 10.0
 """Range of the paper's sensor [m]; farther points never count, whatever the camera."""

@@ -14,6 +14,8 @@ from anm_mj.utils.read_file import read_npz
 
 NUM_SAMPLES = 200_000
 """Samples of the true surface (paper's protocol)."""
+_MOST_EQUAL = 1000
+"""No surface has so many samples in one place, and a search tree of equal points is as slow as a list."""
 
 
 def sample_triangles(
@@ -111,7 +113,10 @@ def _checked(truth: GroundTruth) -> GroundTruth:
         ValueError: They are not.
     """
     checked_triangles(truth.vertices, truth.faces)
-    checked_triangles(truth.samples, np.zeros((0, 3), np.int32))
+    samples, _ = checked_triangles(truth.samples, np.zeros((0, 3), np.int32))
+    _, count = np.unique(np.ascontiguousarray(samples).view("V12"), return_counts=True)
+    if len(count) and count.max() > _MOST_EQUAL:
+        raise ValueError(f"{count.max()} of {len(truth.samples)} samples lie in one place")
     seen = truth.observable
     if seen is not None and (seen.dtype != bool or seen.shape != (len(truth.samples),)):
         raise ValueError(f"observable is {seen.dtype} of shape {seen.shape}")

@@ -8,10 +8,10 @@ import numpy as np
 
 from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.export.floor_plan import survey_of
+from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run
 from anm_mj.io.run_title import titled
 from anm_mj.io.write import writing
-from anm_mj.replay.timeline import read_curve
 from anm_mj.viz.figure_file import KINDS
 from anm_mj.viz.plots import draw_curve, draw_topdown
 
@@ -37,13 +37,10 @@ def export_figures(run: Run, out: Path) -> list[Path]:
             title=title,
             kinds=KINDS,
         )
-        rows = read_curve(run.folder.curve)
-        if rows:
-            ratio, observable, cm = (
-                np.array([float(row.get(key) or "nan") for row in rows])
-                for key in ("completion_ratio", "observable_ratio", "completion_cm")
-            )
-            steps = np.array([int(row["step"]) for row in rows])
+        curve = read_curve(run.folder.curve)
+        if len(curve["step"]):
+            ratio, observable, cm = (curve[key] for key in ("completion_ratio", "observable_ratio", "completion_cm"))
+            steps = curve["step"].astype(np.int64)
             path = out / run.folder.curve_picture.name
             written += draw_curve(path, steps, ratio, observable, cm, title=title, kinds=KINDS)
     return written

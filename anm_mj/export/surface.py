@@ -9,6 +9,7 @@ import trimesh
 from jaxtyping import Float, UInt8
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.mesh_file import read_coloured_mesh
 from anm_mj.io.read_run import Run
 from anm_mj.io.write import writing
 
@@ -25,12 +26,8 @@ def run_mesh(run: Run) -> trimesh.Trimesh:
     path = run.folder.mesh
     if not path.is_file():
         raise RunFolderError(f"{run.folder.path} has no {path.name}: the run did not end, or saw no surface.")
-    try:
-        mesh = trimesh.load_mesh(path, process=False)
-    except Exception as err:
-        # Readers of trimesh raise whatever the damaged bytes lead them to.
-        raise RunFolderError(f"{path} cannot be read as a mesh ({err}); copy the run again.") from err
-    return mesh
+    vertices, faces, rgb = read_coloured_mesh(path)
+    return trimesh.Trimesh(vertices, faces, vertex_colors=rgb, process=False)
 
 
 def surface_points(run: Run, most: int = 100_000) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from anm_mj.errors import RunFolderError
 from anm_mj.geometry.triangles import checked_triangles
@@ -42,12 +42,38 @@ def read_mesh(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 
     Raises:
         RunFolderError: The file is cut short or holds no mesh.
     """
+    return _read(path)[:2]
+
+
+def read_coloured_mesh(
+    path: Path,
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], UInt8[np.ndarray, "v 3"]]:
+    """Vertices (world [m]), faces and the vertices' colours of a mesh file; grey where it has none.
+
+    Raises:
+        RunFolderError: as :func:`read_mesh`.
+    """
+    vertices, faces, mesh = _read(path)
+    try:
+        rgb = np.asarray(mesh.visual.vertex_colors, np.uint8)[:, :3]  # type: ignore[union-attr]
+        if rgb.shape != vertices.shape:
+            raise ValueError(f"{len(rgb)} colours for {len(vertices)} vertices")
+    except Exception as err:
+        raise _no_mesh(path, err) from err
+    return vertices, faces, rgb
+
+
+def _read(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], trimesh.Trimesh]:
     import trimesh
 
     try:
         mesh = trimesh.load_mesh(io.BytesIO(read_bytes(path)), file_type=path.suffix[1:], process=False)
         vertices, faces = checked_triangles(mesh.vertices, mesh.faces)
-        return vertices.astype(np.float64), faces.astype(np.int64)
     except Exception as err:
         # Readers of trimesh raise whatever the damaged bytes lead them to.
-        raise RunFolderError(f"{path} cannot be read as a mesh ({err}); delete it and evaluate again.") from err
+        raise _no_mesh(path, err) from err
+    return vertices.astype(np.float64), faces.astype(np.int64), mesh
+
+
+def _no_mesh(path: Path, err: Exception) -> RunFolderError:
+    return RunFolderError(f"{path} cannot be read as a mesh ({err}); copy the run again, or delete the mesh.")

@@ -17,12 +17,15 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
 from anm_mj.types import Plan, Region, TopDownMap, VoronoiGraph
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import array_of, read_npz
 
 _FINEST_M, _COARSEST_M = 1e-4, 100.0
 """Cells have edges between these [m]."""
 _FARTHEST_M = 1e6
 """A map begins nowhere beyond this [m]."""
+MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
+"""Most cells of a map."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,8 @@ def read_plan(path: Path) -> PlanRecord:
     try:
         arrays = read_npz(path)
         path_xy_m = array_of(arrays, "path_xy_m", "f", (None, 2)).astype(np.float64)
-        return PlanRecord(path_xy_m, _topdown(arrays), _graph(arrays), tuple(_regions(arrays)))
+        graph = _graph(arrays)
+        return PlanRecord(path_xy_m, _topdown(arrays), graph, tuple(_regions(arrays, graph)))
     except (OSError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read as a decision ({err}); copy the run again.") from err
 
@@ -94,6 +98,13 @@ def _topdown(arrays: dict[str, np.ndarray]) -> TopDownMap | None:
         return None
     state = array_of(arrays, "state", "iu", (None, None))
     clearance_m = arrays.get("clearance_m")
+    if not state.size:
+        raise ValueError(f"its map has {state.shape[0]} x {state.shape[1]} cells")
+    if state.size > MAX_CELLS:
+        raise ValueError(
+            f"its map has {state.size} cells, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS if there should be so "
+            "many"
+        )
     # Infinite where no obstacle is.
     if clearance_m is None or clearance_m.dtype.kind != "f" or clearance_m.shape != state.shape:
         raise ValueError("clearance_m does not fit state")
@@ -118,7 +129,7 @@ def _graph(arrays: dict[str, np.ndarray]) -> VoronoiGraph | None:
     return VoronoiGraph(vertices, clearance, edges, length_m)
 
 
-def _regions(arrays: dict[str, np.ndarray]) -> list[Region]:
+def _regions(arrays: dict[str, np.ndarray], graph: VoronoiGraph | None) -> list[Region]:
     if "region_centre_m" not in arrays:
         return []
     centres = array_of(arrays, "region_centre_m", "f", (None, 3)).astype(np.float64)
@@ -129,6 +140,11 @@ def _regions(arrays: dict[str, np.ndarray]) -> list[Region]:
         array_of(arrays, "region_score", "f", (len(centres),)),
         array_of(arrays, "region_vertex", "iu", (len(centres),)),
     )
+    num_vertices = 0 if graph is None else len(graph.vertex_xy_m)
+    if len(centres) and not (columns[4].min() >= 0 and columns[4].max() < num_vertices):
+        raise ValueError(f"regions name vertices {columns[4].min()} to {columns[4].max()} of {num_vertices}")
+    if len(centres) and columns[2].min() < 1:
+        raise ValueError(f"a region has {columns[2].min()} members")
     return [
         Region(centre, normal, int(members), float(score), int(vertex))
         for centre, normal, members, score, vertex in zip(*columns, strict=True)

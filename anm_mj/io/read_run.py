@@ -11,9 +11,10 @@ from jaxtyping import Float, UInt16
 from msgspec.structs import asdict
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.camera_checks import check_camera, check_time, no_poses
 from anm_mj.io.image import read_image
 from anm_mj.io.jsonl import read_jsonl
-from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_folder import DEPTH_SIDE_PX, RunFolder
 from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
 from anm_mj.utils import read_file
@@ -63,7 +64,7 @@ class Run:
     frames: tuple[FrameRecord, ...]
     steps: tuple[StepRecord, ...]
     plans: tuple[dict[str, Any], ...]
-    """Lines of ``plans.jsonl``, uninterpreted."""
+    """Lines of ``plans.jsonl``, uninterpreted but for the characters of ``reason``."""
     manifest: dict[str, Any]
     """Empty if the file is missing."""
     config: dict[str, Any]
@@ -110,15 +111,15 @@ def read_run(path: Path) -> Run:
     folder = RunFolder.open(path)
     try:
         camera = convert(read_json(folder.camera), CameraShape)
+        frames = tuple(_frame(convert(line, FrameShape)) for line in read_jsonl(folder.frames))
+        _check_frames(frames)
         return Run(
             folder=folder,
-            intrinsics=Intrinsics(**asdict(camera.intrinsics)),
+            intrinsics=_intrinsics(camera),
             depth_shape=(camera.depth.rows, camera.depth.cols),
-            frames=tuple(_frame(convert(line, FrameShape)) for line in read_jsonl(folder.frames)),
+            frames=frames,
             steps=tuple(_step(convert(line, StepShape)) for line in read_jsonl(folder.steps)),
-            plans=tuple(_checked(line, PlanShape) for line in read_jsonl(folder.plans))
-            if folder.plans.is_file()
-            else (),
+            plans=tuple(_plan(line) for line in read_jsonl(folder.plans)) if folder.plans.is_file() else (),
             manifest=_checked(read_json(folder.manifest), ManifestShape) if folder.manifest.is_file() else {},
             config=_checked(read_json(folder.config), ConfigShape) if folder.config.is_file() else {},
         )
@@ -157,6 +158,44 @@ def _checked(value: Any, shape: type) -> Any:
     """A value as it is, if it has a shape; raises ValueError otherwise."""
     convert(value, shape)
     return value
+
+
+def _intrinsics(camera: CameraShape) -> Intrinsics:
+    """Raises ValueError for what is no camera, or where the depth images are not those of its images."""
+    intrinsics = Intrinsics(**asdict(camera.intrinsics))
+    try:
+        check_camera(intrinsics)
+    except ValueError as err:
+        raise ValueError(f"camera.json has {err}") from err
+    reduced = tuple(min(size, DEPTH_SIDE_PX) for size in (intrinsics.height, intrinsics.width))
+    if (camera.depth.rows, camera.depth.cols) != reduced:
+        raise ValueError(
+            f"camera.json has depth of {camera.depth.rows} rows and {camera.depth.cols} columns for images of "
+            f"{intrinsics.width} x {intrinsics.height} pixels"
+        )
+    return intrinsics
+
+
+def _check_frames(frames: tuple[FrameRecord, ...]) -> None:
+    """Raises ValueError for a frame whose camera stands nowhere, or whose time no clock shows."""
+    for frame in frames:
+        try:
+            check_time(frame.time_s)
+        except ValueError as err:
+            raise ValueError(f"step {frame.step} in frames.jsonl has {err}") from err
+    for matrices in ([frame.T_world_camera for frame in frames], [frame.T_true_camera for frame in frames]):
+        wrong = no_poses(np.array(matrices).reshape(-1, 4, 4))
+        if wrong.any():
+            step = frames[int(np.argmax(wrong))].step
+            raise ValueError(f"step {step} in frames.jsonl has a T_world_camera that is no pose of a camera")
+
+
+def _plan(line: dict[str, Any]) -> dict[str, Any]:
+    """A line of ``plans.jsonl``; no character of its reason breaks the line, or turns what follows around."""
+    convert(line, PlanShape)
+    if "reason" not in line:
+        return line
+    return {**line, "reason": "".join(c if c.isprintable() else " " for c in line["reason"])}
 
 
 def _frame(line: FrameShape) -> FrameRecord:

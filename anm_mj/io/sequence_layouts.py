@@ -5,7 +5,6 @@ The world of a layout is turned so that z points up, and moved so that the floor
 
 from __future__ import annotations
 
-import math
 import os
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
@@ -19,6 +18,7 @@ from msgspec import Meta, Struct
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV, pixel_directions, transform_points
+from anm_mj.io.camera_checks import FARTHEST_M, check_camera, check_time, no_poses
 from anm_mj.io.image import read_image
 from anm_mj.io.read_run import read_json, read_run
 from anm_mj.io.rosbag import is_recording, read_recording
@@ -47,12 +47,6 @@ UP = {
 """Rotation from a world with this axis up to one with z up."""
 BAG = "rosbag"
 """The layout that is no folder of images."""
-_MOST_PX = 16384
-"""Larger images are refused [px]."""
-_FARTHEST_M = 1e6
-"""A camera is nowhere beyond this [m]."""
-_NO_ROTATION = 0.05
-"""A matrix that differs from its inverse's transpose by more is no rotation."""
 FLOOR_FRAMES, FLOOR_BIN_M, FLOOR_SHARE = 30, 0.02, 0.3
 
 
@@ -105,7 +99,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     if options.depth_unit_m is not None:
         sequence = replace(sequence, depth_unit_m=options.depth_unit_m)
     check_sequence(sequence)
-    if options.floor_m is not None and not abs(options.floor_m) <= _FARTHEST_M:
+    if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
     sequence = replace(sequence, frames=sequence.frames[:: options.every])
     T_up = np.eye(4)
@@ -142,15 +136,11 @@ def check_sequence(sequence: Sequence) -> None:
     Raises:
         RunFolderError: something cannot be true, or a file lies outside of the sequence's folder.
     """
-    path, camera = sequence.path, sequence.intrinsics
-    numbers = (camera.fx, camera.fy, camera.cx, camera.cy)
-    if not (1 <= camera.width <= _MOST_PX and 1 <= camera.height <= _MOST_PX):
-        raise RunFolderError(f"{path} says that its images have {camera.width} x {camera.height} pixels.")
-    if not (all(math.isfinite(each) and abs(each) < 1e6 for each in numbers) and min(camera.fx, camera.fy) > 0.0):
-        raise RunFolderError(
-            f"The camera of {path} has fx, fy, cx, cy = {', '.join(f'{each:g}' for each in numbers)} px; give the true "
-            "ones by --camera."
-        )
+    path = sequence.path
+    try:
+        check_camera(sequence.intrinsics)
+    except ValueError as err:
+        raise RunFolderError(f"The camera of {path} has {err}; give the true ones by --camera.") from err
     if not 0.0 < sequence.depth_unit_m < 1e3:
         raise RunFolderError(
             f"A unit of depth is {sequence.depth_unit_m:g} m in {path}; give the true one by --depth-unit."
@@ -159,15 +149,17 @@ def check_sequence(sequence: Sequence) -> None:
     if shapes != {(4, 4)}:
         raise RunFolderError(f"Poses of {path} are matrices of {sorted(shapes)} numbers, not of 4 x 4.")
     poses = np.array([frame.T_world_camera for frame in sequence.frames])
-    turns = poses[:, :3, :3]
-    with np.errstate(invalid="ignore", over="ignore"):
-        wrong = ~(np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)) < _NO_ROTATION).all(axis=(1, 2))
-        wrong |= ~(np.abs(poses[:, :3, 3]) <= _FARTHEST_M).all(axis=1)
+    wrong = no_poses(poses)
     if wrong.any():
         raise RunFolderError(
-            f"Pose {int(np.argmax(wrong))} of {path} is no pose of a camera: a rotation, and a place within "
-            f"{_FARTHEST_M / 1000:g} km."
+            f"Pose {int(np.argmax(wrong))} of {path} is no pose of a camera: a rotation, a place within "
+            f"{FARTHEST_M / 1000:g} km, and the last row 0 0 0 1."
         )
+    for index, frame in enumerate(sequence.frames):
+        try:
+            check_time(frame.time_s)
+        except ValueError as err:
+            raise RunFolderError(f"Frame {index} of {path} has {err}; give times in seconds, from 0 on.") from err
     _check_places(path, sequence.frames)
 
 

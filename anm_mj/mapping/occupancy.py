@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, Int64, UInt16
 
+from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.depth_noise import NoiseMean
@@ -18,6 +19,7 @@ from anm_mj.mapping.occupancy_fusion import BLOCK, CameraView, NumpyFusion, Voxe
 from anm_mj.mapping.occupancy_native import NativeFusion, native_fusion
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
 from anm_mj.utils.arrays import embed
+from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import array_of
 
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
@@ -26,6 +28,8 @@ _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
 """So many frames that contradict it change the state of a voxel of a former run."""
 _FARTHEST_CELL = 1e8
 """Voxels lie within this number of voxels about the origin."""
+MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 500_000_000)
+"""Most voxels of a grid; each takes eight bytes."""
 _HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
 taken from frame to frame."""
@@ -132,6 +136,9 @@ class OccupancyGrid:
                 nothing.
             intrinsics: The camera.
             T_world_camera: Camera to world.
+
+        Raises:
+            MapError: The grid would have more than ``MAX_VOXELS``.
         """
         self._num_frames += 1
         self._noise.add(depth_m)
@@ -278,10 +285,15 @@ class OccupancyGrid:
         return np.floor(low / edge).astype(np.int64), np.ceil(high / edge).astype(np.int64)
 
     def _grow(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
-        """Make room for voxels ``low`` to ``high`` (x, y, z, both included)."""
+        """Make room for voxels ``low`` to ``high`` (x, y, z, both included).
+
+        Raises:
+            MapError: There would be more than ``MAX_VOXELS``.
+        """
         shape = np.array(self._state.shape[::-1])
         if shape.all() and (low >= self._corner).all() and (high < self._corner + shape).all():
             return
+        self._require_size(low, high)
         step = BLOCK * np.array([_PLANE_BLOCKS, _PLANE_BLOCKS, _LAYER_BLOCKS])
         new_low = np.floor_divide(low, step) * step
         new_high = (np.floor_divide(high, step) + 1) * step
@@ -299,3 +311,20 @@ class OccupancyGrid:
         self._block_stamp = embed(self._block_stamp, block_shape, start // BLOCK, 0)
         self._column_version = embed(self._column_version, block_shape[1:], start[1:] // BLOCK, 0)
         self._corner = new_low
+
+    def _require_size(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
+        """Raises MapError where a grid with voxels ``low`` to ``high`` would be too large."""
+        # In floating point: what lies far beyond all bounds overflows whole numbers.
+        first, last = low.astype(np.float64), high + 1.0
+        if self._state.size:
+            first = np.minimum(first, self._corner)
+            last = np.maximum(last, self._corner + np.array(self._state.shape[::-1]))
+        cells = last - first
+        if cells.prod() <= MAX_VOXELS and max(np.abs(first).max(), np.abs(last).max()) <= _FARTHEST_CELL:
+            return
+        size = " x ".join(f"{edge_m:.4g}" for edge_m in cells * self.config.voxel_m)
+        raise MapError(
+            f"Frame {self._num_frames} lets the map extend over {size} m, which is {cells.prod():.3g} voxels of "
+            f"{self.config.voxel_m:g} m, but they end at {MAX_VOXELS}: check the poses, the camera and the unit of "
+            "depth, or set ANM_MJ_MAX_VOXELS if it should be so large."
+        )

@@ -79,6 +79,8 @@ def write_film(
         # ffmpeg reads the format from the ending.
         named = partial.with_name(partial.name + path.suffix)
         try:
+            # What the system says of a place that cannot be written to is clearer than what ffmpeg says.
+            named.touch()
             # ffmpeg takes fractions of a frame per second; only the annotation of its wrapper does not.
             options: dict[str, Any] = {"fps": fps, **_coding(path.suffix, fps)}
             out = imageio_ffmpeg.write_frames(str(named), (WIDTH_PX, HEIGHT_PX), **options)

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Float32, Int, UInt8
 
-from anm_mj.errors import RunFolderError
+from anm_mj.io.mesh_file import read_coloured_mesh
 from anm_mj.io.read_run import Run
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.replay.growth import first_seen
@@ -54,14 +53,7 @@ def growing_mesh(
     """
     if not run.folder.mesh.is_file():
         return None
-    try:
-        mesh = trimesh.load_mesh(run.folder.mesh, process=False)
-        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        rgb = np.asarray(mesh.visual.vertex_colors)[:, :3]  # type: ignore[union-attr]
-    except Exception as err:
-        # Readers of trimesh raise whatever the damaged bytes lead them to.
-        raise RunFolderError(f"{run.folder.mesh} cannot be read as a mesh ({err}); copy the run again.") from err
-    vertices, faces, rgb = _below(vertices, faces, rgb, CEILING_CUT_M)
+    vertices, faces, rgb = _below(*read_coloured_mesh(run.folder.mesh), CEILING_CUT_M)
     size_m = 0.05
     while max_faces is not None and len(faces) > max_faces:
         size_m *= 1.25

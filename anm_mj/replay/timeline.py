@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,10 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.curve_file import read_curve
 from anm_mj.io.plan_file import PlanRecord, read_plan
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_title import run_title
-from anm_mj.utils.read_file import read_text
 
 EMPTY_PATH = np.zeros((0, 2))
 
@@ -78,18 +77,15 @@ class Timeline:
         """Name and values of the headline metric at each frame [%]; NaN where it was not measured.
 
         The completion ratio of the observable surface where that is known, else of the whole surface.
+
+        Raises:
+            RunFolderError: ``curve.csv`` holds no curve.
         """
-        rows = read_curve(self.run.folder.curve)
+        curve = read_curve(self.run.folder.curve)
         for name, key in (("observable", "observable_ratio"), ("completion", "completion_ratio")):
-            try:
-                known = [(float(row["step"]), float(row[key])) for row in rows if row.get(key)]
-            except (KeyError, TypeError, ValueError) as err:
-                raise RunFolderError(
-                    f"{self.run.folder.curve} holds what is no curve ({err}); evaluate the run again."
-                ) from err
-            if known:
-                steps, values = np.array(known).T
-                return name, np.interp(self.steps, steps, values, left=np.nan)
+            known = np.isfinite(curve[key])
+            if known.any():
+                return name, np.interp(self.steps, curve["step"][known], curve[key][known], left=np.nan)
         return "completion", np.full(self.num_frames, np.nan)
 
 
@@ -100,18 +96,3 @@ def read_timeline(path: Path) -> Timeline:
         RunFolderError: The folder contains no run, or a file in it is damaged.
     """
     return Timeline(read_run(path))
-
-
-def read_curve(path: Path) -> list[dict[str, str]]:
-    """Rows of ``curve.csv`` by column; an incomplete last row, as a killed run leaves it, is skipped.
-
-    Raises:
-        RunFolderError: The file cannot be read.
-    """
-    if not path.is_file():
-        return []
-    try:
-        rows = csv.DictReader(read_text(path).splitlines())
-        return [row for row in rows if all(value is not None for value in row.values())]
-    except (OSError, ValueError, csv.Error) as err:
-        raise RunFolderError(f"{path} cannot be read ({err}); evaluate the run again.") from err

@@ -42,7 +42,11 @@ def open_regular(path: Path) -> BufferedReader:
 def is_below(path: Path, folder: Path) -> bool:
     """Whether a file lies below a folder, links followed; one that leads round in a circle does not."""
     # Path.resolve raises an error for such a link.
-    return Path(os.path.realpath(folder)) in Path(os.path.realpath(path)).parents
+    try:
+        return Path(os.path.realpath(folder)) in Path(os.path.realpath(path)).parents
+    # No path has a NUL character in it, and some characters have no bytes.
+    except ValueError:
+        return False
 
 
 def read_bytes(path: Path, max_mib: float = MAX_TEXT_MIB) -> bytes:

@@ -1,0 +1,55 @@
+"""``curve.csv`` as numbers, whoever wrote it."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.errors import RunFolderError
+from anm_mj.utils.read_file import read_text
+
+COLUMNS = ("step", "completion_ratio", "completion_cm", "observable_ratio", "path_m")
+"""Of the file; others are left alone."""
+_LARGEST = 1e12
+"""No value of a curve is larger."""
+
+
+def read_curve(path: Path) -> dict[str, Float[np.ndarray, " n"]]:
+    """The columns of ``curve.csv``; NaN where nothing is known, and no rows where there is no file.
+
+    An incomplete last row, as a killed run leaves it, is skipped.
+
+    Raises:
+        RunFolderError: The file cannot be read, or holds no curve.
+    """
+    if not path.is_file():
+        return {name: np.zeros(0) for name in COLUMNS}
+    try:
+        return _columns(list(csv.reader(read_text(path).splitlines())))
+    except (OSError, ValueError, csv.Error) as err:
+        raise RunFolderError(f"{path} cannot be read as a curve ({err}); evaluate the run again.") from err
+
+
+def _columns(lines: list[list[str]]) -> dict[str, Float[np.ndarray, " n"]]:
+    """Raises ValueError for what is no curve."""
+    names, rows = (lines[0], lines[1:]) if lines else ([], [])
+    if "step" not in names:
+        raise ValueError("it has no column 'step'")
+    if rows and len(rows[-1]) < len(names):
+        rows.pop()
+    if any(len(row) < len(names) for row in rows):
+        raise ValueError(f"a row has fewer than {len(names)} cells")
+    unknown = np.full(len(rows), np.nan)
+    columns = {
+        name: np.array([float(row[names.index(name)] or "nan") for row in rows]) if name in names else unknown
+        for name in COLUMNS
+    }
+    steps = columns["step"]
+    if not ((steps == np.floor(steps)).all() and (np.diff(steps, prepend=-1.0) > 0.0).all()):
+        raise ValueError("its steps are not whole numbers that grow")
+    if any((np.abs(column) > _LARGEST).any() for column in columns.values()):
+        raise ValueError(f"a value is beyond {_LARGEST:g}")
+    return columns
