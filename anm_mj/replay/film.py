@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -167,11 +168,13 @@ def _status(timeline: Timeline, index: int) -> str:
 
 def _cut(text: str, draw: ImageDraw.ImageDraw) -> str:
     """A text that fits into a line."""
-    if draw.textlength(text, font(15)) <= WIDTH_PX - 2 * GAP_PX:
+    room_px = WIDTH_PX - 2 * GAP_PX
+    # No text of so many characters fits, and the rest of a long one is not worth measuring.
+    shown = text[:room_px]
+    if len(text) == len(shown) and draw.textlength(text, font(15)) <= room_px:
         return text
-    while text and draw.textlength(text + " …", font(15)) > WIDTH_PX - 2 * GAP_PX:
-        text = text[:-1]
-    return text + " …"
+    fitting = bisect_right(range(1, len(shown) + 1), room_px, key=lambda n: draw.textlength(shown[:n] + " …", font(15)))
+    return shown[:fitting] + " …"
 
 
 def _no_surface() -> Image.Image:

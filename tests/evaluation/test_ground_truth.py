@@ -64,3 +64,11 @@ def test_missing_and_damaged_truth_are_told_apart(tmp_path):
         (tmp_path / "truth.npz").write_bytes(damaged)
         with pytest.raises(RunFolderError, match="cannot be read as a true surface"):
             GroundTruth.load(tmp_path / "truth.npz")
+
+
+def test_samples_in_one_place_are_no_surface(tmp_path):
+    GroundTruth(np.zeros((2000, 3), np.float32), TRIANGLES.astype(np.float32), FACES.astype(np.int32)).save(
+        tmp_path / "a.npz"
+    )
+    with pytest.raises(RunFolderError, match="2000 of 2000 samples lie in one place"):
+        GroundTruth.load(tmp_path / "a.npz")

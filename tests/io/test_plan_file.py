@@ -60,3 +60,24 @@ def test_what_a_run_keeps_changes_none_of_its_other_files(tmp_path, images, side
 def test_an_unknown_size_of_images_is_one_sentence():
     with pytest.raises(RunFolderError, match=r"record\.images is 'big'; it must be one of none, small, full"):
         RecordConfig(images="big")
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"state": np.zeros((0, 0), np.int8), "clearance_m": np.zeros((0, 0), np.float16)}, "has 0 x 0 cells"),
+        ({"state": np.zeros((6000, 5000), np.int8)}, "ANM_MJ_MAX_CELLS"),
+        ({"region_vertex": -99}, "regions name vertices -99"),
+        ({"region_vertex": 10**6}, "regions name vertices 1000000"),
+        ({"region_members": 0}, "0 members"),
+    ],
+)
+def test_a_decision_that_contradicts_itself_is_one_sentence(tmp_path, changed, said):
+    path = tmp_path / "a.npz"
+    write_plan(path, PlanRecord.of(room_plan()))
+    arrays = dict(np.load(path))
+    for name, value in changed.items():
+        arrays[name] = value if isinstance(value, np.ndarray) else np.full_like(arrays[name], value)
+    np.savez_compressed(path, **arrays)
+    with pytest.raises(RunFolderError, match=said):
+        read_plan(path)

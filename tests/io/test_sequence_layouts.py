@@ -212,7 +212,9 @@ def test_what_cannot_be_a_recording_is_refused(tmp_path, name, old, new, said):
         open_sequence(tmp_path)
 
 
-@pytest.mark.parametrize("camera", [(0.0, 0.0, 0.0, 0.0), (math.nan, 50.0, 32.0, 24.0)])
+@pytest.mark.parametrize(
+    "camera", [(0.0, 0.0, 0.0, 0.0), (math.nan, 50.0, 32.0, 24.0), (1e-5, 50.0, 32.0, 24.0), (50.0, 1e5, 32.0, 24.0)]
+)
 def test_a_camera_that_cannot_be_is_refused(tmp_path, camera):
     write_ours(tmp_path / "walk")
     with pytest.raises(RunFolderError, match="give the true ones by --camera"):

@@ -229,3 +229,16 @@ def test_whole_layers_lie_in_the_range():
 @pytest.mark.parametrize(("z_m", "layer"), [(0.0, 0), (0.05, 1), (-0.06, -1)])
 def test_layer_of(z_m, layer):
     assert OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid.layer_of(z_m) == layer
+
+
+@pytest.mark.parametrize("far_m", [2e3, 1e8])
+def test_a_grid_says_how_large_it_would_be_before_it_grows(far_m):
+    camera = Intrinsics(8, 8, 4.0, 4.0, 4.0, 4.0)
+    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy.integrate(np.ones((8, 8), np.float32), camera, np.eye(4))
+    shape = occupancy.grid.state.shape
+    T = np.eye(4)
+    T[:2, 3] = far_m
+    with pytest.raises(MapError, match=r"Frame 2 lets the map extend over .* ANM_MJ_MAX_VOXELS"):
+        occupancy.integrate(np.ones((8, 8), np.float32), camera, T)
+    assert occupancy.grid.state.shape == shape

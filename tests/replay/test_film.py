@@ -3,12 +3,12 @@ import subprocess
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from anm_mj.cli.main import main
 from anm_mj.io.read_run import read_run
-from anm_mj.replay.film import GIF_WIDTH_PX, HEIGHT_PX, WIDTH_PX, film_frames
-from anm_mj.replay.film_panels import PANEL_PX, MapPanel, SurfacePanel, colour_panel
+from anm_mj.replay.film import GIF_WIDTH_PX, HEIGHT_PX, WIDTH_PX, _cut, film_frames
+from anm_mj.replay.film_panels import PANEL_PX, MapPanel, SurfacePanel, colour_panel, font
 from anm_mj.replay.surface import growing_mesh
 from anm_mj.replay.timeline import read_timeline
 from anm_mj.viz import palette
@@ -88,6 +88,7 @@ def test_a_run_without_mesh_and_images_makes_a_film(run_folder, tmp_path):
     ("options", "words"),
     [
         (["--video", "film.avi"], "an .mp4 or a .gif file"),
+        (["--video", "nowhere/film.gif"], "nowhere/film.gif cannot be written"),
         (["--video", "film.mp4", "--fps", "0"], "choose 0.1 to 120"),
         (["--video", "film.mp4", "--every", "0"], "from 1 up"),
         ([], "Nothing to export"),
@@ -98,3 +99,11 @@ def test_what_cannot_be_is_one_sentence(run_folder, tmp_path, monkeypatch, capsy
     assert main(["export", str(run_folder), *options]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reason_of_any_length_is_cut_to_a_line():
+    draw = ImageDraw.Draw(Image.new("RGB", (1, 1)))
+    assert _cut("short", draw) == "short"
+    cut = _cut("W" * 10**6, draw)
+    assert cut.endswith("W …")
+    assert 0.95 * WIDTH_PX < draw.textlength(cut, font(15)) <= WIDTH_PX

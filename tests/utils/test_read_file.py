@@ -11,7 +11,7 @@ from PIL import Image
 from anm_mj.io.run_shapes import FrameShape
 from anm_mj.scene.toml_shape import SceneShape
 from anm_mj.utils.picture import open_picture
-from anm_mj.utils.read_file import convert, parse_json, read_bytes, read_npz
+from anm_mj.utils.read_file import convert, is_below, parse_json, read_bytes, read_npz
 from tests.corpus.hostile import fifo, npz_bomb, pickled_npz, png
 
 ANYTHING = st.recursive(
@@ -87,3 +87,7 @@ def test_a_picture_opens(tmp_path):
     Image.new("RGB", (4, 3), (1, 2, 3)).save(tmp_path / "x.webp", lossless=True)
     with open_picture(tmp_path / "x.webp") as image:
         assert image.convert("RGB").getpixel((0, 0)) == (1, 2, 3)
+
+
+def test_a_name_with_nul_lies_below_no_folder(tmp_path):
+    assert not is_below(tmp_path / "a\0b", tmp_path)

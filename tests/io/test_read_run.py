@@ -1,0 +1,88 @@
+import json
+
+import numpy as np
+import pytest
+
+from anm_mj.errors import RunFolderError
+from anm_mj.io.curve_file import read_curve
+from anm_mj.io.mesh_file import read_coloured_mesh
+from anm_mj.io.read_run import read_run
+from tests.box_room import new_recorder, record_steps
+
+HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m\n"
+
+
+@pytest.fixture
+def run_folder(tmp_path):
+    with new_recorder(tmp_path / "run") as recorder:
+        record_steps(recorder, 2)
+    return tmp_path / "run"
+
+
+def change(path, key, value):
+    lines = [{**json.loads(line), key: value} for line in path.read_text().splitlines()]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("T_world_camera", np.zeros((4, 4)).tolist(), "no pose of a camera"),
+        ("T_world_camera", [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [5, 5, 5, 0]], "no pose of a camera"),
+        ("time_s", -5.0, "a time of -5 s"),
+        ("time_s", 1e12, "a time of 1e\\+12 s"),
+    ],
+)
+def test_a_frame_that_cannot_be_is_one_sentence(run_folder, key, value, said):
+    change(run_folder / "frames.jsonl", key, value)
+    with pytest.raises(RunFolderError, match=said):
+        read_run(run_folder)
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "value", "said"),
+    [
+        ("intrinsics", "fx", 1e-300, "camera.json has fx"),
+        ("intrinsics", "width", 16384, "camera.json has fx"),
+        ("intrinsics", "height", 1, "camera.json has depth"),
+        ("depth", "rows", 5, "camera.json has depth of 5 rows"),
+    ],
+)
+def test_a_camera_that_contradicts_itself_is_one_sentence(run_folder, part, key, value, said):
+    camera = json.loads((run_folder / "camera.json").read_text())
+    camera[part][key] = value
+    (run_folder / "camera.json").write_text(json.dumps(camera))
+    with pytest.raises(RunFolderError, match=said):
+        read_run(run_folder)
+
+
+def test_a_reason_stays_on_its_line(run_folder):
+    (run_folder / "plans.jsonl").write_text(json.dumps({"step": 0, "reason": "a\n\u202eb\x00"}) + "\n")
+    assert read_run(run_folder).plans[0]["reason"] == "a  b "
+
+
+@pytest.mark.parametrize(
+    "content", ["a,b\n1,2\n", HEADER + "0.5,1,1,1,1\n", HEADER + "1,a,b,c,d\n", HEADER + "9,1,1,1,1\n1,1,1,1,1\n"]
+)
+def test_what_is_no_curve_is_one_sentence(tmp_path, content):
+    (tmp_path / "curve.csv").write_text(content)
+    with pytest.raises(RunFolderError, match="cannot be read as a curve"):
+        read_curve(tmp_path / "curve.csv")
+
+
+def test_the_last_row_of_a_curve_may_be_cut_off(tmp_path):
+    (tmp_path / "curve.csv").write_text(HEADER + "0,1.5,2,,0\n10,3,")
+    curve = read_curve(tmp_path / "curve.csv")
+    assert curve["step"].tolist() == [0.0]
+    assert curve["completion_ratio"].tolist() == [1.5]
+    assert np.isnan(curve["observable_ratio"]).all()
+
+
+@pytest.mark.parametrize(("x", "face"), [("0", "3 0 1 9"), ("1e9", "3 0 1 2")])
+def test_a_mesh_that_cannot_be_is_one_sentence(tmp_path, x, face):
+    (tmp_path / "mesh.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{x} 0 0\n1 0 0\n0 1 0\n{face}\n"
+    )
+    with pytest.raises(RunFolderError, match="cannot be read as a mesh"):
+        read_coloured_mesh(tmp_path / "mesh.ply")
