@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
 import os
 import re
@@ -23,12 +24,15 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.collision import collision_boxes
 from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_folder
 from anm_mj.scene.importing.canonical_axes import covered_share
+from anm_mj.scene.importing.parts import some
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.rooms import find_rooms
 from anm_mj.scene.submesh import Submesh, is_within, merge_geometry, without_degenerate_faces
 from anm_mj.types import Pose2
+
+_logger = logging.getLogger(__name__)
 
 _NARROWEST_FLOOR_M = 0.3
 """The robot's wheels need more [m]; tops of walls have less."""
@@ -92,13 +96,17 @@ def write_scene(
     Raises:
         SceneError: if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
     """
-    proper = [
-        submesh for submesh in (without_degenerate_faces(submesh) for submesh in submeshes) if submesh is not None
-    ]
+    cleaned = [without_degenerate_faces(submesh) for submesh in submeshes]
+    proper = [submesh for submesh in cleaned if submesh is not None]
     if not proper:
         raise SceneError(
             f"Scene {info.name} holds no triangles (of {len(submeshes)} submeshes): give a file with a surface."
         )
+    vanished = {
+        own.name: None for own, clean in zip(submeshes, cleaned, strict=True) if clean is None and len(own.faces)
+    }
+    if vanished:
+        _logger.warning("Left out, because none of their triangles has an area: %s.", some(vanished))
     vertices, faces = _single(proper)
     triangles = vertices[faces]
     solid = None if obstacles is None else _single(obstacles)

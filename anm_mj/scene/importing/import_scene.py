@@ -20,6 +20,7 @@ from anm_mj.scene.importing.placing import Choice, UpAxis, place
 from anm_mj.scene.importing.reach import report_reach
 from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import check_triangles
 from anm_mj.scene.importing.readers.mjcf.read import DRAWN_GROUPS, read_mjcf
 from anm_mj.scene.writer import check_destination, write_scene
 
@@ -119,6 +120,7 @@ def import_scene(
     report = ImportReport()
     parsed = read(src, list(model_paths), report)
     report.log()
+    check_triangles(src, sum(len(submesh.faces) for submesh in parsed.submeshes))
 
     placed = place(parsed, src, up, scale, Choice(only, leave_out, doors, storey))
     info = placed.info

@@ -21,6 +21,7 @@ from jaxtyping import Float64
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import TriangleBudget
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
@@ -70,7 +71,7 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
     file = model_file(src)
     if file is None:
         raise SceneError(f"{src} is no Gazebo model: it holds neither model.config nor model.sdf.")
-    reader = _Reader(world_places(file, model_paths), report)
+    reader = _Reader(world_places(file, model_paths), report, TriangleBudget(file))
     submeshes = reader.read(file)
     if not submeshes:
         raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
@@ -82,13 +83,14 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
 class _Reader:
     """Gathers the submeshes of one world."""
 
-    def __init__(self, places: Places, report: ImportReport) -> None:
+    def __init__(self, places: Places, report: ImportReport, budget: TriangleBudget) -> None:
         self.models: set[str] = set()
         """Names of the model folders that were used."""
         self.joints: dict[str, Joint] = {}
         """How links can move, by the name of their part."""
         self._places = places
         self._report = report
+        self._budget = budget
         self._materials = MaterialReader(places, report)
         self._meshes: dict[Path, list[Submesh]] = {}
         self._submeshes: list[Submesh] = []
@@ -193,6 +195,7 @@ class _Reader:
         name = f"{scope.element.get('name', 'model')}_{visual.get('name', 'visual')}"
 
         def stand(submesh: Submesh) -> Submesh:
+            self._budget.spend(submesh)
             return replace(transformed(submesh, T_world_visual[:3, :3], T_world_visual[:3, 3]), part=part)
 
         if shape.tag == "mesh":

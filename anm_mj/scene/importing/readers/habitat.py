@@ -17,6 +17,7 @@ from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import TriangleBudget
 from anm_mj.scene.importing.readers.mesh import read_mesh
 from anm_mj.scene.importing.readers.model_path import places_of
 from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedScene
@@ -82,7 +83,8 @@ def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path]
         placements = _placements(scene)
     except (TypeError, ValueError, KeyError, AttributeError) as err:
         raise SceneError(f"{src} is damaged or no Habitat scene ({err}): download it again.") from err
-    templates = _Templates(src, folders, {placement.template for placement in placements}, report)
+    names = {placement.template for placement in placements}
+    templates = _Templates(src, folders, names, report)
     submeshes = [submesh for placement in placements for submesh in templates.placed(placement)]
     if not submeshes:
         raise SceneError(f"Nothing that {src} names is in {folders[0]}: download the dataset's stages and objects.")
@@ -163,6 +165,7 @@ class _Templates:
         self._places = places_of(src, folders)
         self._files = _find_templates(folders, names)
         self._report = report
+        self._budget = TriangleBudget(src)
         self._submeshes: dict[str, list[Submesh]] = {}
 
     def placed(self, placement: _Placement) -> list[Submesh]:
@@ -172,6 +175,8 @@ class _Templates:
         submeshes = self._submeshes[placement.template]
         if not submeshes:
             return []
+        for submesh in submeshes:
+            self._budget.spend(submesh)
         shift = placement.translation_m
         matrix = placement.rotation * placement.scale
         if placement.by_centre:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,10 +15,14 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.bake import bake_colours, corner_colours
+from anm_mj.scene.importing.readers.collada_check import LEFT_OUT
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mesh_check import check_mesh_file, damaged
+from anm_mj.scene.importing.readers.limits import TextureBudget
+from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
+from anm_mj.scene.importing.readers.mesh_facts import damaged
+from anm_mj.scene.importing.readers.obj_check import even_text
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
-from anm_mj.scene.importing.readers.texture_file import MeshNeighbours, TextureStore
+from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, MeshNeighbours, TextureStore
 from anm_mj.scene.submesh import Submesh
 
 if TYPE_CHECKING:
@@ -65,32 +70,58 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
         report: Gets what the file refers to and is missing.
 
     Raises:
-        SceneError: if the file is missing, of another format, empty, damaged, or holds no triangles.
+        SceneError: if the file is missing, of another format, empty, damaged, too large, or holds no triangles.
     """
     import trimesh
 
-    decodable = check_mesh_file(src, report)
+    facts = check_mesh_file(src, report)
     unit_m = _collada_unit_m(src) if src.suffix.lower() == ".dae" else 1.0
     store = TextureStore()
     try:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
         neighbours = MeshNeighbours(src, report)
-        loaded = trimesh.load_scene(src, process=False, resolver=neighbours)
-        submeshes = [
-            replace(submesh, part=placed.part)
-            for placed in _placed_meshes(loaded, unit_m)
-            for submesh in _submeshes_of(placed, store)
-        ]
+        content = io.BytesIO(even_text(src)) if facts.uneven else src
+        loaded = trimesh.load_scene(content, src.suffix[1:], process=False, resolver=neighbours)
+        if facts.draco:
+            _require_decoded(src, loaded)
+        placed = _placed_meshes(loaded, unit_m)
+        _check_textures(src, placed)
+        submeshes = [replace(submesh, part=mesh.part) for mesh in placed for submesh in _submeshes_of(mesh, store)]
     except SceneError:
         raise
     except Exception as err:
         raise damaged(src, err) from err
+    for name in facts.geometries:
+        if name not in loaded.geometry:
+            report.add(LEFT_OUT, f"geometry {name!r} of {src.name}")
     if not any(len(submesh.faces) for submesh in submeshes):
         raise SceneError(f"{src} holds no triangles (a point cloud, or empty): give a mesh with faces.")
-    if neighbours.missed or not decodable:
+    if neighbours.missed or not facts.decodable:
         # White is what is left of a material whose texture is missing; white walls would be lost against one another.
         return [replace(submesh, rgb=PLAIN_RGB) if _white_for_texture(submesh) else submesh for submesh in submeshes]
     return submeshes
+
+
+def _check_textures(src: Path, placed: list[_PlacedMesh]) -> None:
+    """Refuse meshes whose textures have too many pixels together, before any is decoded."""
+    budget, seen = TextureBudget(src, MAX_TEXTURE_PX), set()
+    for mesh in placed:
+        image = _material(mesh.visual.material)[0] if mesh.visual.kind == "texture" else None
+        if image is not None and id(image) not in seen:
+            seen.add(id(image))
+            budget.spend(image.size)
+
+
+def _require_decoded(src: Path, scene: trimesh.Scene) -> None:
+    """Refuse a scene with Draco-compressed triangles that were not decoded, for which the library leaves zeros."""
+    import trimesh
+
+    for name, mesh in scene.geometry.items():
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces) and not (mesh.faces.any() and mesh.vertices.any()):
+            raise SceneError(
+                f"{src} has Draco-compressed triangles that cannot be decoded (mesh {name!r}): export it without "
+                "compression."
+            )
 
 
 def _white_for_texture(submesh: Submesh) -> bool:

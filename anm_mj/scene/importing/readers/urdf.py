@@ -13,6 +13,7 @@ from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import TriangleBudget
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, places_of
 from anm_mj.scene.importing.readers.sdf_pose import rpy_matrix
@@ -40,7 +41,7 @@ def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) ->
     except (OSError, ValueError, LookupError, ET.ParseError) as err:
         raise SceneError(f"{path} is damaged or no URDF file ({err}): download it again.") from err
     joints = {_named(joint, "child", "link"): joint for joint in robot.findall("joint")}
-    submeshes, places = [], places_of(path, folders)
+    submeshes, places, budget = [], places_of(path, folders), TriangleBudget(path)
     for link in robot.findall("link"):
         T_root_link, name, seen = np.eye(4), link.get("name", ""), set()
         while name in joints and name not in seen:
@@ -50,6 +51,7 @@ def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) ->
         for visual in link.findall("visual"):
             T_root_visual = T_root_link @ _origin(visual)
             for submesh in _visual_submeshes(visual, path, places, report):
+                budget.spend(submesh)
                 submeshes.append(transformed(submesh, T_root_visual[:3, :3], T_root_visual[:3, 3]))
     return submeshes
 

@@ -1,0 +1,117 @@
+"""Checks a COLLADA file before it is read: how much its scene holds, and what of it cannot be read.
+
+The library that reads COLLADA leaves out what it cannot read without a word.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts, check_triangles
+from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
+from anm_mj.utils.read_file import read_bytes
+
+LEFT_OUT = "Left out, because they cannot be read: {names}."
+_SURFACES = ("triangles", "tristrips", "trifans", "polylist", "polygons")
+
+
+def check_collada(src: Path, report: ImportReport) -> MeshFacts:
+    """Count what the scene of a COLLADA file holds, and note what of it is known not to be read.
+
+    Raises:
+        SceneError: if the file is no XML, a node stands in itself, or there is too much in it.
+    """
+    try:
+        root = ET.fromstring(read_bytes(src, MAX_MESH_MIB))
+    except (ET.ParseError, ValueError, OSError, RecursionError) as err:
+        raise damaged(src, err) from err
+    count = _Count(src, root, report)
+    try:
+        placed = [count.of(scene, ()) for scene in _all(root, "visual_scene")]
+    except RecursionError:
+        raise damaged(src, "its nodes are nested too deeply") from None
+    check_parts(src, sum(parts for parts, _ in placed))
+    check_triangles(src, sum(triangles for _, triangles in placed))
+    return MeshFacts(geometries=tuple(count.shown))
+
+
+class _Count:
+    """Counts meshes and triangles below an element; nodes may stand in other nodes, each several times."""
+
+    def __init__(self, src: Path, root: ET.Element, report: ImportReport) -> None:
+        self.shown: dict[str, None] = {}
+        """Ids of the geometries that were met, without those of lines alone."""
+        self._src = src
+        self._report = report
+        self._nodes = {node.get("id", ""): node for node in _all(root, "node")}
+        self._geometries = {geometry.get("id", ""): geometry for geometry in _all(root, "geometry")}
+        self._triangles = {name: _triangles(geometry) for name, geometry in self._geometries.items()}
+        self._below: dict[str, tuple[int, int]] = {}
+
+    def of(self, element: ET.Element, above: tuple[str, ...]) -> tuple[int, int]:
+        """Meshes and triangles below an element that stands in the nodes ``above``."""
+        parts, triangles = 0, 0
+        for inner in element.iter():
+            kind, url = _kind(inner), inner.get("url", "").removeprefix("#")
+            if kind == "instance_geometry":
+                parts, triangles = parts + 1, triangles + self._triangles.get(url, 0)
+                self._show(url)
+            elif kind == "instance_controller":
+                parts += 1
+                self._leave_out("animated mesh", url)
+            elif kind == "instance_node" and url in self._nodes:
+                if url in above:
+                    raise damaged(self._src, f"node {url!r} stands in itself")
+                if url not in self._below:
+                    self._below[url] = self.of(self._nodes[url], (*above, url))
+                parts, triangles = parts + self._below[url][0], triangles + self._below[url][1]
+            elif kind == "instance_node":
+                self._leave_out("node", url)
+        return parts, triangles
+
+    def _show(self, name: str) -> None:
+        """Remember a geometry that should come out."""
+        if name in self.shown:
+            return
+        geometry = self._geometries.get(name)
+        if geometry is None or next(_all(geometry, "mesh"), None) is None or self._triangles[name]:
+            self.shown[name] = None
+        if geometry is not None and next(_all(geometry, "ph"), None) is not None:
+            self._leave_out("polygons with holes in geometry", name)
+
+    def _leave_out(self, kind: str, name: str) -> None:
+        self._report.add(LEFT_OUT, f"{kind} {name!r} of {self._src.name}")
+
+
+def _kind(element: ET.Element) -> str:
+    """The tag of an element without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def _all(element: ET.Element, kind: str) -> Iterator[ET.Element]:
+    """All elements of a kind in another."""
+    return (inner for inner in element.iter() if _kind(inner) == kind)
+
+
+def _triangles(geometry: ET.Element) -> int:
+    """About how many triangles a geometry has; none only if it has none."""
+    total = 0
+    for surface in geometry.iter():
+        if _kind(surface) not in _SURFACES:
+            continue
+        offsets = [int(text) for own in _all(surface, "input") if (text := own.get("offset", "0")).isdecimal()]
+        lists = [words for own in _all(surface, "p") if (words := _words(own))]
+        corners = sum(lists) // (1 + max(offsets, default=0))
+        faces = sum(_words(own) for own in _all(surface, "vcount")) or len(lists)
+        if lists:
+            total += max(1, corners // 3 if _kind(surface) == "triangles" else corners - 2 * faces)
+    return total
+
+
+def _words(element: ET.Element) -> int:
+    """About how many numbers an element holds, without making a list of them all."""
+    text = (element.text or "").strip()
+    return sum(text.count(space) for space in " \n\t\r") + 1 if text else 0

@@ -1,0 +1,49 @@
+"""Checks an OBJ file before it is read, and puts its lines in the order that the library expects."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts
+from anm_mj.scene.importing.readers.mesh_facts import MeshFacts
+from anm_mj.utils.read_file import open_regular, read_bytes
+
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_VERTEX_ZERO = re.compile(rb"\s0+(?:/|\s|$)")
+
+
+def check_obj(src: Path) -> MeshFacts:
+    """Look at every line of an OBJ file.
+
+    Raises:
+        SceneError: if it changes its material too often, a vertex has less than three numbers, or a face names vertex
+            0.
+    """
+    parts, uneven = 0, False
+    with open_regular(src) as file:
+        for number, line in enumerate(file, 1):
+            # trimesh finds a line by what stands first in it, with a space behind.
+            if line[0] in b" \t" or b"\t" in line or (number == 1 and line.startswith(_BYTE_ORDER_MARK)):
+                uneven = True
+                line = line.removeprefix(_BYTE_ORDER_MARK).strip().replace(b"\t", b" ")
+            if line.startswith(b"usemtl"):
+                parts += 1
+            elif line.startswith(b"v ") and len(line.split()) < 4 and not line.rstrip().endswith(b"\\"):
+                raise SceneError(
+                    f"{src}, line {number}: a vertex has {len(line.split()) - 1} numbers instead of 3: export it again."
+                )
+            elif line.startswith(b"f ") and b" 0" in line and _VERTEX_ZERO.search(line):
+                raise SceneError(
+                    f"{src}, line {number}: a face names vertex 0, but OBJ counts from 1: export it again."
+                )
+    check_parts(src, parts)
+    return MeshFacts(uneven=uneven)
+
+
+def even_text(src: Path) -> bytes:
+    """An OBJ file without byte order mark, tabs, spaces before a line, and lines that go on in the next."""
+    text = read_bytes(src, MAX_MESH_MIB).removeprefix(_BYTE_ORDER_MARK).replace(b"\t", b" ")
+    text = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    return re.sub(rb"(?m)^ +", b"", text)

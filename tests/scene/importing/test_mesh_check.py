@@ -1,0 +1,169 @@
+import json
+
+import numpy as np
+import pytest
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers import limits
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.mesh import read_mesh
+from anm_mj.scene.submesh import Submesh
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype="<f4")
+TEXT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def _gltf(path, change=lambda header: None):
+    (path.parent / "data.bin").write_bytes(CORNERS.tobytes() + b"junk")
+    header = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 4},
+        ],
+        "buffers": [{"byteLength": 40, "uri": "data.bin"}],
+    }
+    change(header)
+    path.write_text(json.dumps(header))
+    return path
+
+
+def _primitive(**entries):
+    return lambda header: header["meshes"][0]["primitives"][0].update(entries)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_primitive(mode=6), "triangle fan"),
+        (_primitive(mode=7), "mode 7"),
+        (_primitive(material=4), "entry 4 of its 0 materials"),
+        (lambda header: header["accessors"][0].update(sparse={"count": 1}), "sparse accessor"),
+        (lambda header: header["nodes"][0].update(extensions={"EXT_mesh_gpu_instancing": {}}), "node for each copy"),
+        (lambda header: header.update(extensionsRequired=["VENDOR_own"]), "requires VENDOR_own"),
+        (lambda header: header["nodes"][0].update(mesh=9), "entry 9 of its 1 meshes"),
+        (lambda header: header["nodes"][0].update(mesh=-1), "entry -1 of its 1 meshes"),
+    ],
+)
+def test_a_gltf_with_triangles_that_are_not_read_is_refused(tmp_path, change, said):
+    assert len(read_mesh(_gltf(tmp_path / "a.gltf"), ImportReport())) == 1
+    with pytest.raises(SceneError, match=said):
+        read_mesh(_gltf(tmp_path / "a.gltf", change), ImportReport())
+
+
+def test_draco_triangles_that_cannot_be_decoded_are_refused(tmp_path):
+    def compress(header):
+        draco = {"KHR_draco_mesh_compression": {"bufferView": 1, "attributes": {"POSITION": 0}}}
+        header.update(extensionsUsed=list(draco), extensionsRequired=list(draco))
+        header["accessors"] = [{"componentType": 5126, "count": 3, "type": "VEC3"}]
+        header["meshes"][0]["primitives"][0]["extensions"] = draco
+
+    with pytest.raises(SceneError, match="Draco"):
+        read_mesh(_gltf(tmp_path / "a.gltf", compress), ImportReport())
+
+
+def test_an_embedded_picture_that_cannot_be_decoded_is_reported(tmp_path):
+    def paint(header):
+        header["images"] = [{"bufferView": 1, "mimeType": "image/png", "name": "wall"}]
+        header["textures"] = [{"source": 0}]
+        header["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+        header["meshes"][0]["primitives"][0]["material"] = 0
+
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", paint), report)
+    assert "wall of a.gltf" in report.sentences()[0]
+
+
+def test_copies_of_a_gltf_mesh_count_before_they_are_made(tmp_path, monkeypatch):
+    def copy(header):
+        header["nodes"] *= 9
+        header["scenes"][0]["nodes"] = list(range(9))
+
+    src = _gltf(tmp_path / "a.gltf", copy)
+    assert len(read_mesh(src, ImportReport())) == 9
+    monkeypatch.setattr(limits, "MAX_TRIANGLES", 8)
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_TRIANGLES"):
+        read_mesh(src, ImportReport())
+    monkeypatch.setattr(limits, "MAX_PARTS", 8)
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_PARTS"):
+        read_mesh(src, ImportReport())
+
+
+def test_copies_in_a_world_and_pixels_of_textures_end_somewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MAX_TRIANGLES", 1200)
+    budget = limits.TriangleBudget(tmp_path)
+    submesh = Submesh("a", CORNERS, np.array([[0, 1, 2]]))
+    budget.spend(submesh)
+    budget.spend(submesh)
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_TRIANGLES"):
+        budget.spend(submesh)
+    monkeypatch.setattr(limits, "MAX_TEXTURE_MEGAPIXELS", 3)
+    textures = limits.TextureBudget(tmp_path, 1024)
+    textures.spend((2048, 2048))
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_TEXTURE_MEGAPIXELS"):
+        textures.spend((2048, 2048))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["\ufeff" + TEXT, TEXT.replace("f 1 2 3", "f\t1\t2\t3"), TEXT.replace("f ", "  f "), TEXT.replace("v", " v")],
+)
+def test_an_obj_may_be_indented_and_begin_with_a_byte_order_mark(tmp_path, text):
+    (tmp_path / "a.obj").write_text(text, encoding="utf-8")
+    (part,) = read_mesh(tmp_path / "a.obj", ImportReport())
+    assert part.vertices_m.shape == part.faces.repeat(3, axis=0).shape
+
+
+@pytest.mark.parametrize(
+    ("line", "said"), [("f 0 1 2", "line 5: a face names vertex 0"), ("v 1 2", "line 5: a vertex has 2 numbers")]
+)
+def test_a_line_of_an_obj_that_means_nothing_is_named(tmp_path, line, said):
+    (tmp_path / "a.obj").write_text(TEXT + line + "\n")
+    with pytest.raises(SceneError, match=said):
+        read_mesh(tmp_path / "a.obj", ImportReport())
+
+
+def test_a_ply_with_faces_of_another_name_is_refused(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int own\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    with pytest.raises(SceneError, match="faces with own, but none with vertex_indices"):
+        read_mesh(tmp_path / "a.ply", ImportReport())
+
+
+def _dae_geometry(name, corners="0 1 2"):
+    return (
+        f'<geometry id="{name}"><mesh><source id="{name}p"><float_array id="{name}a" count="9">0 0 0 1 0 0 0 1 0'
+        f'</float_array><technique_common><accessor source="#{name}a" count="3" stride="3"><param name="X" '
+        'type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>'
+        f'</source><vertices id="{name}v"><input semantic="POSITION" source="#{name}p"/></vertices><triangles '
+        f'count="1"><input offset="0" semantic="VERTEX" source="#{name}v"/><p>{corners}</p></triangles></mesh></geometry>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("other", "instance", "said"),
+    [
+        (_dae_geometry("h"), "geometry", ""),
+        (_dae_geometry("h", "0 1 77"), "geometry", "geometry 'h' of a.dae"),
+        ("", "geometry", "geometry 'h' of a.dae"),
+        ('<geometry id="h"><convex_mesh/></geometry>', "geometry", "geometry 'h' of a.dae"),
+        ("", "controller", "animated mesh 'h' of a.dae"),
+        ("", "node", "node 'h' of a.dae"),
+    ],
+)
+def test_what_of_a_collada_scene_is_not_read_is_named(tmp_path, other, instance, said):
+    (tmp_path / "a.dae").write_text(
+        '<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
+        f"<library_geometries>{_dae_geometry('g')}{other}</library_geometries><library_visual_scenes><visual_scene "
+        f'id="s"><node><instance_geometry url="#g"/></node><node><instance_{instance} url="#h"/></node></visual_scene>'
+        '</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+    report = ImportReport()
+    read_mesh(tmp_path / "a.dae", report)
+    assert report.sentences() == ([f"Left out, because they cannot be read: {said}."] if said else [])
