@@ -142,7 +142,8 @@ def _dae_geometry(name, corners="0 1 2"):
         f'</float_array><technique_common><accessor source="#{name}a" count="3" stride="3"><param name="X" '
         'type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>'
         f'</source><vertices id="{name}v"><input semantic="POSITION" source="#{name}p"/></vertices><triangles '
-        f'count="1"><input offset="0" semantic="VERTEX" source="#{name}v"/><p>{corners}</p></triangles></mesh></geometry>'
+        f'count="1"><input offset="0" semantic="VERTEX" source="#{name}v"/><p>{corners}</p>'
+        "</triangles></mesh></geometry>"
     )
 
 
@@ -154,7 +155,6 @@ def _dae_geometry(name, corners="0 1 2"):
         ("", "geometry", "geometry 'h' of a.dae"),
         ('<geometry id="h"><convex_mesh/></geometry>', "geometry", "geometry 'h' of a.dae"),
         ("", "controller", "animated mesh 'h' of a.dae"),
-        ("", "node", "node 'h' of a.dae"),
     ],
 )
 def test_what_of_a_collada_scene_is_not_read_is_named(tmp_path, other, instance, said):

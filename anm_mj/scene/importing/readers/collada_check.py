@@ -22,7 +22,7 @@ def check_collada(src: Path, report: ImportReport) -> MeshFacts:
     """Count what the scene of a COLLADA file holds, and note what of it is known not to be read.
 
     Raises:
-        SceneError: if the file is no XML, a node stands in itself, or there is too much in it.
+        SceneError: if the file is no XML, a node stands in itself or is not there, or there is too much in it.
     """
     try:
         root = ET.fromstring(read_bytes(src, MAX_MESH_MIB))
@@ -69,7 +69,7 @@ class _Count:
                     self._below[url] = self.of(self._nodes[url], (*above, url))
                 parts, triangles = parts + self._below[url][0], triangles + self._below[url][1]
             elif kind == "instance_node":
-                self._leave_out("node", url)
+                raise damaged(self._src, f"it names node {url!r}, which is not there")
         return parts, triangles
 
     def _show(self, name: str) -> None:
