@@ -8,6 +8,7 @@ from anm_mj.scene.importing.readers import limits
 from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mesh import read_mesh
 from anm_mj.scene.submesh import Submesh
+from anm_mj.scene.writer import SceneInfo, write_scene
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype="<f4")
 TEXT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -167,3 +168,12 @@ def test_what_of_a_collada_scene_is_not_read_is_named(tmp_path, other, instance,
     report = ImportReport()
     read_mesh(tmp_path / "a.dae", report)
     assert report.sentences() == ([f"Left out, because they cannot be read: {said}."] if said else [])
+
+
+def test_a_mesh_without_area_is_named(tmp_path, caplog):
+    flat = Submesh("flat", np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    floor = np.array([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]])
+    room = Submesh("room", floor, np.array([[0, 1, 2], [0, 2, 3]]))
+    info = SceneInfo("a", "own", "none")
+    write_scene([room, flat], info, tmp_path / "out")
+    assert "none of their triangles has an area: flat." in caplog.text
