@@ -30,7 +30,7 @@ from anm_mj.io.manifest import git_revision
 from anm_mj.io.run_folder import refuse_links
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.scene.folder import load_scene
-from anm_mj.utils.files import write_text
+from anm_mj.utils.files import file_name, write_text
 from anm_mj.utils.package_data import checkout
 from anm_mj.utils.read_file import read_text
 from anm_mj.viz.figure_file import KINDS, PICTURE
@@ -108,7 +108,7 @@ def _check_revision(there: Sequence[Job], out: Path) -> None:
     """
     source = checkout()
     own = revision_text(None if source is None else git_revision(source))
-    other = sorted({read_result(out / "runs" / job.name).revision for job in there} - {own})
+    other = sorted({read_result(out / "runs" / job.name, job).revision for job in there} - {own})
     if other:
         raise BenchError(
             f"{out} holds runs of revision {', '.join(other)}, and this program is {own}; rows of one table must be "
@@ -216,7 +216,7 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
     Raises:
         BenchError: A file of a run is damaged, or one cannot be written.
     """
-    results = [read_result(out / "runs" / job.name) for job in finished(jobs, out / "runs")]
+    results = [read_result(out / "runs" / job.name, job) for job in finished(jobs, out / "runs")]
     if not results:
         return
     with _writable(out):
@@ -234,9 +234,11 @@ def _write_results(
     pictures: dict[str, list[Path]] = {}
     for name in dict.fromkeys(result.job["scene_name"] for result in results):
         here = [result for result in results if result.job["scene_name"] == name]
-        pictures[name] = [draw_curves(out / f"curves_{name}.png", name, here, kinds)[0]]
+        # A scene may call itself anything.
+        own = file_name(name)
+        pictures[name] = [draw_curves(out / f"curves_{own}.png", name, here, kinds)[0]]
         if kinds == KINDS:
-            pictures[name] += draw_scene(out / f"scene_{name}.png", load_scene(folders[name]), here)
+            pictures[name] += draw_scene(out / f"scene_{own}.png", load_scene(folders[name]), here)
     if kinds == KINDS:
         _write_report(out, rows, results, table, command, pictures)
 

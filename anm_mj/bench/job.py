@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import policy_entry
 from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.utils.files import file_name
 
 if TYPE_CHECKING:
     from anm_mj.config import RunConfig
@@ -78,7 +79,7 @@ class Job:
                 del facts[field.name]
         digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:8]
         text = f"{self.scene_name}_{self.policy}_start{self.start}_seed{self.seed}"
-        return "".join(c if c.isalnum() or c in "-._" else "-" for c in text) + f"_{digest}"
+        return f"{file_name(text)}_{digest}"
 
     @property
     def facts(self) -> dict[str, Any]:

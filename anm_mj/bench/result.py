@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -80,7 +81,7 @@ class _Place(Struct):
 
 
 class _Git(Struct):
-    revision: str | None = None
+    revision: Annotated[str, Meta(pattern=r"^\w*$")] | None = None
     changed: bool = False
 
 
@@ -202,16 +203,24 @@ def variant(row: Mapping[str, Any]) -> str:
     return f"{row['policy']} ({text})" if text else row["policy"]
 
 
-def read_result(folder: Path) -> Result:
+def read_result(folder: Path, of: Job | None = None) -> Result:
     """A finished run of a comparison.
 
+    Args:
+        folder: Where it lies.
+        of: The run that it should be; None = whichever it says.
+
     Raises:
-        BenchError: A file is damaged.
+        BenchError: A file is damaged, or is of another run.
     """
     manifest = folder / "manifest.json"
     with _of(folder):
         job, metrics = read_json(folder / RESULT), read_metrics(folder / "metrics.json")
         convert(job, JobShape)
+        # Tables are written in UTF-8, which has no place for a half of a surrogate pair.
+        json.dumps([job, metrics], ensure_ascii=False).encode()
+        if of is not None:
+            _check_same(job, of)
         for field in fields(Metrics):
             if field.name in metrics:
                 of_type(Metrics, field.name, metrics[field.name])
@@ -223,6 +232,14 @@ def read_result(folder: Path) -> Result:
             revision=revision_text(None if made_by.git is None else asdict(made_by.git)),
             curve=_read_curve(folder / "curve.csv"),
         )
+
+
+def _check_same(job: Mapping[str, Any], of: Job) -> None:
+    """Raises ValueError for a run of something else than its folder's name stands for."""
+    for key, own in json.loads(json.dumps(of.facts)).items():
+        # Older versions wrote fewer facts.
+        if job.get(key, own) != own:
+            raise ValueError(f"{RESULT} says {key} = {job[key]!r}, but the folder's run has {own!r}")
 
 
 def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:

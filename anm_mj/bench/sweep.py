@@ -192,6 +192,8 @@ def read_sweeps(path: Path) -> tuple[list[Sweep], dict[str, GeneratedScene | Imp
     sweeps = content.get("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(sweep, dict) for sweep in sweeps):
         raise BenchError(f"{path}: sweep must be a list of tables; write [[sweep]] above each.")
+    if not sweeps:
+        raise BenchError(f"{path}: sweep is empty, so that there is nothing to run; give one, or leave it out.")
     return [_sweep(path, {**common, **sweep}) for sweep in sweeps], provided
 
 

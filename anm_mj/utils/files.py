@@ -35,6 +35,11 @@ def beside(path: Path) -> Path:
     return path.with_name(f".{path.name}.{uuid.uuid4().hex}")
 
 
+def file_name(text: str) -> str:
+    """A text of somebody else's as a part of a file's name, which leads into no other folder."""
+    return "".join(c if c.isalnum() or c in "-._" else "-" for c in text)
+
+
 @contextmanager
 def removed_on_error(path: Path) -> Iterator[None]:
     """Remove a file if the block fails."""

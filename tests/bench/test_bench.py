@@ -2,6 +2,7 @@ import csv
 import importlib.util
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -412,6 +413,33 @@ def test_a_damaged_run_is_named(tmp_path, name, content):
     (run / name).write_text(content)
     with pytest.raises(BenchError, match=f"{run.name} is damaged .*; delete it, and give the command again"):
         run_bench(file, out, function="tests.bench.fake:quick")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("scene_name", "x/../../../evil"), ("scene_name", "\0"), ("policy", "\udcff"), ("seed", 7)]
+)
+def test_a_run_of_something_else_than_its_folder_says_is_refused(tmp_path, key, value):
+    file, out = tmp_path / "small.toml", tmp_path / "out"
+    file.write_text('scenes = ["home"]\npolicies = ["random"]\nstarts = 1\nseeds = [0]\nsteps = 100\n')
+    run_bench(file, out, function="tests.bench.fake:quick")
+    (run,) = (out / "runs").iterdir()
+    facts = json.loads((run / "result.json").read_text())
+    (run / "result.json").write_text(json.dumps({**facts, key: value}))
+    (out / "curves_x").mkdir()
+    with pytest.raises(BenchError, match=f"{run.name} is damaged"):
+        run_bench(file, out, function="tests.bench.fake:quick")
+    assert {path.name for path in tmp_path.iterdir()} == {"small.toml", "out"}
+
+
+def test_the_name_of_a_scene_leads_into_no_other_folder(tmp_path):
+    file, out = tmp_path / "small.toml", tmp_path / "deep/deep/out"
+    scene = make_small_scene(tmp_path / "scene")
+    toml = scene.folder / "scene.toml"
+    toml.write_text(re.sub(r"(?m)^name = .*$", 'name = "../../evil"', toml.read_text()))
+    file.write_text('scenes = ["scene"]\npolicies = ["random"]\nstarts = 1\nseeds = [0]\nsteps = 100\n')
+    run_bench(file, out, function="tests.bench.fake:quick")
+    assert (out / "curves_..-..-evil.png").is_file()
+    assert all(path.is_relative_to(out) for path in tmp_path.glob("**/*evil*"))
 
 
 @pytest.mark.parametrize("name", ["table.md", "curves_home.svg"])

@@ -134,6 +134,7 @@ def test_names_of_former_comparisons_stay(tmp_path):
         ('scenes = ["home"]\npolicies = ["gvg"]\npose = 3\n', BenchError, "of type str or list"),
         ('scenes = ["home"]\npolicies = ["gvg"]\npose = [3]\n', BenchError, "texts only"),
         ("", BenchError, "scenes is missing"),
+        ("sweep = []", BenchError, "sweep is empty"),
         ('scenes = ["home"]\n', BenchError, "policies is missing"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nstart = 2\n', BenchError, "there is no 'start'"),
         ('scenes = "home"\npolicies = ["gvg"]\n', BenchError, "must be of type list"),
