@@ -40,6 +40,9 @@ DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
 LARGEST_SEED = 2**63 - 1
+MOST_STEPS = 10**9
+_MOST_LETTERS = 80
+"""Longer values are not quoted whole."""
 OPTIONS = (
     "policy",
     "goal",
@@ -132,6 +135,8 @@ class RunConfig:
         _require_choice("--preset", self.preset, PRESETS)
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"--steps is {self.steps}; a run needs at least 1 step.")
+        if self.steps is not None and self.steps > MOST_STEPS:
+            raise ConfigError(f"--steps is {_short(str(self.steps))}; give {MOST_STEPS} steps at most.")
         if not 0 <= self.seed <= LARGEST_SEED:
             raise ConfigError(f"--seed is {self.seed}; give a whole number from 0 up to {LARGEST_SEED}.")
         if not 16 <= self.image_px <= 2048:
@@ -323,13 +328,19 @@ def _parse(default: Any, text: str, name: str) -> Any:
     try:
         # Shells and JSON write booleans in lower case.
         value = ast.literal_eval(text.capitalize() if isinstance(default, bool) else text)
-    except (ValueError, SyntaxError):
+        if isinstance(default, float) and type(value) is int:
+            value = float(value)
+    except (ValueError, SyntaxError, OverflowError, RecursionError, MemoryError):  # Of text nested too deeply.
         value = None
-    if isinstance(default, float) and type(value) is int:
-        value = float(value)
     if not _is_like(value, default):
-        raise ConfigError(f"--set {name}={text}: '{text}' is not of type {type(default).__name__}, like {default}.")
+        shown = _short(text)
+        raise ConfigError(f"--set {name}={shown}: '{shown}' is not of type {type(default).__name__}, like {default}.")
     return value
+
+
+def _short(text: str) -> str:
+    """A text, or its beginning where it is long."""
+    return text if len(text) <= _MOST_LETTERS else f"{text[:_MOST_LETTERS]}..."
 
 
 def _is_like(new: Any, old: Any) -> bool:

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from anm_mj.cli.option_types import place
+
 INCOMPLETE = 1
 """Exit status if some runs failed."""
 
@@ -34,7 +36,7 @@ def add_bench(commands: Any) -> None:
         metavar="NAME",
         help="compare this policy too, as module:Class your own; may be given several times",
     )
-    bench.add_argument("--out", type=Path, metavar="DIR", help="folder (default: bench/<name of FILE or suite>)")
+    bench.add_argument("--out", type=place, metavar="DIR", help="folder (default: bench/<name of FILE or suite>)")
     bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs in parallel (default: 1)")
     bench.add_argument("--engine", default="local", help="local (processes) or ray (a cluster) (default: local)")
     bench.set_defaults(command=_bench)

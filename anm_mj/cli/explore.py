@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from anm_mj.cli.option_types import place, port
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
 from anm_mj.sim.sensors.presets import SENSORS
 
@@ -68,7 +69,7 @@ def add_explore(commands: Any) -> None:
     )
     explore.add_argument("--seed", type=int, default=0, metavar="S", help="one seed, same steps (default: 0)")
     explore.add_argument("--start", metavar="X,Y,YAW_DEG", help="start pose in m, m, deg (default: the scene's first)")
-    explore.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: a new one in runs/)")
+    explore.add_argument("--out", type=place, metavar="DIR", help="run folder (default: a new one in runs/)")
     explore.add_argument(
         "--preset",
         default="default",
@@ -119,7 +120,7 @@ def add_explore(commands: Any) -> None:
     )
     explore.add_argument("--device", default="auto", help="where the map trains: auto, cpu or cuda (default: auto)")
     explore.add_argument("--view", action="store_true", help="show the run in the browser, on this machine only")
-    explore.add_argument("--port", type=int, help="port of --view (default: the next free one from 7000)")
+    explore.add_argument("--port", type=port, help="port of --view (default: the next free one from 7000)")
     explore.add_argument(
         "--set",
         action="append",

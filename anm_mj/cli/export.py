@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from anm_mj.cli.option_types import place
 from anm_mj.export.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def add_export(commands: Any) -> None:
         metavar="NAME",
         help="; ".join(f"{name}: {entry.words}" for name, entry in FORMATS.items()) + "; all. May be repeated",
     )
-    export.add_argument("--out", type=Path, metavar="DIR", help="folder of --format (default: RUN/export)")
+    export.add_argument("--out", type=place, metavar="DIR", help="folder of --format (default: RUN/export)")
     export.add_argument("--video", type=Path, metavar="FILE", help="a film, film.mp4 or film.gif")
     export.add_argument("--fps", type=float, default=15.0, help="steps per second of the film (default: 15)")
     export.add_argument("--every", type=int, default=1, metavar="N", help="show every Nth step only (default: 1)")

@@ -75,6 +75,7 @@ def main(argv: list[str] | None = None) -> int:
     arguments = _with_joined_start(sys.argv[1:] if argv is None else argv)
     parser = make_parser()
     parser.words = arguments
+    _require_text(parser, arguments)
     parsed = parser.parse_args(arguments)
     from rich.console import Console
 
@@ -96,6 +97,15 @@ def main(argv: list[str] | None = None) -> int:
         f"anm-mj: {' '.join(sentence.split())}", style="red", markup=False, highlight=False, soft_wrap=True
     )
     return USAGE_ERROR
+
+
+def _require_text(parser: _Parser, words: Sequence[str]) -> None:
+    """End the program for a word that the files of runs and scenes, which are UTF-8, cannot hold."""
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            parser.error(f"{word!a} is no UTF-8; rename the file, or write it otherwise")
 
 
 def _unforeseen(err: Exception) -> str:

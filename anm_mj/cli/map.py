@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from anm_mj.cli.option_types import place
 from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
 TALLEST_M = 100.0
@@ -27,7 +28,7 @@ def add_map(commands: Any) -> None:
     parser.add_argument(
         "sequence", type=Path, metavar="SEQUENCE", help="folder of the sequence, a transforms.json, or a bag"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: a new one in runs/)")
+    parser.add_argument("--out", type=place, metavar="DIR", help="run folder (default: a new one in runs/)")
     parser.add_argument(
         "--layout", help="run, anm-mj, tum, nerfstudio, replica or rosbag (default: recognised by its files)"
     )

@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from anm_mj.cli.option_types import place, require_ending
+
 if TYPE_CHECKING:
     from anm_mj.control.drive_test import DriveTest
     from anm_mj.robot.description import RobotDescription
@@ -31,7 +33,7 @@ def add_robot(commands: Any) -> None:
         default=[],
         help="a setting of the robot, as in model.camera_pose=0.05,0,0.3,10,60; may be repeated",
     )
-    check.add_argument("--out", type=Path, metavar="PNG", help="picture (default: ROBOT_check.png in this folder)")
+    check.add_argument("--out", type=place, metavar="PNG", help="picture (default: ROBOT_check.png in this folder)")
     check.set_defaults(command=_check)
 
 
@@ -40,6 +42,7 @@ def _check(parsed: argparse.Namespace) -> int:
     from anm_mj.robot.presets import robot_path
     from anm_mj.sim.gl import select_backend
 
+    require_ending(parsed.out, (".png",))
     config = make_config(DEFAULT_PRESET, parsed.settings, scene="", robot=parsed.robot).model
     path = robot_path(parsed.robot)
     backend = select_backend()

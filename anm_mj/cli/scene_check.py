@@ -8,12 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from anm_mj.cli.option_types import place, require_ending
+
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
     from anm_mj.types import Pose2
 
 UNUSABLE = 1
 """Exit status when a robot cannot use the scene."""
+_ENDINGS = (".png", ".pdf", ".svg")
 _MAX_ONE_SIDED = 0.001
 """Back-face culling is disabled where it changes more than this share of the pixels."""
 
@@ -24,7 +27,7 @@ def add_check(actions: Any) -> None:
     check.add_argument("scene", metavar="SCENE", help="name from the catalogue or a scene folder")
     check.add_argument(
         "--out",
-        type=Path,
+        type=place,
         metavar="FILE",
         help="contact sheet: .png, .pdf or .svg (default: SCENE_check.png in the current folder)",
     )
@@ -40,6 +43,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
     from anm_mj.sim.gl import select_backend
 
+    require_ending(parsed.out, _ENDINGS)
     scene = load_scene(parsed.scene)
     backend = select_backend()
     from anm_mj.sim.views import CUT_M, SceneViews

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from anm_mj.cli.option_types import place, port
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -18,8 +20,10 @@ def add_view(commands: Any) -> None:
         epilog="The page needs no network. To watch a run while it goes on: anm-mj explore SCENE --view.",
     )
     view.add_argument("run", type=Path, metavar="RUN", help="a run folder")
-    view.add_argument("--export-html", type=Path, metavar="FILE", help="write the page to a file instead of showing it")
-    view.add_argument("--port", type=int, help="first port to try (default: 7000)")
+    view.add_argument(
+        "--export-html", type=place, metavar="FILE", help="write the page to a file instead of showing it"
+    )
+    view.add_argument("--port", type=port, help="first port to try (default: 7000)")
     view.add_argument("--no-browser", action="store_true", help="print the address only")
     view.add_argument(
         "--scene",

@@ -13,6 +13,8 @@ from anm_mj.frames import wrap_angle
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.geom_extent import height_range_m
 from anm_mj.types import Action, Pose2, StopReason
+from anm_mj.utils.quiet_mujoco import quiet
+from anm_mj.utils.read_mjcf import TIMESTEPS_S
 
 _START = Pose2(0.0, 0.0, 0.0)
 _FORWARD, _TURNS = 8, 9
@@ -79,7 +81,18 @@ def plain_fault(path: Path, root: str) -> str:
         path: the file; it compiles.
         root: name of the robot's top-level body; empty where the file leaves it unnamed.
     """
-    spec = mujoco.MjSpec.from_file(str(path))
+    with quiet(mujoco.set_mju_user_warning):
+        return _simulated_fault(mujoco.MjSpec.from_file(str(path)), root)
+
+
+def _simulated_fault(spec: mujoco.MjSpec, root: str) -> str:
+    """As :func:`plain_fault`, of a file that is read."""
+    shortest_s, longest_s = TIMESTEPS_S
+    if not shortest_s <= spec.option.timestep <= longest_s:
+        return (
+            f"its time step of {spec.option.timestep:g} s is none for plain MuJoCo, which was not tried: give one from "
+            f"{shortest_s:g} to {longest_s:g} s by <option timestep=.../>"
+        )
     if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.worldbody.geoms):
         model = spec.compile()
         data = mujoco.MjData(model)

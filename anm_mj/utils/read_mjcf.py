@@ -25,7 +25,9 @@ MAX_ELEMENTS, MAX_ROBOT_ELEMENTS = (limit("ANM_MJ_MAX_ELEMENTS", default) for de
 _MOST_NUMBERS = 1_000_000
 """Largest number of anything else that an MJCF file asks room for."""
 MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
-"""Most pixels of a texture that MuJoCo makes, and most cells of a height field."""
+"""Most pixels of the textures that MuJoCo makes, with the cells of the height fields."""
+TIMESTEPS_S = (1e-5, 0.1)
+"""Shortest and longest step at which a file is simulated [s]: shorter ones take hours, longer ones fly apart."""
 _COPY_COST = 8
 _MAX_MIB = 256
 """Largest MJCF file [MiB]."""
@@ -144,6 +146,10 @@ class _Counter:
     """Where ``<compiler>`` looks for files."""
     names: set[str] = field(default_factory=set)
     """Files that elements name."""
+    cells: int = 0
+    """Pixels and cells so far that MuJoCo takes memory for while it reads."""
+    cells_of: dict[Path, int] = field(default_factory=dict)
+    """Those of each file that is counted."""
 
     def elements(self, path: Path) -> int:
         """Number of elements of a file.
@@ -158,13 +164,14 @@ class _Counter:
         text = re.sub(rb"<!--.*?-->", b"", read_bytes(path, _MAX_MIB), flags=re.DOTALL)
         models: dict[str, Path] = {}
         # How often the elements that are open stand in the model, and whether they are copies.
-        factors, total = [(1, False)], 0
+        factors, total, before = [(1, False)], 0, self.cells
         for name, attributes in _tags(text):
             if name is None:
                 factors.pop()
                 continue
             (times, copied), more = factors[-1], 1
-            _check_room(name, attributes)
+            self._take(_num_cells(name, attributes), name, attributes)
+            _check_size(name, attributes)
             if name == "compiler":
                 self.folders |= {attributes[key] for key in ("assetdir", "meshdir", "texturedir") if key in attributes}
             self.names |= {text for key, text in attributes.items() if key.startswith("file")}
@@ -176,11 +183,25 @@ class _Counter:
                 models[attributes.get("name", below.stem)] = below
             elif name == "attach" and attributes.get("model") in models:
                 more += _COPY_COST * self.elements(models[attributes["model"]])
+                self._take(self.cells_of.get(models[attributes["model"]], 0), name, attributes)
             total += times * (_COPY_COST if copied else 1) * more + (times * _COPY_COST * count if count > 1 else 0)
             repeats = name == "replicate" and count > 1
             factors.append((times * count if repeats else times, copied or repeats))
-        self.known[path] = total
+        self.known[path], self.cells_of[path] = total, self.cells - before
         return total
+
+    def _take(self, cells: int, name: str, attributes: dict[str, str]) -> None:
+        """Count the cells of an element.
+
+        Raises:
+            ValueError: There are too many with them.
+        """
+        self.cells += cells
+        if self.cells > MAX_CELLS:
+            raise ValueError(
+                f"with its {name} '{attributes.get('name', '')}' it has {self.cells:.4g} cells of textures and height "
+                f"fields, but they end at {MAX_CELLS}: set ANM_MJ_MAX_CELLS if there should be so many"
+            )
 
     def _file(self, within: Path, name: str) -> Path:
         """A file that another one names.
@@ -224,6 +245,25 @@ def _product(text: str) -> int:
         return 1
 
 
+def _num_cells(name: str, attributes: dict[str, str]) -> int:
+    """Pixels of a texture that MuJoCo makes, or cells of a height field; 0 for any other element."""
+    if name not in ("texture", "hfield"):
+        return 0
+    sides = ("width", "height") if name == "texture" else ("nrow", "ncol")
+    across, down = (_product(attributes.get(side, "1")) for side in sides)
+    # The six pictures of a cube are as high as they are wide.
+    is_cube = name == "texture" and attributes.get("type") != "2d" and "builtin" in attributes
+    return 6 * across**2 if is_cube else across * down
+
+
+def _check_size(name: str, attributes: dict[str, str]) -> None:
+    """Raises ValueError for an element ``<size>`` that asks for too many numbers."""
+    if name == "size":
+        for key, text in attributes.items():
+            if key not in ("memory", "njmax", "nconmax", "nstack") and _product(text) > _MOST_NUMBERS:
+                raise ValueError(f"its size asks for {key} = {text}, but {_MOST_NUMBERS} is the most")
+
+
 def _check_assets(spec: Any, folder: Path, own: _Places) -> None:
     """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears.
 
@@ -259,26 +299,3 @@ def _check_picture(path: Path) -> None:
             return
     except (OSError, ValueError) as err:
         raise ValueError(f"{path.name}: {err}") from err
-
-
-def _check_room(name: str, attributes: dict[str, str]) -> None:
-    """Refuse what MuJoCo takes memory for while it reads.
-
-    Raises:
-        ValueError: An element asks for too many pixels, cells or numbers.
-    """
-    if name in ("texture", "hfield"):
-        sides = ("width", "height") if name == "texture" else ("nrow", "ncol")
-        across, down = (_product(attributes.get(side, "1")) for side in sides)
-        # The six pictures of a cube are as high as they are wide.
-        is_cube = name == "texture" and attributes.get("type") != "2d" and "builtin" in attributes
-        cells = 6 * across**2 if is_cube else across * down
-        if cells > MAX_CELLS:
-            raise ValueError(
-                f"its {name} '{attributes.get('name', '')}' has {cells:.4g} cells, but they end at {MAX_CELLS}: set "
-                "ANM_MJ_MAX_CELLS if there should be so many"
-            )
-    if name == "size":
-        for key, text in attributes.items():
-            if key not in ("memory", "njmax", "nconmax", "nstack") and _product(text) > _MOST_NUMBERS:
-                raise ValueError(f"its size asks for {key} = {text}, but {_MOST_NUMBERS} is the most")

@@ -41,6 +41,12 @@ def fails(capsys, *argv):
         (["--device", "tpu"], "tpu", "auto, cpu, cuda"),
         (["--steps", "0"], "0", "at least 1"),
         (["--steps", "many"], "many", "int"),
+        (["--steps", "9" * 400], "999...", "1000000000 steps at most"),
+        (["--set", "image_px=" + "-" * 200_000 + "1"], "---...", "int"),
+        (["--set", "planning.margin_m=" + "9" * 400], "999...", "float"),
+        (["--view", "--port", "-1"], "-1", "from 1 to 65535"),
+        (["--out", ""], "--out", "it is empty"),
+        (["--out", "a\udcff"], r"'a\udcff'", "UTF-8"),
         (["--seed", "-1"], "-1", "from 0 up"),
         (["--start", "1,2"], "1,2", "X,Y,YAW_DEG"),
         (["--start", "-1,2,x"], "-1,2,x", "X,Y,YAW_DEG"),
@@ -230,3 +236,15 @@ def test_an_unforeseen_error_is_one_sentence_and_with_verbose_a_traceback(monkey
     assert "--verbose" in said
     with pytest.raises(KeyError):
         main(["doctor", "--verbose"])
+
+
+@pytest.mark.parametrize("words", [("scene", "check", "home", "--out"), ("robot", "check", "diff_drive", "--out")])
+def test_a_picture_of_an_unknown_kind_is_refused_before_it_is_drawn(tmp_path, capsys, words):
+    assert "give a file that ends in .png" in fails(capsys, *words, tmp_path / "x.xyz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_name_that_no_file_can_hold_is_refused_before_any_work(tmp_path, capsys):
+    said = fails(capsys, "scene", "generate", tmp_path / "out", "--rooms", "1", "--name", "a\udc80")
+    assert "is no UTF-8" in said
+    assert not list(tmp_path.iterdir())

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from anm_mj.cli.main import main
+from anm_mj.control.drive_test import plain_fault
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "tests" / "robot" / "models"
@@ -50,3 +51,14 @@ def test_a_robot_that_tips_over(tmp_path, capsys):
     assert main(["robot", "check", str(robot), "--out", str(tmp_path / "tipping.png")]) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "so that the robot tips over; add a caster" in said
+
+
+@pytest.mark.parametrize("option", ['timestep="1e-9"', 'gravity="0 0 1e30"'])
+def test_plain_mujoco_takes_no_hours_and_writes_no_log(tmp_path, monkeypatch, capfd, option):
+    monkeypatch.chdir(tmp_path)
+    robot = tmp_path / "odd.xml"
+    ball = '<worldbody><body><freejoint/><geom size="0.1"/></body></worldbody>'
+    robot.write_text(f"<mujoco><option {option}/>{ball}</mujoco>")
+    assert plain_fault(robot, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["odd.xml"]
+    assert "WARNING" not in "".join(capfd.readouterr())

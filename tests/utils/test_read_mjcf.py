@@ -41,6 +41,12 @@ def test_nested_copies_count_once_as_copies(tmp_path):
         ('<asset><texture name="t" type="2d" builtin="flat" width="100000" height="1000"/></asset>', "cells"),
         ('<asset><hfield name="h" nrow="30000" ncol="30000" size="1 1 1 1"/></asset>', "cells"),
         ('<asset><texture name="t" type="cube" builtin="flat" width="20000" height="1"/></asset>', "cells"),
+        (
+            "<asset>"
+            + "".join(f'<hfield name="h{k}" nrow="4900" ncol="4900" size="1 1 1 1"/>' for k in range(2))
+            + "</asset>",
+            "cells",
+        ),
         ('<size nkey="2000000000"/>', "nkey"),
         ('<asset><mesh name="m" file="/etc/passwd"/></asset>', "lies outside"),
         ('<asset><mesh name="m" file="fifo.stl"/></asset>', "no regular file"),

@@ -17,12 +17,18 @@ from anm_mj.scene.importing.floorplans.houseexpo import is_houseexpo, read_house
 from anm_mj.scene.importing.floorplans.plan1 import is_plan1, read_plan1
 from anm_mj.scene.importing.floorplans.procthor import is_procthor, read_procthor
 from anm_mj.scene.writer import SceneInfo, check_destination
+from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import parse_json, read_bytes, read_json
 
 _logger = logging.getLogger(__name__)
 
 _FARTHEST_M = 1000.0
 """Farther from the origin, a plan is in the coordinates of a survey [m]."""
+_HEIGHT_M = (1.5, 20.0)
+"""Lowest and highest ceiling [m]."""
+_MAX_ROOMS = limit("ANM_MJ_MAX_ROOMS", 300)
+_MAX_FLOOR_M2 = limit("ANM_MJ_MAX_FLOOR_M2", 10_000)
+"""Largest floor of all rooms [m2]."""
 _FORMATS = (
     ("plan-1", is_plan1, read_plan1),
     ("ProcTHOR", is_procthor, read_procthor),
@@ -45,7 +51,8 @@ def read_floorplan(src: Path) -> tuple[str, Building, dict[str, Any]]:
     """Format, building and document of a floor plan.
 
     Raises:
-        SceneError: if the file cannot be read, is no floor plan of a known format, or is damaged.
+        SceneError: if the file cannot be read, is no floor plan of a known format, is damaged, or of no building that
+            can be made.
     """
     try:
         plan = parse_json(read_bytes(src), parse_constant=_refuse)
@@ -56,11 +63,13 @@ def read_floorplan(src: Path) -> tuple[str, Building, dict[str, Any]]:
     for form, matches, read in _FORMATS:
         if matches(plan):
             try:
-                return form, read(plan), plan
-            except (KeyError, IndexError, TypeError, ValueError, ShapelyError) as err:
+                building = read(plan)
+            except (KeyError, IndexError, TypeError, ValueError, ArithmeticError, ShapelyError) as err:
                 raise SceneError(
                     f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): fix or replace it."
                 ) from err
+            _check_size(building, src)
+            return form, building, plan
     names = ", ".join(form for form, _, _ in _FORMATS)
     raise SceneError(f"{src} is no floor plan of a known format: give one of {names}.")
 
@@ -106,6 +115,34 @@ def import_floorplan(
     _logger.info("%s: %d rooms, %d passages (%s)", src.name, len(building.rooms), len(building.passages), form)
     # The content of the file seeds the furniture.
     return write_building(building, zlib.crc32(src.read_bytes()), info, out, furniture)
+
+
+def _check_size(building: Building, src: Path) -> None:
+    """Accept what can be built and furnished, before anything is.
+
+    Raises:
+        SceneError: if a height is none of a building, or there is too much of it.
+    """
+    low_m, high_m = _HEIGHT_M
+    if not low_m <= building.ceiling_m <= high_m:
+        raise SceneError(
+            f"The walls of {src} are {building.ceiling_m:.4g} m high: give heights from {low_m:g} to {high_m:g} m."
+        )
+    if not 0.0 < building.door_height_m <= high_m:
+        raise SceneError(
+            f"The doors of {src} are {building.door_height_m:.4g} m high: give a height above 0 and up to {high_m:g} m."
+        )
+    if len(building.rooms) > _MAX_ROOMS:
+        raise SceneError(
+            f"{src} has {len(building.rooms)} rooms, but floor plans end at {_MAX_ROOMS}: give a part of it, or set "
+            "ANM_MJ_MAX_ROOMS if there should be so many."
+        )
+    floor_m2 = sum(float(room.floor.area) for room in building.rooms)
+    if not floor_m2 <= _MAX_FLOOR_M2:
+        raise SceneError(
+            f"The rooms of {src} have {floor_m2:.4g} m2, but floor plans end at {_MAX_FLOOR_M2} m2: give a part of it "
+            "in metres, or set ANM_MJ_MAX_FLOOR_M2 if it should be so large."
+        )
 
 
 def _refuse(word: str) -> None:

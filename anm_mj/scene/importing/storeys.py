@@ -84,7 +84,7 @@ def pick_storey(storeys: Sequence[Storey], wanted: str) -> Storey:
         SceneError: if there is no such storey.
     """
     heights = ", ".join(f"{number} at {storey.floor_m:.2f} m" for number, storey in enumerate(storeys, 1)) or "none"
-    if re.fullmatch(r"\d+", wanted.strip()):
+    if re.fullmatch(r"\d{1,9}", wanted.strip()):
         number = int(wanted)
         if not 1 <= number <= len(storeys):
             raise SceneError(f"There is no storey {number}: the storeys are {heights}.")

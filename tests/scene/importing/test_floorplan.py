@@ -179,6 +179,59 @@ def test_a_room_of_any_outline_is_closed_above_and_below(tmp_path):
     assert -normal[ceiling, 2].clip(None, 0.0).sum() == pytest.approx(area - 0.25, rel=0.03)
 
 
+def _with(plan: dict, at: tuple, value: object) -> str:
+    """The text of a plan with another value at a place."""
+    *way, last = at
+    node = plan
+    for key in way:
+        node = node[key]
+    node[last] = value
+    return json.dumps(plan)
+
+
+def _procthor_walls(top: float) -> str:
+    plan = _procthor()
+    for wall in plan["walls"]:
+        for corner in wall["polygon"]:
+            corner["y"] *= top
+    return json.dumps(plan)
+
+
+def _many_rooms(num: int) -> str:
+    plan = _procthor()
+    corners = [_box(10.0 + 3 * k, 0.0, 13.0 + 3 * k, 3.0) for k in range(num)]
+    floors = [[{"x": x, "y": 0.0, "z": z} for x, z in box] for box in corners]
+    plan["rooms"] += [{"id": f"more|{k}", "roomType": "Bedroom", "floorPolygon": f} for k, f in enumerate(floors)]
+    return json.dumps(plan)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (_with(_plan1(), ("wall_height",), -3), "-3 m high"),
+        (_with(_plan1(), ("wall_height",), 1e9), "e[+]09 m high"),
+        (_with(_plan1(), ("door_height",), 0), "doors of .* 0 m high"),
+        (_with(_plan1(), ("doors", 0, "p0"), [1e300, 1]), "farther than"),
+        (_procthor_walls(160.0), "416 m high"),
+        (_procthor_walls(1e12), "m high"),
+        (_with(_procthor(), ("doors", 0, "holePolygon", 1, "x"), 1e9), "outside of its wall"),
+        (_with(_procthor(), ("windows", 0, "holePolygon", 1, "y"), 1e9), "outside of its wall"),
+        (_many_rooms(400), "402 rooms.*ANM_MJ_MAX_ROOMS"),
+        (
+            _with(_procthor(), ("rooms", 0, "floorPolygon"), [{"x": x, "z": z} for x, z in _box(0, 0, 400, 400)]),
+            "m2.*ANM_MJ_MAX_FLOOR_M2",
+        ),
+        (json.dumps({"verts": _box(0, 0, 200, 200), "room_category": {}}), "200 m by 200 m is larger"),
+    ],
+)
+def test_what_is_no_building_is_refused_before_it_is_built(tmp_path, text, said):
+    src = tmp_path / "plan.json"
+    src.write_text(text)
+    with pytest.raises(SceneError, match=said):
+        import_floorplan(src, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

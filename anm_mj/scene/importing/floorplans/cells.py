@@ -17,6 +17,8 @@ _BESIDE_M = 0.1
 _MIN_ROOM_CELLS = 40
 _MAX_EXTENT_M = 500.0
 """Larger plans are mostly not in metres [m]."""
+_MAX_CELLS = 8_000_000
+"""Most cells of a grid, which rooms are found in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,11 @@ def grid_axes(
         raise ValueError(f"a plan of {bounds_m.tolist()} m is larger than {_MAX_EXTENT_M:g} m")
     origin = np.floor(low / cell_m - 2.0) * cell_m
     cols, rows = np.ceil((high - origin) / cell_m).astype(int) + 2
+    if cols * rows > _MAX_CELLS:
+        raise ValueError(
+            f"a plan of {high[0] - low[0]:.4g} m by {high[1] - low[1]:.4g} m is larger than "
+            f"{_MAX_CELLS * cell_m**2:g} m2"
+        )
     return origin, origin[0] + (np.arange(cols) + 0.5) * cell_m, origin[1] + (np.arange(rows) + 0.5) * cell_m
 
 
@@ -104,7 +111,12 @@ def take_passages(
 
     Returns:
         The rooms without the passages' floors, and the passages that join two rooms.
+
+    Raises:
+        ValueError: if a door is far from the rooms.
     """
+    if not (np.abs(doors_m - plan.origin_m) < 2.0 * _MAX_EXTENT_M).all():
+        raise ValueError(f"a door lies farther than {_MAX_EXTENT_M:g} m from the rooms")
     labels = plan.labels.copy()
     rows, cols = np.indices(labels.shape)
     centres = plan.origin_m + (np.stack([cols, rows], axis=-1) + 0.5) * plan.cell_m

@@ -16,6 +16,9 @@ from anm_mj.scene.generation.building import Building, GivenWindow, Passage, nam
 from anm_mj.scene.generation.layout import WALL_M
 from anm_mj.scene.importing.floorplans.room_types import room_type_of_word
 
+_BEYOND_M = 1.0
+"""So far beyond the end of its wall may a hole reach [m]."""
+
 
 def is_procthor(plan: Any) -> bool:
     """Whether a JSON document is a house of ProcTHOR."""
@@ -73,10 +76,18 @@ def read_procthor(plan: Any) -> Building:
 def _opening(
     entry: Any, walls: dict[str, Float64[np.ndarray, "k 3"]]
 ) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"], float, float]:
-    """Ends of an opening in the world [m], and its lower and upper edge."""
+    """Ends of an opening in the world [m], and its lower and upper edge.
+
+    Raises:
+        KeyError, TypeError, ValueError: as :func:`read_procthor`.
+    """
     corners = walls[entry["wall0"]]
     # The first two corners of a wall are its ends at the floor; holes are measured from the first.
     start, end = corners[0, [0, 2]], corners[1, [0, 2]]
-    along = (end - start) / np.linalg.norm(end - start)
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length
     low, high = entry["holePolygon"][0], entry["holePolygon"][1]
+    reach = {"x": length, "y": float(corners[:, 1].max())}
+    if not all(-_BEYOND_M <= corner[axis] <= end + _BEYOND_M for corner in (low, high) for axis, end in reach.items()):
+        raise ValueError(f"the hole {entry.get('id', '')!r} lies outside of its wall of {length:.4g} m")
     return start + low["x"] * along, start + high["x"] * along, float(low["y"]), float(high["y"])

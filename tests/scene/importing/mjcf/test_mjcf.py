@@ -258,6 +258,23 @@ def test_worlds_with_more_contacts_than_memory_and_places_that_are_no_numbers(tm
         import_scene(src, tmp_path / "falls", settle=True)
 
 
+def test_what_a_few_words_blow_up_is_counted_before_it_is_made(tmp_path):
+    ball = '<geom size="0.1"/>'
+    fine = '<visual><quality numslices="{0}" numstacks="{0}"/></visual>'
+    for name, body, quality in (("fine", ball, 100_000_000), ("many", ball * 200, 1000)):
+        src = write_world(tmp_path / f"{name}.xml", room_xml() + body, fine.format(quality))
+        with pytest.raises(SceneError, match=r"triangles.*ANM_MJ_MAX_TRIANGLES"):
+            import_scene(src, tmp_path / name)
+
+
+@pytest.mark.parametrize("timestep", ["1e-9", "10", "nan"])
+def test_a_world_that_would_settle_for_hours_is_refused(tmp_path, timestep):
+    ball = '<body pos="0 0 1"><freejoint/><geom size="0.1"/></body>'
+    src = write_world(tmp_path / "world.xml", room_xml() + ball, f'<option timestep="{timestep}"/>')
+    with pytest.raises(SceneError, match=r"timestep of .*without --settle"):
+        import_scene(src, tmp_path / "out", settle=True)
+
+
 def test_a_movable_object_keeps_its_mass_and_may_be_pushed(house, tmp_path):
     scene = import_scene(house[0], tmp_path / "out", movable=True)
     model = build_model(scene)

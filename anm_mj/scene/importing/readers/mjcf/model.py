@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import logging
 import re
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from anm_mj.errors import SceneError
-from anm_mj.utils.read_mjcf import OutsideError, read_spec
+from anm_mj.utils.quiet_mujoco import quiet
+from anm_mj.utils.read_mjcf import TIMESTEPS_S, OutsideError, read_spec
 
 if TYPE_CHECKING:
     import mujoco
-
-_logger = logging.getLogger(__name__)
 
 _HEAD_BYTES = 65536
 _SETTLE_S = 10.0
@@ -45,20 +41,6 @@ def is_mjcf(src: Path) -> bool:
     return src.suffix.lower() in (".xml", ".mjcf") and src.is_file() and root_tag(src) == "mujoco"
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Keep MuJoCo's warnings from the terminal, and from MUJOCO_LOG.TXT in the current folder."""
-    import mujoco
-
-    mujoco.set_mju_user_warning(lambda text: _logger.debug("MuJoCo: %s", text))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        mujoco.set_mju_user_warning(None)
-
-
 def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
     """The model in a file.
 
@@ -79,7 +61,7 @@ def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
     if root_tag(src) not in ("mujoco", "mujocoinclude", "robot"):
         raise SceneError(f"{src} is no MuJoCo model: it begins with <{root_tag(src)}>, not <mujoco>.")
     try:
-        with quiet():
+        with quiet(mujoco.set_mju_user_warning):
             return read_spec(src, mujoco.MjSpec.from_file, others=folders, option="--model-path").compile()
     except OutsideError as err:
         raise SceneError(f"{src} is not read: {err}.") from err
@@ -115,12 +97,22 @@ def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
 
 
 def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Drop everything until it rests."""
+    """Drop everything until it rests.
+
+    Raises:
+        SceneError: The world cannot be simulated.
+    """
     import mujoco
 
+    shortest_s, longest_s = TIMESTEPS_S
+    if not shortest_s <= model.opt.timestep <= longest_s:
+        raise SceneError(
+            f"The world has a timestep of {model.opt.timestep:g} s: give one from {shortest_s:g} to {longest_s:g} s by "
+            "<option timestep=.../>, or import it without --settle."
+        )
     while data.time < _SETTLE_S:
         try:
-            with quiet():
+            with quiet(mujoco.set_mju_user_warning):
                 mujoco.mj_step(model, data, nstep=max(1, round(0.1 / model.opt.timestep)))
         except mujoco.FatalError as err:
             said = " ".join(str(err).split())

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float64
 from anm_mj.errors import SceneError
 from anm_mj.geometry.triangles import FARTHEST_M
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import MAX_TRIANGLES
 from anm_mj.scene.importing.readers.mjcf.bodies import joints_of, part_names, robot_bodies
 from anm_mj.scene.importing.readers.mjcf.ground import (
     cut_height_field,
@@ -29,7 +30,7 @@ from anm_mj.scene.importing.readers.mjcf.ground import (
 from anm_mj.scene.importing.readers.mjcf.looks import Looks, geom_rgba
 from anm_mj.scene.importing.readers.mjcf.model import compiled, initial_state, up_axis
 from anm_mj.scene.importing.readers.mjcf.movables import free_bodies, movable_of
-from anm_mj.scene.importing.readers.mjcf.shapes import Shape, geom_shape
+from anm_mj.scene.importing.readers.mjcf.shapes import Shape, geom_shape, num_triangles
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.submesh import Submesh, transformed
 
@@ -132,8 +133,13 @@ class _Reader:
         """What collides and is no ground."""
 
     def read(self) -> tuple[list[Submesh], list[Submesh]]:
-        """What is drawn and what collides, in the world [m]."""
+        """What is drawn and what collides, in the world [m].
+
+        Raises:
+            SceneError: A geom is infinite or far away, or there are too many triangles.
+        """
         used = self.drawn | self.solid
+        self._check_number(np.flatnonzero(used).tolist())
         shapes: dict[int, Shape] = {}
         for geom in np.flatnonzero(used & ~self._is_plane).tolist():
             shape = geom_shape(self._model, geom)
@@ -175,6 +181,19 @@ class _Reader:
                 shapes[geom] = cut
         for geom, shape in slabs.items():
             shapes[geom] = cut_slab(shape, *self._placement(geom), box)
+
+    def _check_number(self, geoms: list[int]) -> None:
+        """Raise unless there is room for the triangles of all geoms, of which many may share one mesh.
+
+        Raises:
+            SceneError: There is not.
+        """
+        total = sum(num_triangles(self._model, geom) for geom in geoms)
+        if total > MAX_TRIANGLES:
+            raise SceneError(
+                f"The geoms of the world have {total:.4g} triangles, but they end at {MAX_TRIANGLES}: make its meshes "
+                "or its <quality numslices numstacks> coarser, or set ANM_MJ_MAX_TRIANGLES if there should be so many."
+            )
 
     def _check_extent(self, geom: int, shape: Shape) -> None:
         """Raise unless a geom lies where a robot may come to.

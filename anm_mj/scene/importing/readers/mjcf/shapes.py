@@ -56,6 +56,22 @@ def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
     return None
 
 
+def num_triangles(model: mujoco.MjModel, geom: int) -> int:
+    """About how many triangles :func:`geom_shape` makes, which is known before they are made."""
+    import mujoco
+
+    kinds = mujoco.mjtGeom
+    kind, data = int(model.geom_type[geom]), int(model.geom_dataid[geom])
+    slices, stacks = (max(1, int(number)) for number in (model.vis.quality.numslices, model.vis.quality.numstacks))
+    if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
+        return int(model.mesh_facenum[data]) if data >= 0 else 0
+    if kind == kinds.mjGEOM_HFIELD:
+        return 2 * int(model.hfield_nrow[data]) * int(model.hfield_ncol[data]) if data >= 0 else 0
+    if kind == kinds.mjGEOM_CYLINDER:
+        return 4 * slices
+    return 2 * slices * stacks if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_CAPSULE) else 12
+
+
 def rectangle(low_m: Float64[np.ndarray, "2"], high_m: Float64[np.ndarray, "2"]) -> Shape:
     """A rectangle in the plane z = 0, facing along z."""
     (a, c), (b, d) = low_m, high_m
