@@ -86,6 +86,12 @@ def test_a_value_beyond_the_limits_is_refused():
         config_with("policy.max_candidates=0")
 
 
+@pytest.mark.parametrize("setting", ["planning.margin_m=1e181", "planning.start_radius_m=1e181"])
+def test_a_distance_that_no_building_has_is_refused(setting):
+    with pytest.raises(PlanError, match=r"1e[+]181"):
+        config_with(setting)
+
+
 def test_a_policy_brings_the_mapping_preset_that_it_needs():
     assert config_with(policy="anm").mapping.engine == "mlp"
     with pytest.raises(ConfigError, match="own kind"):

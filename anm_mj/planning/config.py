@@ -18,13 +18,13 @@ class PlanningConfig:
     geometry: str = setting("field", choices=GEOMETRIES)
     """What decides between free and occupied where something was observed: the neural ``field``, or ``occupancy``, the
     grid of raw depth."""
-    margin_m: float = setting(0.04, at_least=0.0)
+    margin_m: float = setting(0.04, at_least=0.0, at_most=10.0)
     """Clearance kept beyond the robot's radius [m]."""
     sdf_height_spacing_m: float = 0.15
     """Distance between the heights at which a column asks the SDF [m]."""
     free_share: float = setting(0.5, at_most=1.0)
     """Share of a column's voxels that must have been seen free for the column to be free."""
-    start_radius_m: float = setting(0.75, at_least=0.0)
+    start_radius_m: float = setting(0.75, at_least=0.0, at_most=100.0)
     """The camera cannot see the floor around the start; up to this distance it counts as free unless seen otherwise,
     and farther where the camera's height, tilt and field of view show too little of the body's heights [m]."""
     hole_area_m2: float = 0.15

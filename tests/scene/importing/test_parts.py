@@ -11,7 +11,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.doors import find_leaves
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.joints import Joint
-from anm_mj.scene.importing.storeys import clip_submesh
+from anm_mj.scene.importing.storeys import Storey, clip_submesh, pick_storey
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
 from anm_mj.scene.submesh import Submesh
 from tests.scene.shapes import box, room
@@ -186,3 +186,8 @@ def test_a_scene_far_from_its_origin_loses_nothing(tmp_path):
     assert np.allclose(far.bounds_m[:, :2], near.bounds_m[:, :2] + shift, atol=1e-3)
     assert far.num_triangles == near.num_triangles
     assert "origin" not in tomllib.loads((tmp_path / "near" / "scene.toml").read_text())
+
+
+def test_a_storey_with_thousands_of_digits_is_none():
+    with pytest.raises(SceneError, match="No storey"):
+        pick_storey([Storey(0.0, 20.0, -0.1, 3.0)], "9" * 5000)
