@@ -43,7 +43,7 @@ def no_poses(matrices: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
         good = (np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)) < _NO_ROTATION).all(axis=(1, 2))
         good &= (np.abs(matrices[:, :3, 3]) <= FARTHEST_M).all(axis=1)
         good &= (np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]) < _NO_ROTATION).all(axis=1)
-    return ~good
+    return np.logical_not(good)
 
 
 def check_time(time_s: float) -> None:
