@@ -114,7 +114,7 @@ def import_floorplan(
     )
     _logger.info("%s: %d rooms, %d passages (%s)", src.name, len(building.rooms), len(building.passages), form)
     # The content of the file seeds the furniture.
-    return write_building(building, zlib.crc32(src.read_bytes()), info, out, furniture)
+    return write_building(building, zlib.crc32(read_bytes(src)), info, out, furniture)
 
 
 def _check_size(building: Building, src: Path) -> None:

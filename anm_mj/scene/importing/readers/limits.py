@@ -15,7 +15,7 @@ MAX_MESH_MIB = limit("ANM_MJ_MAX_MESH_MIB", 4096)
 """Largest mesh file [MiB]."""
 MAX_PARTS = limit("ANM_MJ_MAX_PARTS", 5000)
 """Most meshes, with materials of their own, in one file."""
-MAX_TRIANGLES = limit("ANM_MJ_MAX_TRIANGLES", 20_000_000)
+MAX_TRIANGLES = limit("ANM_MJ_MAX_TRIANGLES", 6_000_000)
 """Most triangles of a scene, copies counted."""
 MAX_TEXTURE_MEGAPIXELS = limit("ANM_MJ_MAX_TEXTURE_MEGAPIXELS", 500)
 """Most megapixels in the textures of one mesh file."""
