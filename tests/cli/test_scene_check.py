@@ -59,11 +59,11 @@ def test_a_sheet_that_cannot_be_written_is_named(tmp_path, capsys):
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_a_sheet_is_a_png_under_whatever_name(tmp_path):
+def test_a_sheet_of_no_known_kind_is_refused(tmp_path, capsys):
     scene = _write(room(), tmp_path / "room")
-    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.of")]) == 0
-    with Image.open(tmp_path / "sheet.of") as sheet:
-        assert sheet.format == "PNG"
+    assert main(["scene", "check", str(scene.folder), "--out", str(tmp_path / "sheet.of")]) == 2
+    assert ".png or .pdf or .svg" in capsys.readouterr().err
+    assert not (tmp_path / "sheet.of").exists()
 
 
 def test_a_sheet_for_print(tmp_path):
