@@ -17,15 +17,13 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
 from anm_mj.types import Plan, Region, TopDownMap, VoronoiGraph
 from anm_mj.utils.files import atomic_write
-from anm_mj.utils.limits import limit
+from anm_mj.utils.limits import MAX_CELLS
 from anm_mj.utils.read_file import array_of, read_npz
 
 _FINEST_M, _COARSEST_M = 1e-4, 100.0
 """Cells have edges between these [m]."""
 _FARTHEST_M = 1e6
 """A map begins nowhere beyond this [m]."""
-MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
-"""Most cells of a map."""
 
 
 @dataclass(frozen=True)

@@ -9,3 +9,7 @@ def limit(name: str, default: int) -> int:
     """A limit: the whole number in an environment variable, else the default."""
     text = os.environ.get(name, "")
     return int(text) if text.isdecimal() else default
+
+
+MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
+"""Most cells of what a file makes in the plane: textures and height fields of an MJCF file, the map of a decision."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from anm_mj.utils.limits import limit
+from anm_mj.utils.limits import MAX_CELLS, limit
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
@@ -24,8 +24,6 @@ MAX_ELEMENTS, MAX_ROBOT_ELEMENTS = (limit("ANM_MJ_MAX_ELEMENTS", default) for de
 """Most elements of the MJCF file of a world, and of a robot, with all that it includes; copies count eight times."""
 _MOST_NUMBERS = 1_000_000
 """Largest number of anything else that an MJCF file asks room for."""
-MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
-"""Most pixels of the textures that MuJoCo makes, with the cells of the height fields."""
 TIMESTEPS_S = (1e-5, 0.1)
 """Shortest and longest step at which a file is simulated [s]: shorter ones take hours, longer ones fly apart."""
 _COPY_COST = 8
