@@ -41,7 +41,9 @@ class LocalMap:
 
     def add(self, observation: Observation) -> None:
         """Add a view."""
-        self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        self._grid.integrate(
+            observation.depth_m, observation.intrinsics, observation.T_world_camera, observation.range_m
+        )
 
     @property
     def area_m2(self) -> float:

@@ -182,7 +182,8 @@ class OccupancyConfig:
     limit: int = setting(60, at_most=127)
     """Bound on the size of a voxel's log-odds (in tenths), so that it can change its mind."""
     no_depth_is_free: bool = True
-    """Whether pixels that looked farther than the sensor's range carve up to ``carve_range_m``."""
+    """Whether pixels that looked farther than the sensor's range carve up to there, at most ``carve_range_m``: those
+    that the sensor says did, and large squares of lost ones about which all is near the end of the range."""
 
     def __post_init__(self) -> None:
         check_settings(self, "mapping.occupancy", MapError)

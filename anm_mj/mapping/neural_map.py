@@ -118,7 +118,9 @@ class NeuralMap:
         schedule = self.config.schedule
         observation = _measured(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
-        self._occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        self._occupancy.integrate(
+            observation.depth_m, observation.intrinsics, observation.T_world_camera, observation.range_m
+        )
         if np.isnan(observation.depth_m).all():
             return MapUpdate(math.nan, 0, len(self._keyframes))
         self._fit_table()

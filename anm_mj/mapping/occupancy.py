@@ -8,6 +8,8 @@ two.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, Int64, UInt16
 
@@ -20,6 +22,7 @@ from anm_mj.mapping.occupancy_native import NativeFusion, native_fusion
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.limits import limit
+from anm_mj.utils.lost_pixels import vouched_depth
 from anm_mj.utils.read_file import array_of
 
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
@@ -128,6 +131,7 @@ class OccupancyGrid:
         depth_m: Float32[np.ndarray, "h w"],
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
+        range_m: float = math.inf,
     ) -> None:
         """Fuse one depth image: carve what was looked through, then mark what was hit.
 
@@ -136,6 +140,7 @@ class OccupancyGrid:
                 nothing.
             intrinsics: The camera.
             T_world_camera: Camera to world.
+            range_m: The largest depth that the sensor measures [m].
 
         Raises:
             MapError: The grid would have more than ``MAX_VOXELS``.
@@ -152,12 +157,11 @@ class OccupancyGrid:
             low = np.minimum(low, [axis.min() for axis in voxels.T])
             high = np.maximum(high, [axis.max() for axis in voxels.T])
         self._grow(low, high)
-        # What is seen of the sky frees the space that the grid has, but the grid does not grow into the sky.
-        missing_m = self.config.carve_range_m if self.config.no_depth_is_free else 0.0
-        if missing_m and np.isposinf(depth_m).any():
-            low, high = self._view_box(view, missing_m)
-        else:
-            low, high = box
+        # What looked too far frees the space that the grid has, but the grid does not grow into the sky.
+        low, high = box
+        if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
+            view = view._replace(depth_m=vouched_depth(depth_m, range_m))
+            low, high = self._view_box(view, self.config.carve_range_m)
         low = np.maximum(low, self._corner)
         high = np.minimum(high, self._corner + self._state.shape[::-1] - 1)
         self._fusion.carve(self._arrays, view, self.config, low, high, self._num_frames)

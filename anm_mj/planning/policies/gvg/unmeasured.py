@@ -16,12 +16,9 @@ from jaxtyping import Float, Float64, Int, Int64
 from anm_mj.frames import pixel_directions
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.types import FREE, Observation
+from anm_mj.utils.lost_pixels import BLOCK_PX, lost_squares
 from anm_mj.utils.native_functions import native_function
 
-BLOCK_PX = 8
-"""Pixels are judged in squares of this edge [px]: single ones are lost at every edge of things."""
-MISSING_SHARE = 0.75
-"""At least this share of a square must have measured nothing."""
 NEAREST_M = 0.25
 """Rays begin at this horizontal distance from the camera [m]: the robot's own body is free."""
 MAX_WAITING = 40
@@ -48,13 +45,11 @@ class UnmeasuredRays:
 
     def add(self, observation: Observation) -> None:
         """Note the directions in which a view measured nothing; none for a camera that says where it looked too far."""
-        missing = np.isnan(observation.depth_m)
-        if not missing.any():
+        lost = lost_squares(observation.depth_m)
+        if not lost.any():
             return
-        rows, cols = (n // BLOCK_PX for n in missing.shape)
-        squares = missing[: rows * BLOCK_PX, : cols * BLOCK_PX].reshape(rows, BLOCK_PX, cols, BLOCK_PX)
-        lost = squares.mean(axis=(1, 3)) >= MISSING_SHARE
         middle = slice(BLOCK_PX // 2, None, BLOCK_PX)
+        rows, cols = lost.shape
         in_camera = pixel_directions(observation.intrinsics)[middle, middle][:rows, :cols][lost]
         direction = in_camera @ observation.T_world_camera[:3, :3].T
         length = np.hypot(direction[:, 0], direction[:, 1])
