@@ -54,6 +54,17 @@ for wrong input, 1 where a command says so. `-v` or `--verbose` of every command
 """
 
 
+VARIABLES = (
+    ("`ANM_MJ_SCENES`", "folder of your scenes; else `anm_mj/scenes` in `XDG_DATA_HOME` or `~/.local/share`"),
+    ("`ANM_MJ_ROBOTS`", "folders of robots, with `:` between them; `--robot` takes their names"),
+    ("`ANM_MJ_MAX_...`", "limits of what a file may ask for: [bad_input.md](bad_input.md#limits) lists them"),
+    ("`MUJOCO_GL`", "how images are rendered: `egl`, `osmesa` or `glfw`; else the first that works"),
+    ("`OMP_NUM_THREADS`", "threads of training and planning; else as many as there are cores"),
+    ("`XDG_CACHE_HOME`", "where compiled models and samples of true surfaces are kept; else `~/.cache`"),
+)
+"""Environment variables of the program, and what they say."""
+
+
 def main() -> None:
     """Write the pages."""
     for name, text in pages().items():
@@ -76,6 +87,7 @@ def commands() -> str:
         ]
         table = f"\n{_table(rows, ('argument', 'meaning'))}" if rows else ""
         parts.append(f"## `{name}`\n\n{summary[:1].upper()}{summary[1:]}.\n{table}")
+    parts.append("## Environment variables\n\nThose that name data sets and models: [scenes.md](scenes.md).\n\n" + _table(list(VARIABLES), ("variable", "meaning")))
     return "\n".join(parts)
 
 

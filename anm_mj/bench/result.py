@@ -21,6 +21,7 @@ from anm_mj.bench.sweep import BenchError
 from anm_mj.bench.worker import BOUND
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, read_metrics
+from anm_mj.io.curve_file import COLUMNS, read_curve
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Count, Number
@@ -41,7 +42,6 @@ USUAL = {
 """What variant names leave out, and what runs had before there was a choice."""
 COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
-NUM_COLUMNS = 5
 UNKNOWN_REVISION = "unknown"
 
 
@@ -246,17 +246,13 @@ def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:
     """The rows of a curve.
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is none.
+        RunFolderError: It cannot be read, or holds no curve.
+        ValueError: It says nothing of the completion.
     """
-    lines = read_text(path).splitlines()[1:]
-    cells = [[float(cell) if cell else float("nan") for cell in line.split(",")[:NUM_COLUMNS]] for line in lines]
-    if not cells or any(len(row) != NUM_COLUMNS for row in cells):
-        raise ValueError(f"{path.name} holds no rows of {NUM_COLUMNS} numbers")
-    curve = np.array(cells)
-    if np.isinf(curve).any() or not (np.diff(curve[:, 0], prepend=-1.0) > 0.0).all():
-        raise ValueError(f"the steps in {path.name} do not grow")
-    return curve
+    columns = read_curve(path)
+    if np.isnan(columns["completion_ratio"]).all():
+        raise ValueError(f"{path.name} has no rows with a completion ratio")
+    return np.stack([columns[name] for name in COLUMNS], axis=1)
 
 
 @contextmanager

@@ -54,6 +54,7 @@ from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.robot.presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.utils.files import file_name
 from anm_mj.utils.read_file import convert, read_toml
 
 
@@ -136,18 +137,33 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
         RobotError: There is no such robot or sensor.
     """
     jobs: dict[str, Job] = {}
+    scenes: dict[str, Scene] = {}
     sweeps, provided = read_sweeps(path)
     for sweep in sweeps:
         if not sweep.settings:
             sweep = replace(sweep, policies=list(dict.fromkeys((*sweep.policies, *more_policies))))
         for name in sweep.scenes:
             scene = _scene(path, name, provided.get(name))
+            _check_names(scene, scenes.setdefault(file_name(scene.name), scene))
             robots = [_beside(path, robot) for robot in sweep.robot]
             for job in _jobs_in(replace(sweep, robot=tuple(robots)), str(scene.folder), scene):
                 job.config()
                 robot_path(job.robot)
                 jobs[job.name] = job
     return list(jobs.values())
+
+
+def _check_names(scene: Scene, other: Scene) -> None:
+    """Refuse two scenes whose results would stand under one name.
+
+    Raises:
+        BenchError: They are two.
+    """
+    if (scene.name, scene.hash) != (other.name, other.hash):
+        raise BenchError(
+            f"The scenes {scene.name!r} ({scene.folder}) and {other.name!r} ({other.folder}) would share the names of "
+            "their results; change the name in one's scene.toml, or compare them apart."
+        )
 
 
 def _scene(path: Path, name: str, entry: GeneratedScene | ImportedScene | None) -> Scene:

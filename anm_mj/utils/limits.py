@@ -13,3 +13,5 @@ def limit(name: str, default: int) -> int:
 
 MAX_CELLS = limit("ANM_MJ_MAX_CELLS", 25_000_000)
 """Most cells of what a file makes in the plane: textures and height fields of an MJCF file, the map of a decision."""
+MAX_TEXTURE_MEGAPIXELS = limit("ANM_MJ_MAX_TEXTURE_MEGAPIXELS", 500)
+"""Most megapixels in the textures of one mesh file, or of an MJCF file."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from anm_mj.utils.limits import MAX_CELLS, limit
+from anm_mj.utils.limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
@@ -27,6 +27,8 @@ _MOST_NUMBERS = 1_000_000
 TIMESTEPS_S = (1e-5, 0.1)
 """Shortest and longest step at which a file is simulated [s]: shorter ones take hours, longer ones fly apart."""
 _COPY_COST = 8
+_TEXTURE_COST = 2
+"""MuJoCo keeps a picture at its full size, and a second time while it compiles."""
 _MAX_MIB = 256
 """Largest MJCF file [MiB]."""
 LEVELS_UP = 3
@@ -268,6 +270,7 @@ def _check_assets(spec: Any, folder: Path, own: _Places) -> None:
     Raises:
         OSError, ValueError: as :func:`read_spec`.
     """
+    megapixels = 0.0
     files = [(spec.meshdir, asset.file) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
     pictures = [(spec.texturedir, texture.file) for texture in spec.textures]
     pictures += [(spec.texturedir, file) for texture in spec.textures for file in texture.cubefiles]
@@ -282,18 +285,24 @@ def _check_assets(spec: Any, folder: Path, own: _Places) -> None:
             continue
         own.check(path, name)
         if is_picture or path.suffix.lower() == ".png":
-            _check_picture(path)
+            megapixels += _megapixels(path)
+            if _TEXTURE_COST * megapixels > MAX_TEXTURE_MEGAPIXELS:
+                raise ValueError(
+                    f"with {name!r} it has {megapixels:.0f} megapixels of textures, which count twice, but they end at "
+                    f"{MAX_TEXTURE_MEGAPIXELS}: shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS if there should be "
+                    "so many"
+                )
         else:
             open_regular(path).close()
 
 
-def _check_picture(path: Path) -> None:
-    """Raises ValueError for a picture that is none or too large; MuJoCo's own formats are regular files."""
+def _megapixels(path: Path) -> float:
+    """Size of a picture; 0 for MuJoCo's own formats. Raises ValueError for one that is none or too large."""
     if path.suffix.lower() not in (".png", ".jpg", ".jpeg", ".bmp", ".tga"):
         open_regular(path).close()
-        return
+        return 0.0
     try:
-        with open_picture(path):
-            return
+        with open_picture(path) as picture:
+            return picture.width * picture.height / 1e6
     except (OSError, ValueError) as err:
         raise ValueError(f"{path.name}: {err}") from err

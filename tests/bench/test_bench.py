@@ -402,6 +402,8 @@ def test_real_runs_resume(tmp_path):
         ("steps.jsonl", '{"x_m": "NaN", "y_m": 0.0}\n'),
         ("curve.csv", "step\n"),
         ("curve.csv", "step\n10,1,x,2,3\n"),
+        ("curve.csv", "step,path_m\n10,1\n"),
+        ("curve.csv", "step,completion_ratio\n10,1e300\n"),
         ("curve.csv", "step\n10,1,1,1,1\n5,1,1,1,1\n"),
     ],
 )

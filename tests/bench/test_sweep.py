@@ -3,6 +3,7 @@ import hashlib
 import inspect
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import AnmError, SceneError
 from anm_mj.planning.policies.registry import POLICIES, policy_class
 from anm_mj.scene.folder import load_scene
+from tests.scene.small import make_small_scene
 
 
 def jobs_of(tmp_path, text):
@@ -156,3 +158,14 @@ def test_bad_files_are_refused(tmp_path, text, error, match):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(BenchError, match=r"There is no file .*nowhere\.toml;"):
         read_jobs(tmp_path / "nowhere.toml")
+
+
+@pytest.mark.parametrize("names", [("a/b", "a-b"), ("a", "a")])
+def test_scenes_whose_results_would_share_a_name_are_refused(tmp_path, names):
+    for folder, name in zip(("one", "two"), names, strict=True):
+        toml = make_small_scene(tmp_path / folder).folder / "scene.toml"
+        text = re.sub(r"(?m)^name = .*$", f'name = "{name}"', toml.read_text())
+        toml.write_text(re.sub(r"(?m)^hash = .*$", f'hash = "{folder}"', text))
+    with pytest.raises(BenchError, match=f"'{names[1]}' .*and '{names[0]}' .*would share the names"):
+        jobs_of(tmp_path, 'scenes = ["one", "two"]\npolicies = ["random"]\nstarts = 1\n')
+    assert len(jobs_of(tmp_path, 'scenes = ["one", "one"]\npolicies = ["random"]\nstarts = 1\n')) == 1

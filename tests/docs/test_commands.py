@@ -165,6 +165,15 @@ def test_reference_is_that_of_the_code():
         assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page, "call python scripts/make_reference.py"
 
 
+def test_every_environment_variable_of_the_program_has_a_line():
+    code = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "anm_mj").rglob("*.py"))
+    pages = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("commands.md", "bad_input.md"))
+    said = dict(re.findall(r"^\| `(ANM_MJ_\w+)` \| ([^|,]+)", pages, re.MULTILINE))
+    assert set(re.findall(r"ANM_MJ_[A-Z0-9_]*[A-Z0-9]", code)) == set(said)
+    for name, default in re.findall(r'limit\("(\w+)", ([\d_]+)\)', code):
+        assert said[name].strip() == default.replace("_", "")
+
+
 def test_run_folder(place):
     if not (place / "runs").exists():
         run_for_real()

@@ -7,6 +7,7 @@ import mujoco
 import pytest
 from PIL import Image
 
+from anm_mj.utils import read_mjcf
 from anm_mj.utils.read_mjcf import OutsideError, named_files, read_spec, top_folder
 
 BOX = '<geom type="box" size="0.1 0.1 0.1"/>'
@@ -61,6 +62,18 @@ def test_what_asks_for_too_much_is_refused(tmp_path, text, said):
     twice = f"<mujoco><worldbody>{BOX * 41_000}</worldbody></mujoco>"
     with pytest.raises((OSError, ValueError), match=said):
         read(tmp_path, text, twice=twice)
+
+
+def test_textures_count_together(tmp_path, monkeypatch):
+    Image.new("RGB", (1000, 500)).save(tmp_path / "a.png")
+    names = "".join(f"<texture name='{k}' type='2d' file='a.png'/>" for k in range(3))
+    path = tmp_path / "world.xml"
+    path.write_text(f"<mujoco><asset>{names}</asset></mujoco>")
+    monkeypatch.setattr(read_mjcf, "MAX_TEXTURE_MEGAPIXELS", 3)
+    read_spec(path, mujoco.MjSpec.from_file)
+    monkeypatch.setattr(read_mjcf, "MAX_TEXTURE_MEGAPIXELS", 2)
+    with pytest.raises(ValueError, match=r"2 megapixels of textures.*ANM_MJ_MAX_TEXTURE_MEGAPIXELS"):
+        read_spec(path, mujoco.MjSpec.from_file)
 
 
 def test_files_may_lie_a_few_folders_above(tmp_path, monkeypatch):

@@ -17,6 +17,7 @@ from anm_mj.scene.importing.canonical_axes import find_floor, find_scale, find_u
 from anm_mj.scene.importing.doors import Doors, Leaf, door_motions, find_leaves, with_motions
 from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.parts import chosen, some
+from anm_mj.scene.importing.readers.limits import check_spread
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
 from anm_mj.scene.importing.storeys import Storey, cut_to_storey, find_storeys, pick_storey
@@ -81,6 +82,7 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
     parsed = _without_stray(parsed, scale)
     triangles = _triangles(parsed.submeshes) * scale
     _check_extent(triangles, src, scale)
+    check_spread(src, triangles)
     if up == "auto" and math.isinf(parsed.up_certainty):
         up, up_how = parsed.up, "known"
     elif up == "auto":

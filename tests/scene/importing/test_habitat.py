@@ -8,6 +8,7 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers import limits
 from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.habitat import DATASETS, read_scene_instance
 from anm_mj.scene.importing.readers.import_report import ImportReport
@@ -171,6 +172,14 @@ def test_what_is_missing_is_said_once_and_left_out(tmp_path):
     missing, broken = report.sentences()
     assert missing == "Not found in the dataset's folder: sofa, lamp, which are left out."
     assert broken.startswith("Left out, because they cannot be read: broken (")
+
+
+def test_what_is_too_large_is_refused_and_not_left_out(tmp_path, monkeypatch):
+    src = _replica_cad(tmp_path / "cad", {"articulated_object_instances": [{"template_name": "cupboard"}]})
+    _write_urdf(tmp_path / "cad" / "urdf" / "cupboard")
+    monkeypatch.setattr(limits, "MAX_TRIANGLES", 900)
+    with pytest.raises(SceneError, match=r"cupboard\.urdf places more than 900 triangles"):
+        read_scene_instance(DATASETS[1], src, [], ImportReport())
 
 
 def _with_thing(tmp_path, config):

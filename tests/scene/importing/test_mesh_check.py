@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers import limits
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.limits import LimitError
 from anm_mj.scene.importing.readers.mesh import read_mesh
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
@@ -92,6 +94,18 @@ def test_copies_of_a_gltf_mesh_count_before_they_are_made(tmp_path, monkeypatch)
     monkeypatch.setattr(limits, "MAX_PARTS", 8)
     with pytest.raises(SceneError, match="ANM_MJ_MAX_PARTS"):
         read_mesh(src, ImportReport())
+
+
+def test_large_triangles_over_one_another_end_somewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MAX_SPREAD_KM", 0.01)
+    small = np.full((100_000, 3, 3), CORNERS * 0.04)
+    limits.check_spread(tmp_path, small)
+    with pytest.raises(LimitError, match=r"11 triangles.*0\.01045 km.*ANM_MJ_MAX_SPREAD_KM"):
+        limits.check_spread(tmp_path, np.full((11, 3, 3), CORNERS))
+    src = _gltf(tmp_path / "a.gltf", lambda header: header["scenes"][0].update(nodes=[0] * 3))
+    monkeypatch.setattr(limits, "MAX_SPREAD_KM", 0)
+    with pytest.raises(LimitError, match="ANM_MJ_MAX_SPREAD_KM"):
+        import_scene(src, tmp_path / "out")
 
 
 def test_copies_in_a_world_and_pixels_of_textures_end_somewhere(tmp_path, monkeypatch):

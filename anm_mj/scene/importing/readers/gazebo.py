@@ -21,7 +21,7 @@ from jaxtyping import Float64
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import TriangleBudget
+from anm_mj.scene.importing.readers.limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
@@ -256,6 +256,8 @@ class _Reader:
         if path not in self._meshes:
             try:
                 self._meshes[path] = read_mesh(path, self._report)
+            except LimitError:
+                raise
             except SceneError as err:
                 self._report.add(_BAD_MESH, f"{path.name} ({str(err).removeprefix(str(path)).strip()})")
                 self._meshes[path] = []

@@ -17,7 +17,7 @@ from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import TriangleBudget
+from anm_mj.scene.importing.readers.limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.mesh import read_mesh
 from anm_mj.scene.importing.readers.model_path import places_of
 from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedScene
@@ -210,6 +210,8 @@ class _Templates:
             turn = _canonical_axes(config) * np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
             turn = turn * float(config.get("units_to_meters", 1.0))
             return [transformed(submesh, turn) for submesh in read_mesh(asset_path, self._report)]
+        except LimitError:
+            raise
         except (SceneError, TypeError, ValueError) as err:
             self._report.add(_BAD_TEMPLATE, f"{name} ({err})")
             return []
