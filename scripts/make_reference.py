@@ -87,7 +87,10 @@ def commands() -> str:
         ]
         table = f"\n{_table(rows, ('argument', 'meaning'))}" if rows else ""
         parts.append(f"## `{name}`\n\n{summary[:1].upper()}{summary[1:]}.\n{table}")
-    parts.append("## Environment variables\n\nThose that name data sets and models: [scenes.md](scenes.md).\n\n" + _table(list(VARIABLES), ("variable", "meaning")))
+    parts.append(
+        "## Environment variables\n\nThose that name data sets and models: [scenes.md](scenes.md).\n\n"
+        + _table(list(VARIABLES), ("variable", "meaning"))
+    )
     return "\n".join(parts)
 
 

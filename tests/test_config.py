@@ -4,8 +4,9 @@ from dataclasses import asdict
 
 import pytest
 
-from anm_mj.config import ConfigError, RunConfig, make_config, read_config
-from anm_mj.errors import PlanError
+from anm_mj.config import OPTIONS, ConfigError, RunConfig, make_config, read_config
+from anm_mj.errors import AnmError, PlanError
+from anm_mj.planning.policies.registry import POLICIES
 
 
 def config_with(*settings, preset="default", **options):
@@ -121,3 +122,23 @@ def test_a_configuration_of_an_older_version_is_read():
 
 def test_the_policys_settings_are_its_defaults_where_none_are_given():
     assert RunConfig("home").policy_settings == config_with().policy_settings
+
+
+def _numbers(values, prefix=""):
+    """Dotted names of all numbers in nested dictionaries, and whether they are several."""
+    for name, value in values.items():
+        several = isinstance(value, tuple)
+        if isinstance(value, dict):
+            yield from _numbers(value, f"{'policy' if name == 'policy_settings' else prefix + name}.")
+        elif isinstance(value[0] if several and value else value, int | float) and not isinstance(value, bool):
+            yield prefix + name, len(value) if several else 0
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_every_number_has_a_largest_value(policy):
+    """A setting of 10^12 metres, rays or megabytes would take all the memory or never end."""
+    for name, count in _numbers(asdict(make_config("default", [], scene="flat", policy=policy))):
+        if name not in OPTIONS:
+            value = f"({'1000000000000, ' * count})" if count else "1000000000000"
+            with pytest.raises(AnmError, match=r"1e\+12|1000000000000"):
+                make_config("default", [f"{name}={value}"], scene="flat", policy=policy)

@@ -88,6 +88,11 @@ def main(argv: list[str] | None = None) -> int:
         sentence = str(err)
     except KeyboardInterrupt:
         return INTERRUPTED
+    except MemoryError:
+        sentence = (
+            "The memory does not suffice for what was asked: give smaller settings or a smaller scene, or close other "
+            "programs."
+        )
     except Exception as err:
         if parsed.verbose:
             raise

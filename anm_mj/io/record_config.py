@@ -16,7 +16,7 @@ class RecordConfig:
 
     images: str = setting("small", choices=IMAGE_SIZES)
     """Colour images: ``none``, ``small`` (128 pixels, about 4 KB each) or ``full`` (as the camera gave them)."""
-    replay_bytes: int = setting(16_000_000, at_least=0)
+    replay_bytes: int = setting(16_000_000, at_least=0, at_most=64e9)
     """Memory for keyframes in ``explored.safetensors``, which a later run goes on from [bytes]: all of them are thinned
     to fit. 0 = the file is not written, and no run goes on from this one."""
     plans: bool = True

@@ -38,13 +38,13 @@ class FieldConfig:
     torus_min_cell_m: float = setting(0.25, at_least=0.0)
     """Levels with cells at least this large [m] index their entries by position modulo a box, free of collisions inside
     it (for 2^16 entries 64 x 64 x 16 cells, at least 16 x 16 x 4 m); finer levels are hashed."""
-    blob_bins: int = setting(16, at_least=4)
+    blob_bins: int = setting(16, at_least=4, at_most=256)
     """Bins of the one-blob code per axis."""
     blob_period_m: tuple[float, float, float] = (16.0, 16.0, 4.0)
     """Lengths along world x, y, z after which the one-blob code repeats [m]."""
-    hidden_width: int = 32
+    hidden_width: int = setting(32, at_most=1024)
     """Neurons in the one hidden layer of each decoder."""
-    geometry_features: int = 15
+    geometry_features: int = setting(15, at_most=1024)
     """Outputs of the SDF decoder beside s; they feed the colour decoder."""
     truncation_m: float = 0.1
     """Distance at which the SDF saturates [m]; the network's s is a fraction of it."""
@@ -65,9 +65,9 @@ class SamplingConfig:
     scheme: Literal["guided", "uniform"] = setting("guided", choices=("guided", "uniform"))
     """"guided": free samples end at the surface's band, none behind it. "uniform": free samples span [0, far_m]
     whatever the depth (the paper's own, after Co-SLAM)."""
-    free_samples: int = 2
+    free_samples: int = setting(2, at_most=1024)
     """Samples per ray outside the band about the surface."""
-    near_samples: int = 4
+    near_samples: int = setting(4, at_most=1024)
     """Samples per ray within the truncation distance of the measured depth."""
     far_m: float = 5.0
     """Planar depth up to which rays without a surface are sampled, and all rays of the uniform scheme [m]."""
@@ -97,7 +97,7 @@ class LossConfig:
     """Weight of the term on samples in front of the band."""
     smoothness: float = setting(0.0, at_least=0.0)
     """Weight of the feature smoothness term; 0 leaves its samples out."""
-    smoothness_points: int = setting(31, at_least=2)
+    smoothness_points: int = setting(31, at_least=2, at_most=128)
     """Points along each edge of the random lattice that the smoothness term is taken on."""
     smoothness_spacing_m: float = 0.1
     """Distance between neighbours on that lattice [m]."""
@@ -140,15 +140,15 @@ class ScheduleConfig:
 
     first_iterations: int = setting(200, at_least=0)
     """Iterations on the first frame."""
-    iterations: int = setting(5, at_least=0)
+    iterations: int = setting(5, at_least=0, at_most=10_000)
     """Iterations on each training step."""
-    train_every: int = 1
+    train_every: int = setting(1, at_most=1e9)
     """Train on each n-th frame."""
-    num_rays: int = 512
+    num_rays: int = setting(512, at_most=65_536)
     """Rays per iteration drawn from the keyframes."""
-    min_current_rays: int = 26
+    min_current_rays: int = setting(26, at_most=65_536)
     """Rays per iteration drawn from the frame at hand, beside the keyframes' own; more while keyframes are few."""
-    keyframe_every: int = 5
+    keyframe_every: int = setting(5, at_most=1e9)
     """Each n-th frame becomes a keyframe, the first one always."""
     pixel_share: float = setting(1.0, at_most=1.0)
     """Share of a keyframe's pixels that is kept for replay, in (0, 1]."""
@@ -158,7 +158,7 @@ class ScheduleConfig:
     final_iterations: int = setting(2000, at_least=0)
     """Iterations after the last frame, at learning rates that fall from a half to a sixteenth; where the goal of a run
     is its coverage alone there are none."""
-    replay_bytes: int = setting(256_000_000, at_least=1_000_000)
+    replay_bytes: int = setting(256_000_000, at_least=1_000_000, at_most=64e9)
     """Memory for keyframes [bytes]; when it is full, each keyframe gives up a random half of its pixels."""
 
     def __post_init__(self) -> None:
@@ -205,7 +205,7 @@ class UncertaintyConfig:
     first, "evidence", is accepted."""
     noise_std: float = 0.02
     """Standard deviation b of the Gaussian noise on every decoder weight."""
-    num_passes: int = setting(20, at_least=2)
+    num_passes: int = setting(20, at_least=2, at_most=1000)
     """Number of noisy decoders."""
     color_weight: float = setting(1.0, at_least=0.0)
     """Weight of the mean variance of the colour channels (in [0, 1]) against that of s (in truncations)."""

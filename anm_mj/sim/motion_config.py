@@ -18,7 +18,7 @@ class MotionConfig:
     fault: str = setting("none", choices=MOTION_FAULTS)
     """What fails, to try how a run takes it: ``none``, or ``left-wheel`` or ``right-wheel``, the wheels of that side
     stick."""
-    fault_step: int = setting(40, at_least=0)
+    fault_step: int = setting(40, at_least=0, at_most=1e9)
     """The fault begins with the action after this many steps."""
 
     def __post_init__(self) -> None:

@@ -1,9 +1,9 @@
 """Settings in frozen dataclasses: each field declares its limits, and one function checks them all.
 
-A number must be finite and above zero unless its field says otherwise with :func:`setting`. A configuration may also
-declare ``FORMER_NAMES: ClassVar[dict[str, str]]``, from the names that older versions used to the present ones, so that
-old commands and old ``config.json`` files stay readable. A key with a dot names a setting of another group: a policy
-that took ``planning.tour_depth`` over declares ``{"planning.tour_depth": "tour_depth"}``.
+A number must be above zero and at most a million unless its field says otherwise with :func:`setting`. A configuration
+may also declare ``FORMER_NAMES: ClassVar[dict[str, str]]``, from the names that older versions used to the present
+ones, so that old commands and old ``config.json`` files stay readable. A key with a dot names a setting of another
+group: a policy that took ``planning.tour_depth`` over declares ``{"planning.tour_depth": "tour_depth"}``.
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ from anm_mj.utils.read_file import convert
 T = TypeVar("T")
 
 _LIMITS = "limits"
+_MOST = 1e6
+"""Larger numbers have no meaning for a building, but would take hours, or overflow."""
 
 
 @dataclass(frozen=True)
 class _Limits:
     at_least: float | None = None
     above: float = 0.0
-    at_most: float = math.inf
+    at_most: float = _MOST
     below: float = math.inf
     choices: tuple[str, ...] = ()
 
@@ -45,9 +47,8 @@ class _Limits:
             low = "above zero" if self.above == 0.0 else f"above {self.above:g}"
         else:
             low = f"at least {self.at_least:g}"
-        high = [f"at most {self.at_most:g}"] if self.at_most < math.inf else []
-        high += [f"below {self.below:g}"] if self.below < math.inf else []
-        return " and ".join([f"a number {low}", *high])
+        high = f"below {self.below:g}" if self.below <= self.at_most else f"at most {self.at_most:.10g}"
+        return f"a number {low} and {high}"
 
 
 def setting(
@@ -55,7 +56,7 @@ def setting(
     *,
     at_least: float | None = None,
     above: float = 0.0,
-    at_most: float = math.inf,
+    at_most: float = _MOST,
     below: float = math.inf,
     choices: tuple[str, ...] = (),
 ) -> T:

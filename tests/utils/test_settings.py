@@ -23,7 +23,8 @@ def test_defaults_are_within_their_limits():
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ({"plain": 0.0}, "example.plain is 0.0; it must be a number above zero."),
+        ({"plain": 0.0}, "example.plain is 0.0; it must be a number above zero and at most 1000000."),
+        ({"plain": 1e9}, "at most 1000000"),
         ({"plain": float("nan")}, "above zero"),
         ({"plain": float("inf")}, "above zero"),
         ({"share": 1.5}, "at least 0 and at most 1"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 
 from anm_mj.errors import RobotError
@@ -16,6 +15,9 @@ FAULTS = (
 )
 """No fault; no depth in three ways; the same image, or a black one, for ever; some frames without anything; some pixels
 with any depth; the pose 20 cm aside, or not a number; images of half the size; a camera that raises an error."""
+_MOST = 1e9
+"""No setting is larger."""
+_MOST_EXPOSURE = 10.0
 _USUAL_SHARE = {"lost": 0.1, "outliers": 0.01}
 
 
@@ -82,7 +84,7 @@ class SensorConfig:
         """Refuse what no sensor does.
 
         Raises:
-            RobotError: a choice is unknown, or a number is negative, not finite or out of its range.
+            RobotError: a choice is unknown, or a number is out of its range.
         """
         if self.depth not in DEPTH_MODELS:
             raise RobotError(f"sensor.depth is '{self.depth}'; it must be one of {', '.join(DEPTH_MODELS)}.")
@@ -91,11 +93,15 @@ class SensorConfig:
         for field in fields(self):
             value = getattr(self, field.name)
             for number in value if isinstance(value, tuple) else (value,):
-                if not isinstance(number, str) and not (math.isfinite(number) and number >= 0.0):
-                    raise RobotError(f"sensor.{field.name} is {value}; it must be finite and not negative.")
+                if not isinstance(number, str) and not 0.0 <= number <= _MOST:
+                    raise RobotError(f"sensor.{field.name} is {value}; it must lie within 0 and {_MOST:g}.")
         for name in ("edge_missing", "flying_share", "fault_share"):
             if getattr(self, name) > 1.0:
                 raise RobotError(f"sensor.{name} is {getattr(self, name):g}; a probability lies within 0 and 1.")
+        if self.exposure_sigma > _MOST_EXPOSURE:
+            raise RobotError(
+                f"sensor.exposure_sigma is {self.exposure_sigma:g}; beyond {_MOST_EXPOSURE:g} all images are white."
+            )
         if self.grazing_missing_deg > 90.0:
             raise RobotError(f"sensor.grazing_missing_deg is {self.grazing_missing_deg:g}; it must be at most 90.")
         if self.depth == "stereo" and not (self.baseline_m > 0.0 and self.native_width_px > 0.0):

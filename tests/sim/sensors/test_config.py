@@ -18,6 +18,8 @@ def test_unknown_sensor_is_named():
         ({"depth": "sonar"}, "sensor.depth is 'sonar'"),
         ({"subpixel_sigma_px": -0.1}, "sensor.subpixel_sigma_px is -0.1"),
         ({"noise_scale": math.nan}, "sensor.noise_scale is nan"),
+        ({"lateral_sigma_px": 1e300}, "within 0 and 1e\\+09"),
+        ({"exposure_sigma": 1e9}, "sensor.exposure_sigma is 1e\\+09"),
         ({"edge_missing": 1.5}, "probability"),
         ({"min_range_m": 3.0, "max_range_m": 2.0}, "sensor.max_range_m is 2"),
         ({"depth": "stereo", "baseline_m": 0.0}, "sensor.baseline_m is 0"),
