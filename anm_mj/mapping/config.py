@@ -169,7 +169,7 @@ class ScheduleConfig:
 class OccupancyConfig:
     """The grid of free, occupied and unknown voxels fused from depth."""
 
-    voxel_m: float = 0.05
+    voxel_m: float = setting(0.05, at_least=0.005, at_most=1.0)
     """Edge of a voxel [m]."""
     hit_range_m: float = 8.0
     """Planar depth up to which a pixel marks its voxel occupied [m]."""
@@ -231,7 +231,7 @@ class MappingConfig:
     """What computes: "native" (C++ on the CPU), "triton" (CUDA; not measured yet), "torch" (any device), or "auto":
     native wherever it was built, else torch. These give the same map up to rounding. "mlp" is another map: one network
     without a grid (Yan et al., ICCV 2023), in torch."""
-    surface_lattice_m: float = 0.1
+    surface_lattice_m: float = setting(0.1, at_least=0.01, at_most=1.0)
     """Spacing of the lattice on which zero-crossings are looked for [m]."""
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ class PlanningConfig:
     grid of raw depth."""
     margin_m: float = setting(0.04, at_least=0.0, at_most=10.0)
     """Clearance kept beyond the robot's radius [m]."""
-    sdf_height_spacing_m: float = 0.15
+    sdf_height_spacing_m: float = setting(0.15, at_least=0.01)
     """Distance between the heights at which a column asks the SDF [m]."""
     free_share: float = setting(0.5, at_most=1.0)
     """Share of a column's voxels that must have been seen free for the column to be free."""

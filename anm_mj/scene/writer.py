@@ -68,6 +68,17 @@ class SceneInfo:
     wall would open the view into the next room."""
 
 
+def with_area(submeshes: list[Submesh]) -> list[Submesh]:
+    """Submeshes without triangles of no area; the log names those of which nothing is left."""
+    cleaned = [without_degenerate_faces(submesh) for submesh in submeshes]
+    vanished = {
+        own.name: None for own, clean in zip(submeshes, cleaned, strict=True) if clean is None and len(own.faces)
+    }
+    if vanished:
+        _logger.warning("Left out, because none of their triangles has an area: %s.", some(vanished))
+    return [submesh for submesh in cleaned if submesh is not None]
+
+
 def write_scene(
     submeshes: list[Submesh],
     info: SceneInfo,
@@ -96,17 +107,11 @@ def write_scene(
     Raises:
         SceneError: if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
     """
-    cleaned = [without_degenerate_faces(submesh) for submesh in submeshes]
-    proper = [submesh for submesh in cleaned if submesh is not None]
+    proper = with_area(submeshes)
     if not proper:
         raise SceneError(
             f"Scene {info.name} holds no triangles (of {len(submeshes)} submeshes): give a file with a surface."
         )
-    vanished = {
-        own.name: None for own, clean in zip(submeshes, cleaned, strict=True) if clean is None and len(own.faces)
-    }
-    if vanished:
-        _logger.warning("Left out, because none of their triangles has an area: %s.", some(vanished))
     vertices, faces = _single(proper)
     triangles = vertices[faces]
     solid = None if obstacles is None else _single(obstacles)

@@ -24,7 +24,7 @@ from anm_mj.scene.importing.storeys import Storey, cut_to_storey, find_storeys, 
 from anm_mj.scene.importing.stray import split_stray
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
-from anm_mj.scene.writer import SceneInfo
+from anm_mj.scene.writer import SceneInfo, with_area
 
 _logger = logging.getLogger(__name__)
 
@@ -32,6 +32,7 @@ _FLOOR_AT_ZERO_M = 0.01
 """A floor this near to z = 0 was put there on purpose: coordinates then stay those of the file [m]."""
 _MAX_EXTENT_M = 500.0
 """Larger extents mostly mean misread units [m]."""
+_MIN_EXTENT_M = 0.1
 _FAR_M = 1000.0
 """Farther from the origin, single precision is coarser than a tenth of a millimetre [m]."""
 
@@ -121,7 +122,7 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
     apart = [movable.part for movable in world.movables]
     return Placed(
         info,
-        merge_alike(limit_textures(world.submeshes), apart),
+        merge_alike(limit_textures(with_area(world.submeshes)), apart),
         world.obstacles,
         world.movables,
         tuple(leaves),
@@ -151,8 +152,13 @@ def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
 
 
 def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: float) -> None:
-    """Refuse what is too large for a building."""
+    """Refuse what is too large for a building, or too small for a thing."""
     largest_m = float(np.ptp(triangles_m.reshape(-1, 3), axis=0).max())
+    if 0.0 < largest_m < _MIN_EXTENT_M:
+        raise SceneError(
+            f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes begin at {_MIN_EXTENT_M:g} m: "
+            "give another scale."
+        )
     if largest_m > _MAX_EXTENT_M:
         raise SceneError(
             f"{src} would be {largest_m:.3g} m large at {scale:g} m per unit, but scenes end at {_MAX_EXTENT_M:g} m: "

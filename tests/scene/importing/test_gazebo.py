@@ -488,3 +488,31 @@ def test_a_real_apartment_looks_as_the_same_apartment_in_one_file(dev_scenes, tm
             mine, other = (look(scene, (x, y, 1.25), right, depth=True) for scene in (ours, theirs))
             # Another tessellation of round legs, at most.
             assert np.mean(np.abs(mine - other) > 0.02) < 0.01
+
+
+def test_what_a_world_says_beside_its_models_is_said_to_be_left_out(tmp_path):
+    (tmp_path / "robot.urdf").write_text("<robot name='r'/>")
+    (tmp_path / "sun.sdf").write_text("<sdf version='1.9'><light name='l'/></sdf>")
+    includes = "".join(f"<include><uri>{name}</uri></include>" for name in ("robot.urdf", "sun.sdf"))
+    src = _world(tmp_path / "a.world", GROUND + ROOM + includes + _box("inside_out", size="1 -1 1"))
+    src.write_text(src.read_text().replace("</sdf>", "<world name='other'/></sdf>"))
+    _, said = _read(src)
+    assert said == [
+        "Of several worlds the first is taken; left out: other.",
+        "Left out, because such shapes cannot be imported: <robot> of robot.urdf, <box> of inside_out_v.",
+    ]
+
+
+def test_a_mesh_without_area_is_named_also_beside_others_of_its_colour(tmp_path, caplog):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    flat = "<model name='m'><link name='l'><visual name='v'><geometry><mesh><uri>a.obj</uri><scale>{}</scale></mesh>"
+    flat += "</geometry></visual></link></model>"
+    src = _world(tmp_path / "a.world", GROUND + ROOM + flat.format("1 1 1") + flat.format("0 0 0"))
+    import_scene(src, tmp_path / "out")
+    assert "Left out, because none of their triangles has an area: a.obj." in caplog.text
+
+
+def test_a_rotation_of_another_format_is_refused(tmp_path):
+    src = _world(tmp_path / "a.world", _box("a", "<pose rotation_format='axis'>0 0 0 1 0 0 0</pose>"))
+    with pytest.raises(SceneError, match="rotation_format 'axis'"):
+        _read(src)

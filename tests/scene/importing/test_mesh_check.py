@@ -50,6 +50,17 @@ def _primitive(**entries):
         (lambda header: header.update(extensionsRequired=["VENDOR_own"]), "requires VENDOR_own"),
         (lambda header: header["nodes"][0].update(mesh=9), "entry 9 of its 1 meshes"),
         (lambda header: header["nodes"][0].update(mesh=-1), "entry -1 of its 1 meshes"),
+        (
+            lambda header: header.update(
+                nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}], scenes=[{"nodes": [0, 1]}]
+            ),
+            "node 2 stands in several",
+        ),
+        (lambda header: header["nodes"][0].update(children=[0]), "node 0 stands in several others, or in itself"),
+        (lambda header: header["accessors"][0].update(count=-3), "count or an offset of -3"),
+        (lambda header: header["accessors"][0].update(count=2.5), "count or an offset of 2.5"),
+        (lambda header: header["bufferViews"][0].update(byteOffset=-12), "offset of -12"),
+        (lambda header: header["bufferViews"][0].update(byteStride=4), "elements of 12 bytes are stored every 4 bytes"),
     ],
 )
 def test_a_gltf_with_triangles_that_are_not_read_is_refused(tmp_path, change, said):
@@ -191,3 +202,25 @@ def test_a_mesh_without_area_is_named(tmp_path, caplog):
     info = SceneInfo("a", "own", "none")
     write_scene([room, flat], info, tmp_path / "out")
     assert "none of their triangles has an area: flat." in caplog.text
+
+
+@pytest.mark.parametrize("word", ["surf 0 1 0 1 1 2 3", "fo 1 2 3", "call other.obj"])
+def test_surfaces_of_an_obj_file_that_are_not_read_are_named(tmp_path, word):
+    (tmp_path / "a.obj").write_text(f"{TEXT}{word}\n")
+    report = ImportReport()
+    read_mesh(tmp_path / "a.obj", report)
+    assert report.sentences() == [f"Left out, because they cannot be read: '{word.split()[0]}' in line 5 of a.obj."]
+
+
+def test_strips_in_a_ply_file_are_refused_even_beside_faces(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    lists = [f"element {kind} 1\nproperty list int int vertex_indices\n" for kind in ("face", "tristrips")]
+    (tmp_path / "a.ply").write_text(f"{head}{''.join(lists)}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 2\n")
+    with pytest.raises(SceneError, match="strips of triangles"):
+        read_mesh(tmp_path / "a.ply", ImportReport())
+
+
+def test_what_is_far_too_small_is_said_with_its_size(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1e-9 0 0\nv 0 1e-9 0\nf 1 2 3\n")
+    with pytest.raises(SceneError, match=r"would be 1e-12 m large .*give another scale"):
+        import_scene(tmp_path / "a.obj", tmp_path / "out", scale=1e-3)

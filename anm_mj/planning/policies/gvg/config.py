@@ -21,7 +21,7 @@ class GvgConfig(PolicyConfig):
     view of 90 degrees."""
     gain_range_m: float = setting(4.5, at_least=0.5)
     """A view is expected to show surface up to this distance [m]."""
-    num_elevations: int = 12
+    num_elevations: int = setting(12, at_most=360)
     """Elevations of the rays that compute gain, within the camera's vertical field of view."""
     max_unknown_depth_m: float = 1.5
     """Surface is expected as far behind the first unknown cell as the unknown extends, up to this depth [m]."""
@@ -33,13 +33,13 @@ class GvgConfig(PolicyConfig):
     """Vertices nearer than this are no candidates: the robot looks from where it stands [m]."""
     shortlist_spacing_m: float = 1.0
     """No two places that tours are searched among lie in the same square of this side [m]."""
-    max_candidates: int = 16
+    max_candidates: int = setting(16, at_most=10_000)
     """Most places that tours are searched among."""
-    tour_depth: int = 4
+    tour_depth: int = setting(4, at_most=32)
     """Most views in a tour."""
-    tour_width: int = 4
+    tour_width: int = setting(4, at_most=100)
     """Tours kept at each depth of the beam search."""
-    max_tours: int = 8
+    max_tours: int = setting(8, at_most=10_000)
     """Of the tours found, the policy tries at most this many for one whose first view a path leads to."""
     discount_steps: float = 100.0
     """Gain after this many steps counts 1/e [steps]."""

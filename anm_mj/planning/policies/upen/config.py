@@ -15,11 +15,11 @@ class UpenConfig(PolicyConfig):
 
     range_m: float = 10.0
     """Depth beyond this is left out of the policy's own grid [m]."""
-    num_samples: int = 2500
+    num_samples: int = setting(2500, at_most=100_000)
     """Samples that the tree is grown towards."""
     hop_m: float = 0.25
     """Length of an edge of the tree [m]."""
-    num_hops: int = 10
+    num_hops: int = setting(10, at_most=1000)
     """Edges of the paths that are compared."""
     replan_steps: int = round(10 * 0.25 / FORWARD_STEP_M)
     """The policy decides anew after this many steps: the length of ten of the original's steps of 25 cm, which is about

@@ -50,6 +50,7 @@ _NO_MODEL = (
 )
 _NO_MESH = "Not found: the meshes {names}, which are left out."
 _BAD_MESH = "Left out, because they cannot be read: {names}."
+_NO_WORLD = "Of several worlds the first is taken; left out: {names}."
 _NO_SHAPE = "Left out, because such shapes cannot be imported: {names}."
 _FALLEN = "Left out, because they lie more than 1 km away: {names}."
 _SCALED = "Not applied: the scale in the saved state of {names}."
@@ -104,6 +105,8 @@ class _Reader:
         world = root.find("world")
         if world is None:
             world = root
+        for other in root.findall("world")[1:]:
+            self._report.add(_NO_WORLD, other.get("name", "without a name"))
         world.extend(deepcopy(list(world.findall("state/insertions/model"))))
         for child in list(world):
             self._expand(world, child, file.absolute().parent, 0)
@@ -146,8 +149,11 @@ class _Reader:
             return
         root = _parse(file)
         model = next((root.find(tag) for tag in ("model", "world/model") if root.find(tag) is not None), None)
-        # A file may hold a light or an actor instead.
         if model is None:
+            # A light has no surface.
+            others = [root.tag] if root.tag != "sdf" else [child.tag for child in root if child.tag != "light"]
+            for kind in others:
+                self._report.add(_NO_SHAPE, f"<{kind}> of {file.name}")
             return
         self.models.add(file.parent.name)
         if include.findtext("name"):

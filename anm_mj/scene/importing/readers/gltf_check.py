@@ -41,6 +41,10 @@ _LOOKS = ("KHR_materials_", "EXT_materials_", "ADOBE_materials_", "KHR_lights_",
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 """Modes of primitives (glTF 2.0, section 5.24.4); those below are points and lines."""
+_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""Bytes of a number and numbers of an element of an accessor (section 3.6.2.2)."""
+_MAX_STRIDE = 252
 
 
 def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
@@ -139,6 +143,21 @@ def _accessors(header: dict[str, Any], primitive: dict[str, Any]) -> dict[str, d
     }
 
 
+def _check_place(header: dict[str, Any], accessor: dict[str, Any]) -> None:
+    """Refuse an accessor whose numbers lie nowhere, or over one another.
+
+    Raises:
+        ValueError: It is one.
+    """
+    view = _entry(header, "bufferViews", accessor["bufferView"]) if "bufferView" in accessor else {}
+    for value in (accessor["count"], accessor.get("byteOffset", 0), view.get("byteOffset", 0)):
+        if type(value) is not int or value < 0:
+            raise ValueError(f"an accessor has a count or an offset of {value!r}")
+    element = _BYTES[accessor["componentType"]] * _NUMBERS[accessor["type"]]
+    if not element <= view.get("byteStride", element) <= _MAX_STRIDE:
+        raise ValueError(f"elements of {element} bytes are stored every {view['byteStride']!r} bytes")
+
+
 def _quantised(header: dict[str, Any]) -> bool:
     """Whether positions or texture coordinates are integers that stand for fractions."""
     return any(
@@ -157,7 +176,10 @@ def _refused(header: dict[str, Any]) -> str:
             return "a triangle fan, which cannot be read: export it with plain triangles"
         if type(mode) is not int or not 0 <= mode <= _FAN:
             raise ValueError(f"a primitive has the mode {mode!r}, which glTF does not know")
-        if any("sparse" in accessor for accessor in _accessors(header, primitive).values()):
+        accessors = _accessors(header, primitive).values()
+        for accessor in accessors:
+            _check_place(header, accessor)
+        if any("sparse" in accessor for accessor in accessors):
             return "a sparse accessor, which cannot be read: export it with plain arrays"
         if "material" in primitive:
             _entry(header, "materials", primitive["material"])
@@ -172,17 +194,17 @@ def _placed(header: dict[str, Any]) -> tuple[int, int]:
         (len(mesh["primitives"]), sum(_triangles(header, primitive) for primitive in mesh["primitives"]))
         for mesh in header.get("meshes", [])
     ]
-    # A node is placed once in every other, as the library does it.
-    waiting = [(-1, root) for root in _entry(header, "scenes", header.get("scene", 0)).get("nodes", [])]
-    seen: set[tuple[int, int]] = set()
+    waiting = list(dict.fromkeys(_entry(header, "scenes", header.get("scene", 0)).get("nodes", [])))
+    seen: set[int] = set()
     parts, triangles = 0, 0
     while waiting:
-        edge = waiting.pop()
-        if edge in seen:
-            continue
-        seen.add(edge)
-        node = _entry(header, "nodes", edge[1])
-        waiting += [(edge[1], child) for child in node.get("children", [])]
+        index = waiting.pop()
+        if index in seen:
+            # The library would place it once.
+            raise ValueError(f"node {index!r} stands in several others, or in itself")
+        seen.add(index)
+        node = _entry(header, "nodes", index)
+        waiting += node.get("children", [])
         if "mesh" in node:
             _entry(header, "meshes", node["mesh"])
             parts, triangles = parts + sizes[node["mesh"]][0], triangles + sizes[node["mesh"]][1]

@@ -9,6 +9,8 @@ _logger = logging.getLogger(__name__)
 _NAMED = 8
 """Number of names that are written out; the others are counted."""
 
+LEFT_OUT = "Left out, because they cannot be read: {names}."
+
 
 class ImportReport:
     """Missing and skipped things, by what that means for the scene."""

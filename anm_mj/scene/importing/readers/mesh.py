@@ -15,8 +15,7 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.bake import bake_colours, corner_colours
-from anm_mj.scene.importing.readers.collada_check import LEFT_OUT
-from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.limits import TextureBudget
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
 from anm_mj.scene.importing.readers.mesh_facts import damaged

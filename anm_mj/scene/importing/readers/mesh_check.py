@@ -47,7 +47,7 @@ def check_mesh_file(src: Path, report: ImportReport) -> MeshFacts:
     if src.suffix.lower() == ".dae":
         return check_collada(src, report)
     if src.suffix.lower() == ".obj":
-        return check_obj(src)
+        return check_obj(src, report)
     if src.suffix.lower() == ".ply":
         _check_ply(src)
     return MeshFacts()
@@ -61,6 +61,8 @@ def _check_ply(src: Path) -> None:
     for words in (line.split() for line in lines):
         if words[:1] == ["element"]:
             element = " ".join(words[1:2])
+            if element == "tristrips":
+                raise SceneError(f"{src} has strips of triangles, which cannot be read: export it with faces.")
         elif words[:2] == ["property", "list"] and element == "face":
             lists.append(words[-1])
     if lists and not {*lists} & {*_PLY_CORNERS}:

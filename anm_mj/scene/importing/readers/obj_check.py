@@ -6,16 +6,19 @@ import re
 from pathlib import Path
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts
 from anm_mj.utils.read_file import open_regular, read_bytes
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_NOT_READ = (b"surf ", b"fo ", b"bzp ", b"bsp ", b"call ")
+"""Words of surfaces in curves, of faces of former versions, and of other files."""
 _VERTEX_ZERO = re.compile(rb"\s0+(?:/|\s|$)")
 
 
-def check_obj(src: Path) -> MeshFacts:
-    """Look at every line of an OBJ file.
+def check_obj(src: Path, report: ImportReport) -> MeshFacts:
+    """Look at every line of an OBJ file, and note the surfaces that are not read.
 
     Raises:
         SceneError: if it changes its material too often, a vertex has less than three numbers, or a face names vertex
@@ -30,6 +33,8 @@ def check_obj(src: Path) -> MeshFacts:
                 line = line.removeprefix(_BYTE_ORDER_MARK).strip().replace(b"\t", b" ")
             if line.startswith(b"usemtl"):
                 parts += 1
+            elif line.startswith(_NOT_READ):
+                report.add(LEFT_OUT, f"{line.split()[0].decode()!r} in line {number} of {src.name}")
             elif line.startswith(b"v ") and len(line.split()) < 4 and not line.rstrip().endswith(b"\\"):
                 raise SceneError(
                     f"{src}, line {number}: a vertex has {len(line.split()) - 1} numbers instead of 3: export it again."

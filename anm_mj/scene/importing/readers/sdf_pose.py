@@ -46,9 +46,16 @@ def pose_of(element: ET.Element) -> Transform:
 
 
 def pose_matrix(pose: ET.Element | None) -> Transform:
-    """A <pose>: x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w."""
+    """A <pose>: x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w.
+
+    Raises:
+        SceneError: if it states its rotation in another way, or holds no such numbers.
+    """
     matrix = np.eye(4)
-    if pose is not None and pose.get("rotation_format", "euler_rpy") == "quat_xyzw":
+    rotation_format = "euler_rpy" if pose is None else pose.get("rotation_format", "euler_rpy")
+    if rotation_format not in ("euler_rpy", "quat_xyzw"):
+        raise SceneError(f"A <pose> has the rotation_format {rotation_format!r}: write euler_rpy or quat_xyzw.")
+    if pose is not None and rotation_format == "quat_xyzw":
         x, y, z, *xyzw = numbers(pose, 7, (0.0,) * 6 + (1.0,))
         matrix[:3, :3] = quaternion_matrix((xyzw[3], xyzw[0], xyzw[1], xyzw[2]))
     else:

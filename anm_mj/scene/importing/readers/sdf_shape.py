@@ -49,7 +49,7 @@ def shape_submesh(shape: ET.Element, name: str, outlines: Sequence[ET.Element] =
 
     if shape.tag == "box":
         x, y, z = numbers(shape.find("size"), 3, (1.0, 1.0, 1.0))
-        return box_submesh((x, y, z), name)
+        return box_submesh((x, y, z), name) if min(x, y, z) >= 0.0 else None
     if shape.tag == "sphere":
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=number("radius", 1.0))
     elif shape.tag == "ellipsoid":
