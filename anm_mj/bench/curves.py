@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result
 from anm_mj.bench.style import style
-from anm_mj.viz.figure_file import PICTURE, save_figure
+from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 
 CURVE_POINTS = 201
 MARKS_PER_CURVE = 7
@@ -51,7 +51,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
         every = CURVE_POINTS // MARKS_PER_CURVE
         at = (round(every * (k + 0.5) / len(names)), every)
         axes.plot(steps, mean, ls=line, lw=1.5, color=colour, marker=mark, markevery=at, ms=5.5, mec="white", mew=0.6,
-                  label=name, zorder=3)  # fmt: skip
+                  label=plain(name), zorder=3)  # fmt: skip
         if len(runs) > 1:
             low, high = np.clip([mean - deviation, mean + deviation], 0.0, 100.0)
             axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0.0)
@@ -61,7 +61,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
         axes.axvline(steps_cut, color="0.5", lw=0.8, ls=":")
         axes.annotate(f"budget by {name}", (steps_cut, 2.0), rotation=90, ha="right", fontsize=7, color="0.35")
     axes.set(xlabel="step", ylabel=label, xlim=(0.0, budget), ylim=(0.0, 100.0))
-    axes.set_title(_title(scene, counts))
+    axes.set_title(plain(_title(scene, counts)))
     axes.grid(alpha=0.3)
     # Beside the curves: ten names with settings would hide half of the picture.
     figure.legend(loc="outside right upper", frameon=False, handlelength=3.5)

@@ -79,7 +79,7 @@ def main(argv: list[str] | None = None) -> int:
     parsed = parser.parse_args(arguments)
     from rich.console import Console
 
-    from anm_mj.cli.log import log_to
+    from anm_mj.cli.log import log_to, printable
 
     log_to(Console(stderr=True, markup=False), verbose=parsed.verbose)
     try:
@@ -99,7 +99,7 @@ def main(argv: list[str] | None = None) -> int:
         sentence = _unforeseen(err)
     # What a library says within the sentence may come in several lines.
     Console(stderr=True, markup=False).print(
-        f"anm-mj: {' '.join(sentence.split())}", style="red", markup=False, highlight=False, soft_wrap=True
+        f"anm-mj: {printable(' '.join(sentence.split()))}", style="red", markup=False, highlight=False, soft_wrap=True
     )
     return USAGE_ERROR
 

@@ -44,6 +44,7 @@ from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
 from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
+from anm_mj.utils.quiet_mujoco import quiet
 from anm_mj.utils.read_mjcf import OutsideError, read_spec
 
 Mount = tuple[CameraConfig, int]
@@ -323,8 +324,11 @@ def _body_pose(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
 
 
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    import mujoco
+
     try:
-        return spec.compile()
+        with quiet(mujoco.set_mju_user_warning):
+            return spec.compile()
     except (ValueError, RuntimeError, MemoryError) as err:
         raise RobotError(
             f"The robot {path} cannot be compiled by itself ({err}); fix that, or remove references to elements "

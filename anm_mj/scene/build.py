@@ -10,6 +10,7 @@ from anm_mj.scene.folder import Scene
 from anm_mj.scene.height_boxes import needs_other_boxes, replace_boxes
 from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
+from anm_mj.utils.quiet_mujoco import quiet
 from anm_mj.utils.read_file import read_bytes
 from anm_mj.utils.read_mjcf import read_spec
 
@@ -42,8 +43,11 @@ def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
     Raises:
         SceneError: if an asset is missing or damaged.
     """
+    import mujoco
+
     try:
-        return spec.compile()
+        with quiet(mujoco.set_mju_user_warning):
+            return spec.compile()
     except ValueError as err:
         raise SceneError(f"Scene {scene.name} cannot be compiled ({err}): import it again.") from err
 
@@ -76,6 +80,8 @@ def build_model(
     other_boxes = top_m is not None and needs_other_boxes(top_m)
 
     def compiled() -> mujoco.MjModel:
+        import mujoco
+
         spec = build_spec(scene)
         if top_m is not None and other_boxes:
             replace_boxes(spec, scene, top_m)
@@ -86,7 +92,8 @@ def build_model(
             own = robot.copy()
             own.option = spec.option  # The scene's count; others would only cause a warning.
             spec.attach(own, prefix=prefix, frame=spec.worldbody.add_frame())
-            return spec.compile()
+            with quiet(mujoco.set_mju_user_warning):
+                return spec.compile()
         except ValueError as err:
             compile_scene(build_spec(scene), scene)
             raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err

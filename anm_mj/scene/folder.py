@@ -209,8 +209,10 @@ def _scene_of(folder: Path, entries: dict[str, Any]) -> Scene:
 
     shape = convert(entries, SceneShape)
     bounds = np.asarray(shape.bounds, dtype=np.float64)
-    if not (bounds[0] <= bounds[1]).all():
-        raise ValueError(f"bounds end before they begin: {shape.bounds}")
+    if not ((bounds[0] <= bounds[1]).all() and (bounds[0] < bounds[1])[:2].all()):
+        raise ValueError(f"bounds end before or where they begin: {shape.bounds}")
+    if not shape.name.isprintable():
+        raise ValueError(f"name = {shape.name!r} holds what cannot be printed")
     return Scene(
         name=shape.name,
         folder=folder,

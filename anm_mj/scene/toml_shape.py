@@ -16,10 +16,10 @@ Count = Annotated[int, Meta(ge=1, le=10**9)]
 class SceneShape(Struct):
     """The entries that a scene needs; others are for people to read."""
 
-    name: str
+    name: Annotated[str, Meta(min_length=1, max_length=255)]
     bounds: tuple[Corner, Corner]
     triangles: Count
-    starts: list[tuple[Coordinate, Coordinate, Degrees]]
+    starts: Annotated[list[tuple[Coordinate, Coordinate, Degrees]], Meta(max_length=1000)]
     has_ceiling: bool
     cull_face: bool
     licence: str

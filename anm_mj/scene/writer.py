@@ -107,6 +107,8 @@ def write_scene(
     Raises:
         SceneError: if there are no triangles, the robot fits nowhere, or ``out`` cannot be written.
     """
+    if not (info.name.isprintable() and 0 < len(info.name) <= 255):
+        raise SceneError(f"The scene cannot be named {info.name[:80]!r}: give 1 to 255 letters that can be printed.")
     proper = with_area(submeshes)
     if not proper:
         raise SceneError(

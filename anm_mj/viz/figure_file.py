@@ -24,6 +24,11 @@ METADATA: dict[str, dict[str, Any] | None] = {PICTURE: None, PRINT: {"CreationDa
 """Without dates."""
 
 
+def plain(text: str) -> str:
+    """A text for a figure that is drawn as it stands: names hold anything, and matplotlib takes $ for a formula."""
+    return text.replace("$", r"\$")
+
+
 def save_figure(figure: Figure, path: Path, kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
     """Write a figure once per kind, beside each other, each file whole or not at all.
 

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from anm_mj.io.write import writing
+from anm_mj.viz.figure_file import plain
 
 
 def save_picture_row(path: Path, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], titles: Sequence[str]) -> None:
@@ -22,7 +23,7 @@ def save_picture_row(path: Path, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], t
     figure = Figure(figsize=(3.6 * len(images), 3.9), layout="constrained")
     for axes, image, title in zip(np.ravel(figure.subplots(1, len(images))), images, titles, strict=True):
         axes.imshow(image)
-        axes.set_title(title)
+        axes.set_title(plain(title))
         axes.axis("off")
     with writing(path):
         FigureCanvasAgg(figure).print_figure(path, format="png", dpi=110)

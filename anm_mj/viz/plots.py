@@ -22,7 +22,7 @@ from matplotlib.transforms import Transform
 
 from anm_mj.types import UNKNOWN, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import PICTURE, save_figure
+from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 from anm_mj.viz.tint import FULL_CLEARANCE_M, free_tint, tint
 
 DOTS_PER_INCH = 150
@@ -89,7 +89,7 @@ def draw_topdown(
     if target_xy_m is not None:
         axes.plot(*target_xy_m, "*", ms=14, color=palette.TARGET, mec="white", mew=0.8, label="last target", zorder=6)
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(west, east), ylim=(south, north), aspect="equal")
-    axes.set_title(title, pad=10.0)
+    axes.set_title(plain(title), pad=10.0)
     drawn, names = axes.get_legend_handles_labels()
     figure.legend(
         [_FreeSpace(), _swatch(palette.WALL), _swatch(palette.UNKNOWN), *drawn],
@@ -149,7 +149,7 @@ def draw_curve(
         covered.set_label(f"covered before ({before_ratio:.1f} %)")
         lines.append(covered)
     lines += cm_axes.plot(steps, completion_cm, color=palette.DISTANCE, lw=1.4, ls="-.", label="completion [cm]")
-    ratio_axes.set(title=title, xlabel="step", ylim=(0.0, 100.0), xlim=(0, int(steps.max(initial=1))))
+    ratio_axes.set(title=plain(title), xlabel="step", ylim=(0.0, 100.0), xlim=(0, int(steps.max(initial=1))))
     ratio_axes.set_ylabel("completion ratio [%]", color=palette.RATIO)
     ratio_axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     ratio_axes.grid(alpha=0.3)

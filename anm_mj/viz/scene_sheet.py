@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 
 from anm_mj.errors import SceneError
 from anm_mj.types import Pose2
-from anm_mj.viz.figure_file import KINDS, PICTURE, write_figure
+from anm_mj.viz.figure_file import KINDS, PICTURE, plain, write_figure
 
 if TYPE_CHECKING:
     from anm_mj.scene.check import SceneCheck
@@ -63,7 +63,7 @@ def write_sheet(
     # Two maps and a row of six square views, in a sheet without empty corners.
     map_in = float(np.clip(7.0 * depth_m / width_m, 3.0, 9.0))
     figure = Figure(figsize=(15.0, map_in + 4.2), dpi=100, layout="constrained")
-    figure.suptitle(_title(check), fontsize=13)
+    figure.suptitle(plain(_title(check)), fontsize=13)
     grid = figure.add_gridspec(2, VIEWS, height_ratios=(map_in + 0.6, 2.6))
     left = figure.add_subplot(grid[0, :3])
     right = figure.add_subplot(grid[0, 3:], sharex=left, sharey=left)

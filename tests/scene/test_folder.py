@@ -142,6 +142,29 @@ def test_counts_that_are_none_are_named(copied, entry, wrong):
         load_scene(copied)
 
 
+@pytest.mark.parametrize(
+    ("entry", "value", "said"),
+    [
+        ("name", '"\\u001b]0;a\\u0007"', "cannot be printed"),
+        ("name", '""', "name"),
+        ("name", f'"{"x" * 300}"', "name"),
+        ("bounds", "[[0, 0, 0], [0, 0, 0]]", "bounds"),
+        ("starts", f"[{'[0, 0, 0], ' * 1001}]", "starts"),
+    ],
+)
+def test_entries_that_no_scene_has_are_named(copied, entry, value, said):
+    toml = copied / "scene.toml"
+    toml.write_text(re.sub(rf"(?m)^{entry} = .*$", lambda _: f"{entry} = {value}", toml.read_text()))
+    with pytest.raises(SceneError, match=said):
+        load_scene(copied)
+
+
+def test_a_name_that_cannot_be_printed_is_not_written(tmp_path):
+    with pytest.raises(SceneError, match=r"named 'a\\x1bb'"):
+        write_scene([_part(room())], SceneInfo("a\x1bb", "", ""), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("cut", [True, False])
 def test_a_spoilt_geometry_is_said_to_be_so(copied, cut):
     path = copied / "geometry.npz"

@@ -4,11 +4,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from PIL import Image
 
 from anm_mj.types import Pose2
 from anm_mj.viz import palette
-from anm_mj.viz.figure_file import KINDS
+from anm_mj.viz.figure_file import KINDS, plain
 from anm_mj.viz.plots import draw_curve, draw_topdown
 from anm_mj.viz.tint import free_tint, rgb_of
 from tests.box_room import room_plan
@@ -109,3 +111,12 @@ def test_the_headline_metric_is_drawn_where_it_is_known(tmp_path, known):
 def test_matplotlib_state_is_unchanged():
     program = "import anm_mj.viz.plots, sys; assert 'matplotlib.pyplot' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+@pytest.mark.parametrize("text", ["$\\frac{1$", "a$b", "\\$x$", "$$", "5 $ and $ 6"])
+def test_a_name_is_drawn_as_it_stands(text):
+    figure = Figure()
+    drawn = figure.suptitle(plain(text))
+    shown, is_math = drawn._preprocess_math(drawn.get_text())
+    assert (shown, is_math) == (text, False)
+    FigureCanvasAgg(figure).draw()
