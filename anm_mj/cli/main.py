@@ -88,6 +88,11 @@ def main(argv: list[str] | None = None) -> int:
         sentence = str(err)
     except KeyboardInterrupt:
         return INTERRUPTED
+    except SystemExit as err:
+        sentence = (
+            f"A module that the command called ended the program (exit status {err.code!r}): take the call of "
+            "sys.exit() out of it."
+        )
     except MemoryError:
         sentence = (
             "The memory does not suffice for what was asked: give smaller settings or a smaller scene, or close other "

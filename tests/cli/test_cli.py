@@ -238,6 +238,16 @@ def test_an_unforeseen_error_is_one_sentence_and_with_verbose_a_traceback(monkey
         main(["doctor", "--verbose"])
 
 
+@pytest.mark.parametrize(("raised", "words"), [(SystemExit(0), "ended the program"), (MemoryError(), "memory")])
+def test_the_end_of_the_program_and_of_the_memory_are_sentences(monkeypatch, capsys, raised, words):
+    def broken(parsed):
+        raise raised
+
+    monkeypatch.setattr("anm_mj.cli.main._doctor", broken)
+    assert main(["doctor"]) == 2
+    assert words in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [("scene", "check", "home", "--out"), ("robot", "check", "diff_drive", "--out")])
 def test_a_picture_of_an_unknown_kind_is_refused_before_it_is_drawn(tmp_path, capsys, words):
     assert "give a file that ends in .png" in fails(capsys, *words, tmp_path / "x.xyz")

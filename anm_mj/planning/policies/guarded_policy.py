@@ -67,7 +67,8 @@ class GuardedPolicy:
             return None
         try:
             return function(*arguments)
-        except Exception as err:
+        # Also what calls sys.exit(), or the run would end as if all were well.
+        except (Exception, SystemExit) as err:
             if isinstance(err, AnmError) and not isinstance(err, PlanError):
                 raise
             _logger.debug("The error of policy %s:", self._name, exc_info=True)
@@ -80,7 +81,7 @@ class GuardedPolicy:
         _logger.error("The run ends because %s.", self._fault)
 
 
-def describe_error(err: Exception) -> str:
+def describe_error(err: BaseException) -> str:
     """Type and message of an error, and the line that raised it."""
     said = " ".join(str(err).split())
     frames = traceback.extract_tb(err.__traceback__)

@@ -95,7 +95,7 @@ def policy_class(name: str) -> Any:
     try:
         module = importlib.import_module(module_name)
     # A module of the user's own may raise anything while it is imported.
-    except Exception as err:
+    except (Exception, SystemExit) as err:
         raise PlanError(f"Policy '{name}': module '{module_name}' cannot be imported ({_said(err)}).") from err
     found = getattr(module, class_name, None)
     if found is None:
@@ -117,7 +117,9 @@ def default_settings(name: str) -> Any:
     config = getattr(policy_class(name), "Config", PolicyConfig)
     try:
         return config(**policy_entry(name).defaults)
-    except TypeError as err:
+    except AnmError:
+        raise
+    except (Exception, SystemExit) as err:
         raise PlanError(
             f"Policy '{name}': its Config cannot be made without arguments ({err}); give every field a default."
         ) from err
@@ -134,10 +136,10 @@ def make_policy(name: str, context: PolicyContext[Any]) -> Policy:
         return made(context)
     except AnmError:
         raise
-    except Exception as err:
+    except (Exception, SystemExit) as err:
         raise PlanError(f"Policy '{name}' cannot be made from a PolicyContext: {_said(err)}.") from err
 
 
-def _said(err: Exception) -> str:
+def _said(err: BaseException) -> str:
     """Type and message of an error."""
     return f"{type(err).__name__}: {' '.join(str(err).split())}"

@@ -109,3 +109,8 @@ def test_what_a_policy_raises_stops_the_run_at_the_next_decision(where, error):
 def test_an_error_of_the_map_is_not_the_policys():
     with pytest.raises(MapError, match="loss"):
         decided(Fake(raises=MapError("the loss is not finite")))
+
+
+def test_a_policy_cannot_end_the_program_as_if_all_were_well():
+    policy = GuardedPolicy(Fake(raises=SystemExit(0)), "my:Own")
+    assert policy.plan(Mock(), observe(3, HERE)).stop is StopReason.POLICY_ERROR

@@ -106,3 +106,22 @@ def test_a_class_of_the_users_own_needs_no_entry():
 def test_what_is_no_policy_is_refused_with_the_reason(name, said):
     with pytest.raises(PlanError, match=said):
         make_policy(name, PolicyContext(BODY, PolicyConfig()))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("import sys\nsys.exit(0)", "cannot be imported .SystemExit"),
+        ("class P:\n observe = plan = on_collision = print\n def __init__(self, context): exit(0)", "SystemExit"),
+        (
+            "class P:\n observe = plan = on_collision = print\n class Config:\n  def __init__(self): raise KeyError",
+            "its Config cannot be made",
+        ),
+    ],
+)
+def test_what_ends_the_program_is_a_reason_too(tmp_path, monkeypatch, text, said):
+    module = f"ends_{abs(hash(text))}"
+    (tmp_path / f"{module}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(PlanError, match=said):
+        make_policy(f"{module}:P", PolicyContext(BODY, default_settings(f"{module}:P")))
