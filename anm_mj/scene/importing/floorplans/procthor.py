@@ -47,6 +47,8 @@ def read_procthor(plan: Any) -> Building:
     if not all(isinstance(floor, shapely.Polygon) and floor.area > 0.5 for floor in floors):
         raise ValueError("a room's floorPolygon is too small or crosses itself")
     walls = {wall["id"]: np.array([[p["x"], p["y"], p["z"]] for p in wall["polygon"]], float) for wall in plan["walls"]}
+    if not walls:
+        raise ValueError("it has no walls")
     passages, door_height_m = [], 2.05
     for door in plan["doors"]:
         a, b = index.get(door["room0"]), index.get(door["room1"])

@@ -235,6 +235,20 @@ def test_up_is_against_gravity(tmp_path):
     assert np.allclose(scene.bounds_m, [[-3.05, -3.05, 0.0], [3.05, 3.05, 2.5]], atol=1e-3)
 
 
+def test_gravity_that_is_no_number_is_said(tmp_path):
+    with pytest.raises(SceneError, match=r"gravity .*nan.* is no number"):
+        import_scene(write_world(tmp_path / "a.xml", room_xml(), '<option gravity="nan 0 0"/>'), tmp_path / "a")
+
+
+def test_what_does_not_collide_is_kept_whatever_the_file_says(tmp_path):
+    ghost = '<geom type="box" size="0.2 0.3 0.4" pos="1 2 0.4" contype="0" conaffinity="0"/>'
+    sizes = [
+        import_scene(write_world(tmp_path / f"{k}.xml", room_xml() + ghost, more), tmp_path / str(k)).num_triangles
+        for k, more in enumerate(("", '<compiler discardvisual="true"/>'))
+    ]
+    assert sizes[0] == sizes[1]
+
+
 def test_worlds_with_more_contacts_than_memory_and_places_that_are_no_numbers(tmp_path):
     boxes = "".join(
         f'<body pos="{1 + 0.05 * (i % 20)} {1 + 0.05 * (i // 20)} 0.1"><geom type="box" size="0.02 0.02 0.1"/></body>'

@@ -62,7 +62,10 @@ def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
         raise SceneError(f"{src} is no MuJoCo model: it begins with <{root_tag(src)}>, not <mujoco>.")
     try:
         with quiet(mujoco.set_mju_user_warning):
-            return read_spec(src, mujoco.MjSpec.from_file, others=folders, option="--model-path").compile()
+            spec = read_spec(src, mujoco.MjSpec.from_file, others=folders, option="--model-path")
+            # What does not collide is what a camera sees, too.
+            spec.compiler.discardvisual = False
+            return spec.compile()
     except OutsideError as err:
         raise SceneError(f"{src} is not read: {err}.") from err
     except (ValueError, RuntimeError, OSError, mujoco.FatalError) as err:
@@ -131,8 +134,14 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def up_axis(model: mujoco.MjModel) -> Literal["x", "y", "z"]:
-    """The axis that gravity points against; z where there is none, or where it is none of the three."""
+    """The axis that gravity points against; z where there is none, or where it is none of the three.
+
+    Raises:
+        SceneError: Gravity is no number.
+    """
     up = -np.asarray(model.opt.gravity, dtype=np.float64)
+    if not np.isfinite(up).all():
+        raise SceneError(f"The gravity {model.opt.gravity} of the world is no number: repair <option gravity=.../>.")
     strength = float(np.linalg.norm(up))
     axis = int(np.argmax(up))
     if strength == 0.0 or up[axis] < 0.9 * strength:
