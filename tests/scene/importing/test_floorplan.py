@@ -13,6 +13,8 @@ from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
 
 _DEV = Path(__file__).resolve().parents[3] / "../shared/scenes/dev/floorplans"
+_CORNERS = [{"x": x, "y": 0, "z": z} for x, z in ((0, 0), (0, 4), (3, 4), (3, 0))]
+_ROOM = {"id": "room|1", "roomType": "Bedroom", "floorPolygon": _CORNERS}
 
 
 def _box(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
@@ -240,6 +242,7 @@ def test_what_is_no_building_is_refused_before_it_is_built(tmp_path, text, said)
         ("{}", "no floor plan of a known format"),
         ('{"schema": "plan-1"}', "damaged plan-1"),
         ('{"verts": [], "room_category": {}}', "damaged HouseExpo"),
+        (json.dumps({"proceduralParameters": {}, "rooms": [_ROOM], "walls": [], "doors": []}), "it has no walls"),
         ('{"verts": [[0, 0], [9000, 0], [0, 9000]], "room_category": {}}', "larger than 500 m"),
         ('{"verts": [[0, 0], [NaN, 0], [0, 9]], "room_category": {}}', "it holds NaN"),
     ],
