@@ -127,7 +127,8 @@ def describe_robot(
     """
     config, mount = config or RobotConfig(), (camera or CameraConfig(), image_px)
     try:
-        spec = read_spec(path, mujoco.MjSpec.from_file, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+        with quiet(mujoco.set_mju_user_warning):
+            spec = read_spec(path, mujoco.MjSpec.from_file, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
     except OutsideError as err:
         raise RobotError(f"The robot {path} is not read: {err}.") from err
     except (ValueError, OSError) as err:

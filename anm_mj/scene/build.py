@@ -29,7 +29,8 @@ def build_spec(scene: Scene) -> mujoco.MjSpec:
     try:
         if b"<include" in read_bytes(scene.xml):
             raise ValueError("it includes other files")
-        spec = read_spec(scene.xml, mujoco.MjSpec.from_file, levels_up=0)
+        with quiet(mujoco.set_mju_user_warning):
+            spec = read_spec(scene.xml, mujoco.MjSpec.from_file, levels_up=0)
         if scene.num_triangles >= MIN_TRIANGLES:
             cut_into_chunks(spec)
     except (ValueError, OSError) as err:

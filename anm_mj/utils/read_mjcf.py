@@ -18,7 +18,6 @@ from xml.parsers import expat
 
 from anm_mj.utils.limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
 from anm_mj.utils.picture import open_picture
-from anm_mj.utils.quiet_mujoco import quiet
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 
 MAX_ELEMENTS, MAX_ROBOT_ELEMENTS = (limit("ANM_MJ_MAX_ELEMENTS", default) for default in (40_000, 5_000))
@@ -76,10 +75,7 @@ def read_spec(
             "ANM_MJ_MAX_ELEMENTS if there should be so many"
         )
     try:
-        import mujoco
-
-        with quiet(mujoco.set_mju_user_warning):
-            spec = parse(str(path.absolute()))
+        spec = parse(str(path.absolute()))
     except Exception as err:  # MuJoCo has errors of its own.
         raise ValueError(str(err)) from err
     _check_assets(spec, path.absolute().parent, own)

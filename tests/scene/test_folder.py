@@ -1,11 +1,13 @@
 import math
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.build import build_model
 from anm_mj.scene.catalogue import list_scenes
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.submesh import Submesh
@@ -178,3 +180,13 @@ def test_a_geometry_without_faces_is_said_to_be_so(copied):
     np.savez(path, **{**np.load(path), "faces": np.zeros((0, 3), np.int32)})
     with pytest.raises(SceneError, match=r"geometry\.npz cannot be read \(faces is empty\)"):
         load_scene(copied).triangles()
+
+
+def test_nothing_of_mujocos_is_written_where_the_command_was_given(copied, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    xml = copied / "scene.xml"
+    xml.write_text(xml.read_text().replace("</worldbody>", '<geom type="sphere" size="nan"/></worldbody>'))
+    with pytest.raises(SceneError, match="nan size"):
+        build_model(load_scene(copied))
+    assert not list(Path.cwd().iterdir())
