@@ -55,7 +55,7 @@ for wrong input, 1 where a command says so. `-v` or `--verbose` of every command
 
 
 VARIABLES = (
-    ("`ANM_MJ_SCENES`", "folder of your scenes; else `anm_mj/scenes` in `XDG_DATA_HOME` or `~/.local/share`"),
+    ("`ANM_MJ_SCENES`", "folder of your scenes; else `~/.local/share/anm_mj/scenes`, or that of `XDG_DATA_HOME`"),
     ("`ANM_MJ_ROBOTS`", "folders of robots, with `:` between them; `--robot` takes their names"),
     ("`ANM_MJ_MAX_...`", "limits of what a file may ask for: [bad_input.md](bad_input.md#limits) lists them"),
     ("`MUJOCO_GL`", "how images are rendered: `egl`, `osmesa` or `glfw`; else the first that works"),

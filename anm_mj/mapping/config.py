@@ -42,9 +42,9 @@ class FieldConfig:
     """Bins of the one-blob code per axis."""
     blob_period_m: tuple[float, float, float] = (16.0, 16.0, 4.0)
     """Lengths along world x, y, z after which the one-blob code repeats [m]."""
-    hidden_width: int = setting(32, at_most=1024)
+    hidden_width: int = setting(32, at_most=4096)
     """Neurons in the one hidden layer of each decoder."""
-    geometry_features: int = setting(15, at_most=1024)
+    geometry_features: int = setting(15, at_most=4096)
     """Outputs of the SDF decoder beside s; they feed the colour decoder."""
     truncation_m: float = 0.1
     """Distance at which the SDF saturates [m]; the network's s is a fraction of it."""
