@@ -3,6 +3,7 @@
 #include "gain_rays.h"
 #include "plane_maps.h"
 #include "pooled_cells.h"
+#include "tour.h"
 
 namespace {
 
@@ -113,6 +114,37 @@ void connected_components(Array<const std::int64_t, 2> links, Array<std::int64_t
     anm::connected_components(links.data(), static_cast<std::int64_t>(links.shape(0)), num, component.data());
 }
 
+// See tour.h; `start` holds place and yaw. The number of segments, or -1 where `wanted` names one that is to be made.
+std::int64_t tour_coverage(Array<const std::int64_t, 2> stops, Indices start, Array<const std::int32_t, 4> turns,
+                           Array<const std::int32_t, 2> paths, Array<const std::int8_t, 2> yaws,
+                           Array<const std::uint64_t, 2> covers, Array<std::uint64_t, 1> seen,
+                           Array<std::int64_t, 1> numbers, Array<std::int64_t, 1> covered,
+                           Array<std::int64_t, 1> wanted) {
+    const auto places = static_cast<std::int64_t>(turns.shape(0)), headings = static_cast<std::int64_t>(turns.shape(1));
+    const auto num_stops = static_cast<std::int64_t>(stops.shape(0));
+    require(turns.shape(2) == turns.shape(1) && turns.shape(3) == 2 && paths.shape(0) == turns.shape(0) &&
+                paths.shape(1) == turns.shape(0) && yaws.shape(0) == covers.shape(0) && yaws.shape(1) == 2 &&
+                stops.shape(1) == 3 && seen.size() == covers.shape(1) && start.size() == 2 && wanted.size() == 4 &&
+                static_cast<std::int64_t>(numbers.size()) == 3 * num_stops + 1 && covered.size() == numbers.size(),
+            "the arrays differ in size");
+    require(start(0) >= 0 && start(0) < places && start(1) >= 0 && start(1) < headings, "the start is none");
+    for (std::int64_t k = 0; k < num_stops; ++k) {
+        const std::int64_t* stop = stops.data() + 3 * k;
+        require(stop[0] >= 0 && stop[0] < places && stop[1] >= -1 && stop[1] < headings, "a stop is none");
+    }
+    const anm::TourSegments made{turns.data(), paths.data(), yaws.data(), places, headings};
+    anm::Wanted missing{};
+    const std::int64_t count =
+        anm::tour_segments(made, stops.data(), num_stops, start(0), start(1), numbers.data(), missing);
+    if (count < 0) {
+        wanted(0) = missing.place, wanted(1) = missing.from, wanted(2) = missing.to, wanted(3) = missing.side;
+        return -1;
+    }
+    anm::tour_counts(covers.data(), static_cast<std::int64_t>(covers.shape(1)), numbers.data(), count, seen.data(),
+                     covered.data());
+    return count;
+}
+
 }  // namespace
 
 void bind_planning(nb::module_& m) {
@@ -127,4 +159,6 @@ void bind_planning(nb::module_& m) {
     m.def("capped_distances", &capped_distances, "free"_a, "cap"_a);
     m.def("small_components", &small_components, "mask"_a, "most"_a, "out"_a);
     m.def("connected_components", &connected_components, "links"_a, "component"_a);
+    m.def("tour_coverage", &tour_coverage, "stops"_a, "start"_a, "turns"_a, "paths"_a, "yaws"_a, "covers"_a, "seen"_a,
+          "numbers"_a, "covered"_a, "wanted"_a);
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int, UInt64
+from jaxtyping import Int, Int8, Int32, UInt64
 
 from anm_mj.evaluation.oracle.discretize import discretize, turn
 from anm_mj.evaluation.oracle.roadmap import Roadmap
@@ -28,8 +28,13 @@ class Segments:
         self.bits = bits
         self._roadmap = roadmap
         self._yaw_rad = yaw_rad
-        self._turns: dict[tuple[int, int, int], int] = {}
-        self._paths: dict[tuple[int, int], tuple[int, int, int]] = {}
+        places = len(bits)
+        self.turns: Int32[np.ndarray, "p yaws yaws 2"] = np.full((places, NUM_HEADINGS, NUM_HEADINGS, 2), -1, np.int32)
+        """Number of the turn at a place from a yaw to a yaw, to the right (0) or to the left (1); -1 = not made yet."""
+        self.paths: Int32[np.ndarray, "p p"] = np.full((places, places), -1, np.int32)
+        """Number of the path from one place to another; -1 = not made yet."""
+        self.yaws: Int8[np.ndarray, "k 2"] = np.full((FIRST_SEGMENTS, 2), NO_YAW, np.int8)
+        """First and last yaw of each path; ``NO_YAW`` if the places are so near that no move is made."""
         self.covers: UInt64[np.ndarray, "k words"] = np.zeros((FIRST_SEGMENTS, bits.shape[2]), np.uint64)
         """Samples that the frames of each segment cover, one frame after each of its actions."""
         self.steps: Int[np.ndarray, " k"] = np.zeros(FIRST_SEGMENTS, np.int64)
@@ -41,42 +46,44 @@ class Segments:
 
     def clear(self) -> None:
         """Drop all segments; their numbers begin anew."""
-        self._turns.clear()
-        self._paths.clear()
+        self.turns[:] = self.paths[:] = -1
         self._num = 0
 
     def turn(self, place: int, a: int, b: int, side: int) -> int:
         """Number of the turn from one yaw to another, to the left (1) or to the right (-1)."""
-        key = (place, a * NUM_HEADINGS + b, side)
-        found = self._turns.get(key)
-        if found is None:
+        key = (place, a, b, int(side > 0))
+        if self.turns[key] < 0:
             yaws = turn(a, b, side)
-            found = self._add(np.bitwise_or.reduce(self.bits[place, yaws], axis=0), len(yaws))
-            self._turns[key] = found
-        return found
+            self.turns[key] = self._add(np.bitwise_or.reduce(self.bits[place, yaws], axis=0), len(yaws))
+        return int(self.turns[key])
 
     def path(self, a: int, b: int) -> tuple[int, int, int]:
         """Number, first yaw and last yaw of the path from one place to another, without the turn before it.
 
         Both yaws are ``NO_YAW`` if the places are so near that no move is made.
         """
-        found = self._paths.get((a, b))
-        if found is None:
+        if self.paths[a, b] < 0:
             start_m = self._roadmap.places_m[a]
             path = discretize(start_m, None, self._roadmap.path_m(a, b), self._roadmap, self._yaw_rad)
             if path.yaws:
                 xy_m, yaws = path.frames(start_m, path.yaws[0], self._yaw_rad)
                 covers = np.bitwise_or.reduce(self.bits[self._roadmap.nearest(xy_m), yaws], axis=0)
-                found = (self._add(covers, len(yaws)), path.yaws[0], path.yaws[-1])
+                number = self._add(covers, len(yaws), path.yaws[0], path.yaws[-1])
             else:
-                found = (self._add(np.zeros(self.bits.shape[2], np.uint64), 0), NO_YAW, NO_YAW)
-            self._paths[a, b] = found
-        return found
+                number = self._add(np.zeros(self.bits.shape[2], np.uint64), 0)
+            self.paths[a, b] = number
+        number = int(self.paths[a, b])
+        first, last = self.yaws[number].tolist()
+        return number, first, last
 
-    def _add(self, covers: UInt64[np.ndarray, " words"], steps: int) -> int:
+    def _add(
+        self, covers: UInt64[np.ndarray, " words"], steps: int, first_yaw: int = NO_YAW, last_yaw: int = NO_YAW
+    ) -> int:
         if self._num == len(self.steps):
             self.covers = np.concatenate([self.covers, np.zeros_like(self.covers)])
             self.steps = np.concatenate([self.steps, np.zeros_like(self.steps)])
+            self.yaws = np.concatenate([self.yaws, np.zeros_like(self.yaws)])
         self.covers[self._num], self.steps[self._num] = covers, steps
+        self.yaws[self._num] = first_yaw, last_yaw
         self._num += 1
         return self._num - 1

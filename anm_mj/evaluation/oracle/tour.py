@@ -27,6 +27,7 @@ from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
 from anm_mj.evaluation.oracle.visibility import WORD, count, unpack
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import FORWARD_STEP_M
+from anm_mj.utils.native_functions import native_function
 
 Stop = tuple[int, int, int]
 """Place, yaw (``NO_YAW`` for none), and the side to turn to it by."""
@@ -131,7 +132,31 @@ class TourSearch:
         return total
 
     def coverage(self, stops: list[Stop]) -> TourCoverage:
-        """What a tour covers, segment by segment."""
+        """What a tour covers, segment by segment.
+
+        In C++ (``native/tour.h``) where the engine was built, else in NumPy, which gives the same.
+        """
+        native = native_function("tour_coverage")
+        if native is None:
+            return self.numpy_coverage(stops)
+        segments, task = self._segments, self._task
+        flat = np.array(stops, np.int64).reshape(-1, 3)
+        start = np.array([task.place, task.yaw])
+        numbers, covered = np.empty((2, 3 * len(stops) + 1), np.int64)
+        wanted, final = np.empty(4, np.int64), task.seen.copy()
+        while True:
+            made = segments.turns, segments.paths, segments.yaws, segments.covers
+            count = native(flat, start, *made, final, numbers, covered, wanted)
+            if count >= 0:
+                return TourCoverage(np.cumsum(segments.steps[numbers[:count]]), covered[:count], final)
+            place, a, b, side = wanted.tolist()
+            if side:
+                segments.turn(place, a, b, side)
+            else:
+                segments.path(place, b)
+
+    def numpy_coverage(self, stops: list[Stop]) -> TourCoverage:
+        """The reference of :meth:`coverage`."""
         segments = self._segments
         place, yaw = self._task.place, self._task.yaw
         numbers = [segments.turn(place, yaw, yaw, 1)]

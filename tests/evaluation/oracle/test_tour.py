@@ -1,9 +1,12 @@
 import numpy as np
+import pytest
 
 from anm_mj.evaluation.oracle.discretize import discretize, turn
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
 from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.visibility import count
+from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.utils.native_functions import native_function
 
 
 def search_in(views, seed=0):
@@ -39,6 +42,26 @@ def test_coverage_of_a_tour_is_that_of_its_frames(views):
     steps, covered, _ = search.coverage(stops)
     assert steps[-1] == len(curve) - 1
     assert [curve[k] for k in steps] == covered.tolist()
+
+
+@pytest.mark.skipif(native_function("tour_coverage") is None, reason="the native engine was not built")
+def test_the_native_coverage_is_that_of_numpy(views):
+    roadmap, _, _ = views
+    rng = np.random.default_rng(0)
+    search, segments, task = search_in(views)
+    reference, _, _ = search_in(views)
+    for _ in range(60):
+        stops = [
+            (int(rng.integers(len(roadmap.places_m))), int(rng.integers(-1, NUM_HEADINGS)), int(rng.choice([-1, 1])))
+            for _ in range(rng.integers(0, 12))
+        ]
+        stops += stops[-1:]
+        task.seen[:] = rng.integers(0, 2**63, task.seen.shape, np.uint64) * np.uint64(rng.integers(2))
+        reference._task.seen[:] = task.seen
+        for found, expected in zip(search.coverage(stops), reference.numpy_coverage(stops), strict=True):
+            np.testing.assert_array_equal(found, expected)
+        if rng.random() < 0.1:
+            segments.clear()
 
 
 def test_annealing_lowers_the_cost(views):
