@@ -43,13 +43,13 @@ def add_bench(commands: Any) -> None:
 
 
 def _bench(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from anm_mj.bench.bench import run_bench
     from anm_mj.bench.suite import suite_file
+    from anm_mj.cli.console import PlainConsole
 
-    console = Console(markup=False)
+    console = PlainConsole()
     file = suite_file(parsed.suite) if parsed.suite is not None else parsed.file
     out = parsed.out or Path("bench") / file.stem
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))

@@ -32,15 +32,14 @@ def add_evaluate(commands: Any) -> None:
 
 
 def _evaluate(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from anm_mj.cli.bar import progress_bar
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.folder_line import print_folder
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.evaluation.evaluate import completion_with_halved_intrinsics, evaluate_run
 
-    console = Console(markup=False)
+    console = PlainConsole()
     novel_views, fixed_views = None, None
     if parsed.novel_views:
         from anm_mj.evaluation.fixed_views import evaluate_fixed_views

@@ -195,15 +195,14 @@ def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metr
         parsed: the options of the viewer.
         start: the run, given those who follow it.
     """
-    from rich.console import Console
-
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.folder_line import print_folder
     from anm_mj.cli.log import log_to
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.types import StopReason
 
-    console = Console(markup=False)
+    console = PlainConsole()
     if console.is_terminal:
         log_to(console, verbose=parsed.verbose)  # The live line makes room for what its own console prints.
     viewer = _viewer(parsed)

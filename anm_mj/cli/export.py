@@ -36,14 +36,13 @@ def add_export(commands: Any) -> None:
 
 
 def _export(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from anm_mj.cli.bar import progress_bar
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.config import ConfigError
 
     if parsed.video is None and not parsed.formats:
         raise ConfigError("Nothing to export; name a film by --video film.mp4, or a format, as in --format glb.")
-    console = Console(markup=False)
+    console = PlainConsole()
     if parsed.formats:
         from anm_mj.export.formats import export_run
 

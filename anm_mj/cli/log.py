@@ -16,14 +16,9 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            self._console.print(printable(self.format(record)), markup=False, highlight=False, soft_wrap=True)
+            self._console.print(self.format(record), markup=False, highlight=False, soft_wrap=True)
         except Exception:
             self.handleError(record)
-
-
-def printable(text: str) -> str:
-    """A text in which no character commands the terminal: files of others may name anything anyhow."""
-    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 
 def log_to(console: Console, *, verbose: bool = False) -> None:

@@ -77,11 +77,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.words = arguments
     _require_text(parser, arguments)
     parsed = parser.parse_args(arguments)
-    from rich.console import Console
+    from anm_mj.cli.console import PlainConsole
+    from anm_mj.cli.log import log_to
 
-    from anm_mj.cli.log import log_to, printable
-
-    log_to(Console(stderr=True, markup=False), verbose=parsed.verbose)
+    console = PlainConsole(stderr=True)
+    log_to(console, verbose=parsed.verbose)
     try:
         return parsed.command(parsed)
     except AnmError as err:
@@ -103,9 +103,7 @@ def main(argv: list[str] | None = None) -> int:
             raise
         sentence = _unforeseen(err)
     # What a library says within the sentence may come in several lines.
-    Console(stderr=True, markup=False).print(
-        f"anm-mj: {printable(' '.join(sentence.split()))}", style="red", markup=False, highlight=False, soft_wrap=True
-    )
+    console.print(f"anm-mj: {' '.join(sentence.split())}", style="red", highlight=False, soft_wrap=True)
     return USAGE_ERROR
 
 

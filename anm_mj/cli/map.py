@@ -86,9 +86,9 @@ def _map(parsed: argparse.Namespace) -> int:
     sys.path.insert(0, os.getcwd())
     if not 0.0 < parsed.radius < parsed.height <= TALLEST_M:
         raise ConfigError(f"A robot of radius {parsed.radius:g} m and height {parsed.height:g} m makes no sense here.")
-    from rich.console import Console
+    from anm_mj.cli.console import PlainConsole
 
-    console = Console()
+    console = PlainConsole()
     options = SequenceOptions(
         parsed.layout,
         _camera(parsed.camera),

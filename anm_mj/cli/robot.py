@@ -54,9 +54,9 @@ def _check(parsed: argparse.Namespace) -> int:
     robot = describe_robot(path, config)
     test = drive_over_a_floor(robot)
     plain = plain_fault(path, robot.root)
-    from rich.console import Console
+    from anm_mj.cli.console import PlainConsole
 
-    console = Console()
+    console = PlainConsole()
     for line in describe(robot, test):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     if plain:
@@ -67,7 +67,7 @@ def _check(parsed: argparse.Namespace) -> int:
     console.print(f"picture: {out}", highlight=False, soft_wrap=True)
     faults = problems(robot, test)
     for problem in faults:
-        Console(stderr=True).print(f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+        PlainConsole(stderr=True).print(f"anm-mj: {problem}", style="red", highlight=False, soft_wrap=True)
     return UNUSABLE if faults else 0
 
 

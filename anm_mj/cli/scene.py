@@ -111,13 +111,12 @@ def _groups(text: str | None) -> list[int] | None:
 
 
 def _scene_import(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from anm_mj.cli.bar import busy
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.scene.folder import remember_folder
     from anm_mj.scene.importing.import_scene import import_scene
 
-    with busy(Console(), "import"):
+    with busy(PlainConsole(), "import"):
         scene = import_scene(
             parsed.src,
             parsed.out,
@@ -150,13 +149,12 @@ def _scene_import(parsed: argparse.Namespace) -> int:
 
 
 def _scene_generate(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from anm_mj.cli.bar import busy
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.scene.folder import remember_folder
     from anm_mj.scene.generation.scene import generate_scene
 
-    with busy(Console(), "generate"):
+    with busy(PlainConsole(), "generate"):
         scene = generate_scene(
             parsed.out,
             parsed.rooms,
@@ -176,18 +174,18 @@ def _scene_generate(parsed: argparse.Namespace) -> int:
 
 def _say(sentence: str) -> int:
     """Print what was made; the exit status of success."""
-    from rich.console import Console
+    from anm_mj.cli.console import PlainConsole
 
-    Console(markup=False).print(sentence, highlight=False, soft_wrap=True)
+    PlainConsole().print(sentence, highlight=False, soft_wrap=True)
     return 0
 
 
 def _scene_list(parsed: argparse.Namespace) -> int:
     del parsed
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.scene.catalogue import list_scenes
 
     table = Table("name", "rooms", "size [m]", "triangles", "licence", box=None)
@@ -201,5 +199,5 @@ def _scene_list(parsed: argparse.Namespace) -> int:
         # A scene is found by its folder's name; what it calls itself may be anything.
         cells = (folder.name, rooms, extent, str(scene.num_triangles), scene.licence, str(shown))
         table.add_row(*(escape(cell) for cell in cells))
-    Console(markup=False).print(table)
+    PlainConsole().print(table)
     return 0

@@ -35,9 +35,8 @@ def add_check(actions: Any) -> None:
 
 
 def _scene_check(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from anm_mj.cli.bar import busy
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.scene.check import check_scene, disable_backface_culling
     from anm_mj.scene.folder import load_scene
     from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
@@ -49,7 +48,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     from anm_mj.sim.views import CUT_M, SceneViews
     from anm_mj.viz.scene_sheet import VIEWS, write_sheet
 
-    console = Console(markup=False)
+    console = PlainConsole()
     with busy(console, "check"):
         check = check_scene(scene, DEFAULT_FOOTPRINT)
     for line in describe(check):
@@ -79,7 +78,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     write_sheet(check, views.top_view(), views.top_corners_m, CUT_M, views.interior_views(shown), shown, out)
     console.print(f"contact sheet: {out}", highlight=False, soft_wrap=True)
     for problem in check.problems:
-        Console(stderr=True, markup=False).print(
+        PlainConsole(stderr=True).print(
             f"anm-mj: {problem}", style="red", markup=False, highlight=False, soft_wrap=True
         )
     return UNUSABLE if check.problems else 0

@@ -34,15 +34,14 @@ def add_view(commands: Any) -> None:
 
 
 def _view(parsed: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from anm_mj.cli.bar import progress_bar
+    from anm_mj.cli.console import PlainConsole
     from anm_mj.io.write import writing
     from anm_mj.replay.page import replay_page
     from anm_mj.replay.timeline import read_timeline
     from anm_mj.utils.files import write_text
 
-    console = Console(markup=False)
+    console = PlainConsole()
     timeline = read_timeline(parsed.run)
     with progress_bar(console, "reading the run") as on_progress:
         page = replay_page(timeline, parsed.scene, on_progress)

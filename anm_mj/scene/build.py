@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.scene.chunks import MIN_TRIANGLES, cut_into_chunks
-from anm_mj.scene.folder import Scene
+from anm_mj.scene.folder import TOML, Scene
 from anm_mj.scene.height_boxes import needs_other_boxes, replace_boxes
+from anm_mj.scene.mjcf import VISUAL_GROUP
 from anm_mj.scene.model_cache import cached_model
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.utils.quiet_mujoco import quiet
@@ -42,15 +45,34 @@ def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
     """Compile the spec of a scene, including whatever was added to it.
 
     Raises:
-        SceneError: if an asset is missing or damaged.
+        SceneError: if an asset is missing or damaged, or what is drawn is not what the scene states.
     """
     import mujoco
 
     try:
         with quiet(mujoco.set_mju_user_warning):
-            return spec.compile()
+            model = spec.compile()
     except ValueError as err:
         raise SceneError(f"Scene {scene.name} cannot be compiled ({err}): import it again.") from err
+    _require_drawn(model, scene)
+    return model
+
+
+def _require_drawn(model: mujoco.MjModel, scene: Scene, robot_prefix: str | None = None) -> None:
+    """Raise unless a model draws as many triangles as the scene has: a camera would see another world than is measured.
+
+    Raises:
+        SceneError: It does not.
+    """
+    drawn = sum(
+        int(model.mesh_facenum[model.geom_dataid[geom]])
+        for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_dataid >= 0)).tolist()
+        if robot_prefix is None or not model.body(int(model.geom_bodyid[geom])).name.startswith(robot_prefix)
+    )
+    if drawn != scene.num_triangles:
+        raise SceneError(
+            f"{scene.xml} draws {drawn:,} triangles, but {TOML} states {scene.num_triangles:,}: import the scene again."
+        )
 
 
 def build_model(
@@ -94,10 +116,12 @@ def build_model(
             own.option = spec.option  # The scene's count; others would only cause a warning.
             spec.attach(own, prefix=prefix, frame=spec.worldbody.add_frame())
             with quiet(mujoco.set_mju_user_warning):
-                return spec.compile()
+                model = spec.compile()
         except ValueError as err:
             compile_scene(build_spec(scene), scene)
             raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err
+        _require_drawn(model, scene, prefix)
+        return model
 
     def build() -> mujoco.MjModel:
         import mujoco

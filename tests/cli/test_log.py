@@ -5,7 +5,7 @@ import logging
 
 from rich.console import Console
 
-from anm_mj.cli.log import log_to, printable
+from anm_mj.cli.log import log_to
 
 
 def test_a_record_is_one_line_as_it_stands_however_narrow_the_console(monkeypatch):
@@ -17,7 +17,3 @@ def test_a_record_is_one_line_as_it_stands_however_narrow_the_console(monkeypatc
     logging.getLogger("anm_mj.x").debug("a detail")
     logging.getLogger("another").info("its detail")
     assert said.getvalue() == f"Wrote {long}[red]\n"
-
-
-def test_no_character_of_a_file_commands_the_terminal():
-    assert printable("a\x1b]0;b\x07\u202ec\nd é") == "a\\x1b]0;b\\x07\\u202ec\nd é"

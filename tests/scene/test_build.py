@@ -1,3 +1,5 @@
+import shutil
+
 import numpy as np
 import pytest
 import trimesh
@@ -138,3 +140,12 @@ def test_a_lone_triangle_compiles(tmp_path):
     painted = Submesh("sign", corners, np.array([[0, 1, 2]], np.int32), uv=uv, texture=texture)
     scene = write_scene([walls, plain, painted], SceneInfo("flags", "tests", "CC0"), tmp_path / "flags")
     assert build_model(scene).nmesh == 3
+
+
+def test_a_scene_that_draws_something_else_than_it_states_is_refused(scene, robot, tmp_path):
+    folder = tmp_path / "room"
+    shutil.copytree(scene.folder, folder)
+    (folder / "scene.xml").write_text("<mujoco><worldbody/></mujoco>")
+    for model in (None, robot):
+        with pytest.raises(SceneError, match=r"draws 0 triangles, but scene.toml states \d+: import the scene again"):
+            build_model(load_scene(folder), model)

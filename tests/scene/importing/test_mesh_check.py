@@ -224,3 +224,31 @@ def test_what_is_far_too_small_is_said_with_its_size(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1e-9 0 0\nv 0 1e-9 0\nf 1 2 3\n")
     with pytest.raises(SceneError, match=r"would be 1e-12 m large .*give another scale"):
         import_scene(tmp_path / "a.obj", tmp_path / "out", scale=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("3 0 1 2\n2 0 1\n", r"a face that is none \('2 0 1', row 2"),
+        ("3 0 1 2\n3 0 1\n", r"a face that is none \('3 0 1', row 2"),
+        ("3 0 1 2\n", "states 2 rows of face and holds 1"),
+    ],
+)
+def test_a_ply_whose_rows_are_short_is_refused(tmp_path, rows, said):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    lists = "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(f"{head}{lists}0 0 0\n1 0 0\n0 1 0\n{rows}")
+    with pytest.raises(SceneError, match=said):
+        read_mesh(tmp_path / "a.ply", ImportReport())
+
+
+@pytest.mark.parametrize("kind", ["meshes", "nodes"])
+def test_a_gltf_whose_weights_move_vertices_is_named(tmp_path, kind):
+    def morph(header):
+        header["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
+        holder = next(one for one in header[kind] if kind == "meshes" or "mesh" in one)
+        holder["weights"] = [0.5]
+
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", morph), report)
+    assert any("Morph targets are not applied: mesh" in said for said in report.sentences())

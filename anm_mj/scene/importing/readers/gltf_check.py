@@ -25,6 +25,7 @@ _BASIS_NOTE = (
     "(`gltf-transform ktxdecompress IN OUT`)."
 )
 _TRANSFORM_NOTE = "Texture transforms are not applied, so the textures of {names} may come out shifted or scaled."
+_MORPH_NOTE = "Morph targets are not applied: {names} come out as without them."
 _PICTURE_NOTE = "These pictures cannot be decoded: {names}; surfaces that need them come out plain."
 
 _DRACO, _MESHOPT, _COPIES = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"
@@ -64,6 +65,7 @@ def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
         basis = any("source" not in texture for texture in textures if set(texture.get("extensions", {})) & {*_BASIS})
         refused = _refused(header)
         parts, triangles = _placed(header)
+        morphed = list(_morphed(header))
         junk = list(_undecodable(src, header, body))
     except (struct.error, ValueError, TypeError, AttributeError, LookupError, OSError) as err:
         raise damaged(src, err) from err
@@ -91,6 +93,8 @@ def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
         report.add(_BASIS_NOTE, src.name)
     if "KHR_texture_transform" in used:
         report.add(_TRANSFORM_NOTE, src.name)
+    for name in morphed:
+        report.add(_MORPH_NOTE, f"{name} of {src.name}")
     for name in junk:
         report.add(_PICTURE_NOTE, f"{name} of {src.name}")
     return MeshFacts(decodable=not basis and not junk, draco=_DRACO in used | required)
@@ -216,6 +220,16 @@ def _triangles(header: dict[str, Any], primitive: dict[str, Any]) -> int:
     mode, accessors = primitive.get("mode", _TRIANGLES), _accessors(header, primitive)
     corners = accessors.get("indices", accessors.get("POSITION", {})).get("count", 0)
     return corners // 3 if mode == _TRIANGLES else max(0, corners - 2) if mode == _STRIP else 0
+
+
+def _morphed(header: dict[str, Any]) -> Iterator[str]:
+    """Names of the meshes whose vertices default weights move; those that only an animation moves stand still."""
+    meshes = header.get("meshes", [])
+    placed = ((node["mesh"], node) for node in header.get("nodes", []) if "mesh" in node)
+    for index, holder in [*enumerate(meshes), *placed]:
+        mesh = _entry(header, "meshes", index)
+        if any(holder.get("weights", [])) and any("targets" in primitive for primitive in mesh["primitives"]):
+            yield f"mesh {mesh.get('name', index)!r}"
 
 
 def _undecodable(src: Path, header: dict[str, Any], body: int) -> Iterator[str]:

@@ -54,9 +54,12 @@ def check_mesh_file(src: Path, report: ImportReport) -> MeshFacts:
 
 
 def _check_ply(src: Path) -> None:
-    """Refuse a PLY file whose faces name their vertices by a word that nobody knows."""
+    """Refuse a PLY file whose faces name their vertices by a word that nobody knows, or that has too few in a row."""
     with open_regular(src) as file:
-        lines = file.read(_HEAD_BYTES).partition(b"end_header")[0].decode("latin-1").splitlines()
+        head, _, rest = file.read(_HEAD_BYTES).partition(b"end_header")
+        lines = head.decode("latin-1").splitlines()
+        if any(line.split()[:2] == ["format", "ascii"] for line in lines):
+            _check_ply_rows(src, lines, (rest + file.read()).decode("latin-1").splitlines()[1:])
     element, lists = "", []
     for words in (line.split() for line in lines):
         if words[:1] == ["element"]:
@@ -69,3 +72,44 @@ def _check_ply(src: Path) -> None:
         raise SceneError(
             f"{src} has faces with {', '.join(lists)}, but none with {' or '.join(_PLY_CORNERS)}: export it again."
         )
+
+
+def _check_ply_rows(src: Path, header: list[str], rows: list[str]) -> None:
+    """Refuse an ASCII PLY file with fewer rows than it states, or with faces of fewer corners than a triangle."""
+    at, element = 0, ""
+    stated: dict[str, int] = {}
+    words_of: dict[str, list[list[str]]] = {}
+    for words in (line.split() for line in header):
+        if words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
+            element = words[1]
+            stated[element], words_of[element] = int(words[2]), []
+        elif words[:1] == ["property"] and element:
+            words_of[element].append(words[1:])
+    for element, number in stated.items():
+        if len(rows) < at + number:
+            raise SceneError(
+                f"{src} states {number} rows of {element} and holds {max(0, len(rows) - at)}: copy or export it again."
+            )
+        if element == "face":
+            for row in range(at, at + number):
+                if not _is_face(rows[row].split(), words_of[element]):
+                    raise SceneError(
+                        f"{src} has a face that is none ({rows[row][:40]!r}, row {row - at + 1} of its faces): a face "
+                        "has three corners at least, and as many as it states; export it again."
+                    )
+        at += number
+
+
+def _is_face(row: list[str], properties: list[list[str]]) -> bool:
+    """Whether a row holds what the properties of its element ask for, and three corners or more."""
+    at = 0
+    for words in properties:
+        number = 1
+        if words[0] == "list":
+            if at >= len(row) or not row[at].isdecimal():
+                return False
+            number, at = int(row[at]), at + 1
+            if words[-1] in _PLY_CORNERS and number < 3:
+                return False
+        at += number
+    return at == len(row)

@@ -289,6 +289,17 @@ def test_a_world_that_would_settle_for_hours_is_refused(tmp_path, timestep):
         import_scene(src, tmp_path / "out", settle=True)
 
 
+def test_bodies_that_touch_are_settled_within_a_budget(tmp_path, monkeypatch):
+    monkeypatch.setattr("anm_mj.scene.importing.readers.mjcf.model.MAX_SETTLE_WORK", 1_000_000)
+    one = '<body pos="0 0 {0}"><freejoint/><geom type="box" size="0.05 0.05 0.05"/></body>'
+    pile = "".join(one.format(0.05 + 0.09 * level) for level in range(60))
+    src = write_world(tmp_path / "world.xml", room_xml() + pile)
+    with pytest.raises(SceneError, match=r"360 degrees of freedom and \d+ contacts.*ANM_MJ_MAX_SETTLE_WORK"):
+        import_scene(src, tmp_path / "out", settle=True)
+    src = write_world(tmp_path / "world.xml", room_xml() + one.format(0.05))
+    assert len(import_scene(src, tmp_path / "out", settle=True).geometry().faces)
+
+
 def test_a_movable_object_keeps_its_mass_and_may_be_pushed(house, tmp_path):
     scene = import_scene(house[0], tmp_path / "out", movable=True)
     model = build_model(scene)

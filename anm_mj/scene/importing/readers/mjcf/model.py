@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from anm_mj.errors import SceneError
+from anm_mj.utils.limits import limit
 from anm_mj.utils.quiet_mujoco import quiet
 from anm_mj.utils.read_mjcf import TIMESTEPS_S, OutsideError, read_spec
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 _HEAD_BYTES = 65536
 _SETTLE_S = 10.0
 """Bodies that still move after this time are taken as they are [s]."""
+MAX_SETTLE_WORK = limit("ANM_MJ_MAX_SETTLE_WORK", 30_000_000)
+"""Most work of settling a world, all steps together, in about a third of a microsecond."""
 _REST = 0.01
 """Speeds [m/s, rad/s] below which everything counts as at rest."""
 
@@ -103,7 +106,7 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Drop everything until it rests.
 
     Raises:
-        SceneError: The world cannot be simulated.
+        SceneError: The world cannot be simulated, or takes too long.
     """
     import mujoco
 
@@ -113,16 +116,28 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             f"The world has a timestep of {model.opt.timestep:g} s: give one from {shortest_s:g} to {longest_s:g} s by "
             "<option timestep=.../>, or import it without --settle."
         )
+    work = 0
     while data.time < _SETTLE_S:
         try:
             with quiet(mujoco.set_mju_user_warning):
-                mujoco.mj_step(model, data, nstep=max(1, round(0.1 / model.opt.timestep)))
+                for _ in range(max(1, round(0.1 / model.opt.timestep))):
+                    mujoco.mj_fwdPosition(model, data)  # Finds the contacts without solving them.
+                    work += _step_work(model, data)
+                    if work > MAX_SETTLE_WORK:
+                        break
+                    mujoco.mj_step(model, data)
         except mujoco.FatalError as err:
             said = " ".join(str(err).split())
             raise SceneError(
                 f"MuJoCo cannot simulate the world ({said}): give it more memory by <size memory=.../> in the file, or "
                 "import it without --settle."
             ) from err
+        if work > MAX_SETTLE_WORK:
+            raise SceneError(
+                f"The world has {model.nv} degrees of freedom and {data.ncon} contacts, which are too many to settle: "
+                f"{data.time:.3g} s of at most {_SETTLE_S:g} s took all of the allowed work. Import it without "
+                f"--settle, or set ANM_MJ_MAX_SETTLE_WORK above {MAX_SETTLE_WORK} if it should take so long."
+            )
         # MuJoCo resets a simulation that diverges.
         if data.time < 0.05 or any(warning.number for warning in _divergences(data)):
             raise SceneError(
@@ -131,6 +146,12 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             )
         if abs(data.qvel).max() < _REST:
             break
+
+
+def _step_work(model: mujoco.MjModel, data: mujoco.MjData) -> int:
+    """What a step from here costs, about (:data:`MAX_SETTLE_WORK`): touching bodies are solved together."""
+    together = data.island_nv if data.nisland else [model.nv if data.nefc else 0]
+    return data.nefc + model.nv + sum(int(freedoms) ** 3 for freedoms in together) // 1500
 
 
 def up_axis(model: mujoco.MjModel) -> Literal["x", "y", "z"]:
