@@ -41,6 +41,7 @@ def no_poses(matrices: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
     turns = matrices[:, :3, :3]
     with np.errstate(invalid="ignore", over="ignore"):
         good = (np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)) < _NO_ROTATION).all(axis=(1, 2))
+        good &= np.einsum("ni,ni->n", turns[:, 0], np.cross(turns[:, 1], turns[:, 2])) > 0.0  # No mirror.
         good &= (np.abs(matrices[:, :3, 3]) <= FARTHEST_M).all(axis=1)
         good &= (np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]) < _NO_ROTATION).all(axis=1)
     return np.logical_not(good)

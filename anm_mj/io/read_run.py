@@ -113,12 +113,15 @@ def read_run(path: Path) -> Run:
         camera = convert(read_json(folder.camera), CameraShape)
         frames = tuple(_frame(convert(line, FrameShape)) for line in read_jsonl(folder.frames))
         _check_frames(frames)
+        steps = tuple(_step(convert(line, StepShape)) for line in read_jsonl(folder.steps))
+        _check_order("frames.jsonl", [frame.step for frame in frames])
+        _check_order("steps.jsonl", [step.step for step in steps])
         return Run(
             folder=folder,
             intrinsics=_intrinsics(camera),
             depth_shape=(camera.depth.rows, camera.depth.cols),
             frames=frames,
-            steps=tuple(_step(convert(line, StepShape)) for line in read_jsonl(folder.steps)),
+            steps=steps,
             plans=tuple(_plan(line) for line in read_jsonl(folder.plans)) if folder.plans.is_file() else (),
             manifest=_checked(read_json(folder.manifest), ManifestShape) if folder.manifest.is_file() else {},
             config=_checked(read_json(folder.config), ConfigShape) if folder.config.is_file() else {},
@@ -188,6 +191,13 @@ def _check_frames(frames: tuple[FrameRecord, ...]) -> None:
         if wrong.any():
             step = frames[int(np.argmax(wrong))].step
             raise ValueError(f"step {step} in frames.jsonl has a T_world_camera that is no pose of a camera")
+
+
+def _check_order(name: str, steps: list[int]) -> None:
+    """Raises ValueError for lines that are not in the order of their steps, each of which has one."""
+    for before, after in zip(steps, steps[1:], strict=False):
+        if after <= before:
+            raise ValueError(f"step {after} in {name} stands after step {before}")
 
 
 def _plan(line: dict[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ order of the lines. The robot's base is assumed below the camera, with the headi
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -31,6 +32,8 @@ from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation, Pose2
 from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import convert, read_json, read_npy, read_table
+
+_logger = logging.getLogger(__name__)
 
 DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
@@ -127,7 +130,10 @@ class Sequence:
             depth_m = path()
         elif path.suffix == ".npy":
             try:
-                depth_m = read_npy(path).astype(np.float32)
+                depth_m = read_npy(path)
+                if depth_m.dtype.kind not in "fiu":
+                    raise ValueError(f"it holds {depth_m.dtype}, which is no depth")
+                depth_m = depth_m.astype(np.float32)
             except (OSError, ValueError) as err:
                 raise RunFolderError(f"{path} cannot be read ({err}).") from err
         else:
@@ -154,6 +160,9 @@ def read_sequence(path: Path) -> Sequence:
             f"{path} is not a recorded sequence ({err}); it needs camera.json, poses.tum, depth/ and rgb/."
         ) from err
     frames = []
+    left = sum(1 for _ in (path / "rgb").glob("*.png")) - len(lines)
+    if left > 0:
+        _logger.warning("%s: %d of its images are left out, because poses.tum has no line for them.", path, left)
     for step, line in enumerate(lines):
         exact = path / "depth" / f"{step:06d}.npy"
         depth = exact if exact.is_file() else exact.with_suffix(".png")

@@ -5,6 +5,7 @@ The world of a layout is turned so that z points up, and moved so that the floor
 
 from __future__ import annotations
 
+import logging
 import os
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
@@ -20,6 +21,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV, pixel_directions, transform_points
 from anm_mj.io.camera_checks import FARTHEST_M, check_camera, check_time, no_poses
 from anm_mj.io.image import read_image
+from anm_mj.io.nerfstudio_camera import check_nerfstudio_camera, nerfstudio_camera
 from anm_mj.io.read_run import read_json, read_run
 from anm_mj.io.rosbag import is_recording, read_recording
 from anm_mj.io.run_shapes import Number
@@ -48,6 +50,9 @@ UP = {
 BAG = "rosbag"
 """The layout that is no folder of images."""
 FLOOR_FRAMES, FLOOR_BIN_M, FLOOR_SHARE = 30, 0.02, 0.3
+
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -160,7 +165,25 @@ def check_sequence(sequence: Sequence) -> None:
             check_time(frame.time_s)
         except ValueError as err:
             raise RunFolderError(f"Frame {index} of {path} has {err}; give times in seconds, from 0 on.") from err
+    times = np.array(sequence.time_s)
+    backwards = np.flatnonzero(np.diff(times) < 0.0)
+    if len(backwards):
+        at = int(backwards[0])
+        _logger.warning(
+            "The times of %s run backwards (frame %d at %g s, the next at %g s): its frames are taken in the order of "
+            "the files.",
+            path,
+            at,
+            times[at],
+            times[at + 1],
+        )
     _check_places(path, sequence.frames)
+
+
+def _say_left_out(folder: Path, kept: int, listed: int, why: str) -> None:
+    """Warn of frames that are not read."""
+    if kept < listed:
+        _logger.warning("%s: %d of %d frames are left out, because %s.", folder, listed - kept, listed, why)
 
 
 def _check_places(folder: Path, frames: Iterable[Frame]) -> None:
@@ -217,6 +240,7 @@ def _tum(folder: Path) -> Sequence:
         image, pose = image_at(time_s), pose_at(time_s)
         if image is not None and pose is not None:
             frames.append(Frame(time_s, folder / image, folder / name, tum_matrix(pose[:3], pose[3:])))
+    _say_left_out(folder, len(frames), len(depth), f"no image or no pose is within {TUM_MATCH_S:g} s of their depth")
     known = next((camera for key, camera in TUM_CAMERAS.items() if key in folder.resolve().name), TUM_CAMERA)
     _check_places(folder, frames[:1])
     height, width = read_image(frames[0].colour).shape[:2] if frames else (480, 640)
@@ -230,6 +254,12 @@ class _TransformsFrame(Struct):
     transform_matrix: list[tuple[Number, Number, Number, Number]]
     depth_file_path: str | None = None
     time: Number = 0.0
+    w: int | None = None
+    h: int | None = None
+    fl_x: Number | None = None
+    fl_y: Number | None = None
+    cx: Number | None = None
+    cy: Number | None = None
 
 
 class _Transforms(Struct):
@@ -237,24 +267,42 @@ class _Transforms(Struct):
 
     frames: Annotated[list[_TransformsFrame], Meta(min_length=1)]
     depth_unit_scale_factor: Number = MM
+    camera_model: str = "OPENCV"
+
+
+class _ReplicaCamera(Struct):
+    """The camera in Replica's ``cam_params.json``."""
+
+    w: int
+    h: int
+    fx: Number
+    fy: Number
+    cx: Number
+    cy: Number
+    scale: Annotated[float, Meta(gt=0.0, le=1e12)] = 1.0 / REPLICA_UNIT_M
+
+
+class _ReplicaParameters(Struct):
+    """``cam_params.json`` of Replica."""
+
+    camera: _ReplicaCamera
 
 
 def _nerfstudio(folder: Path) -> Sequence:
     facts = read_json(folder / "transforms.json")
-    convert(facts, _Transforms)
+    shape = convert(facts, _Transforms)
+    check_nerfstudio_camera(folder, facts, shape.camera_model)
     require_count(len(facts["frames"]))
     frames = []
     for index, entry in enumerate(sorted(facts["frames"], key=lambda one: one["file_path"])):
-        if "depth_file_path" not in entry:
+        if entry.get("depth_file_path") is None:
             raise RunFolderError(f"{folder / 'transforms.json'} gives {entry['file_path']} no depth_file_path.")
         matrix = np.array(entry["transform_matrix"], dtype=np.float64) @ T_GL_CV
         time_s = float(entry.get("time", index * REPLICA_TIME_S))
         frames.append(Frame(time_s, folder / entry["file_path"], folder / entry["depth_file_path"], matrix))
     first = facts["frames"][0]
     values = {key: facts.get(key, first.get(key)) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")}
-    camera = Intrinsics(
-        int(values["w"]), int(values["h"]), *(float(values[key]) for key in ("fl_x", "fl_y", "cx", "cy"))
-    )
+    camera = nerfstudio_camera(values)
     unit = float(facts.get("depth_unit_scale_factor", MM))
     # Images of ours keep the first pixel of each block.
     ours = facts.get("depth_pixels") == "first of each block"
@@ -269,15 +317,24 @@ def _replica(folder: Path) -> Sequence:
         sorted(images.glob("depth*")),
     )
     beside = [place / "cam_params.json" for place in (folder, folder.parent)]
-    facts = next((read_json(path)["camera"] for path in beside if path.is_file()), None)
-    if facts is None:
+    stated = next((read_json(path) for path in beside if path.is_file()), None)
+    if stated is None:
         raise RunFolderError(f"{folder} has no cam_params.json, neither in it nor beside it.")
-    camera = _from_pixel_centres(facts["w"], facts["h"], tuple(facts[key] for key in ("fx", "fy", "cx", "cy")))
+    facts = convert(stated, _ReplicaParameters).camera
+    camera = _from_pixel_centres(facts.w, facts.h, (facts.fx, facts.fy, facts.cx, facts.cy))
+    numbers = [{path.stem.lstrip("framedpth") for path in images} for images in (colour, depth)]
+    if numbers[0] != numbers[1]:
+        alone = sorted(numbers[0] ^ numbers[1])
+        raise RunFolderError(
+            f"{images} has a colour or a depth image without its partner (number {alone[0]}, {len(alone)} in all): "
+            "copy it again, or remove the other one."
+        )
+    _say_left_out(folder, min(len(poses), len(colour)), len(colour), "traj.txt has no pose for them")
     frames = tuple(
         Frame(index * REPLICA_TIME_S, image, measured, pose)
         for index, (image, measured, pose) in enumerate(zip(colour, depth, poses, strict=False))
     )
-    return Sequence(folder, camera, 1.0 / float(facts.get("scale", 1.0 / REPLICA_UNIT_M)), frames, resize=True)
+    return Sequence(folder, camera, 1.0 / facts.scale, frames, resize=True)
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,14 @@ def test_a_camera_that_contradicts_itself_is_one_sentence(run_folder, part, key,
         read_run(run_folder)
 
 
+@pytest.mark.parametrize("name", ["frames.jsonl", "steps.jsonl"])
+def test_lines_that_come_twice_are_one_sentence(run_folder, name):
+    path = run_folder / name
+    path.write_text(path.read_text() * 2)
+    with pytest.raises(RunFolderError, match=rf"step \d in {name} stands after step \d"):
+        read_run(run_folder)
+
+
 def test_a_reason_stays_on_its_line(run_folder):
     (run_folder / "plans.jsonl").write_text(json.dumps({"step": 0, "reason": "a\n\u202eb\x00"}) + "\n")
     assert read_run(run_folder).plans[0]["reason"] == "a  b "

@@ -219,3 +219,92 @@ def test_a_camera_that_cannot_be_is_refused(tmp_path, camera):
     write_ours(tmp_path / "walk")
     with pytest.raises(RunFolderError, match="give the true ones by --camera"):
         open_sequence(tmp_path / "walk", SequenceOptions(camera=camera))
+
+
+def _changed(path, change):
+    facts = json.loads(path.read_text())
+    change(facts)
+    path.write_text(json.dumps(facts))
+
+
+def _mirror(facts):
+    for frame in facts["frames"]:
+        frame["transform_matrix"][0] = [-value for value in frame["transform_matrix"][0]]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_mirror, "no pose of a camera"),
+        (lambda facts: facts.update(camera_model="EQUIRECTANGULAR"), "camera_model 'EQUIRECTANGULAR'"),
+        (lambda facts: facts.update(w="64"), "w is '64', which is no number"),
+        (lambda facts: facts.update(w=63.5), "w and h are 63.5"),
+        (lambda facts: facts.update(w=True), "w is True, which is no number"),
+        (lambda facts: facts["frames"][0].update(depth_file_path=None), "no depth_file_path"),
+        (
+            lambda facts: (
+                [frame.update(w=facts["w"] + i) for i, frame in enumerate(facts["frames"])] and facts.pop("w")
+            ),
+            "gives its frames different w",
+        ),
+    ],
+)
+def test_a_nerfstudio_camera_that_is_no_pinhole_is_refused(tmp_path, change, said):
+    write_nerfstudio(tmp_path)
+    _changed(tmp_path / "transforms.json", change)
+    with pytest.raises(RunFolderError, match=said):
+        open_sequence(tmp_path)
+
+
+def test_distortion_and_times_that_run_backwards_are_said(tmp_path, caplog):
+    write_nerfstudio(tmp_path)
+
+    def change(facts):
+        facts["k1"] = 0.3
+        for frame in facts["frames"]:
+            frame["time"] = 100 if "000" in frame["file_path"] else 50
+
+    _changed(tmp_path / "transforms.json", change)
+    open_sequence(tmp_path)
+    assert "distortion (k1) is left out" in caplog.text
+    assert "run backwards (frame " in caplog.text
+
+
+@pytest.mark.parametrize(("key", "value"), [("scale", 0), ("fx", "60"), ("w", [1])])
+def test_a_replica_camera_of_other_types_is_refused(tmp_path, key, value):
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    write_replica(folder)
+    path = next(each for each in (folder / "cam_params.json", tmp_path / "cam_params.json") if each.is_file())
+    _changed(path, lambda facts: facts["camera"].update({key: value}))
+    with pytest.raises(RunFolderError, match=rf"camera\.{key}: expected"):
+        open_sequence(folder)
+
+
+def test_a_replica_image_without_its_partner_is_refused(tmp_path):
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    write_replica(folder)
+    (folder / "results" / "depth000000.png").unlink()
+    with pytest.raises(RunFolderError, match="without its partner \\(number 000000, 1 in all\\)"):
+        open_sequence(folder)
+
+
+@pytest.mark.parametrize(
+    ("write", "poses"), [(write_ours, "poses.tum"), (write_replica, "traj.txt"), (write_tum, "groundtruth.txt")]
+)
+def test_frames_without_a_pose_are_counted(tmp_path, caplog, write, poses):
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    write(folder)
+    path = folder / poses
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
+    open_sequence(folder, SequenceOptions(floor_m=0.0))
+    assert "left out, because" in caplog.text
+
+
+def test_depth_of_complex_numbers_is_refused(tmp_path):
+    write_ours(tmp_path)
+    np.save(tmp_path / "depth" / "000000.npy", np.zeros((48, 64), complex))
+    with pytest.raises(RunFolderError, match="complex128, which is no depth"):
+        next(open_sequence(tmp_path)[0].observations())
