@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -195,7 +196,7 @@ def _check_frames(frames: tuple[FrameRecord, ...]) -> None:
 
 def _check_order(name: str, steps: list[int]) -> None:
     """Raises ValueError for lines that are not in the order of their steps, each of which has one."""
-    for before, after in zip(steps, steps[1:], strict=False):
+    for before, after in pairwise(steps):
         if after <= before:
             raise ValueError(f"step {after} in {name} stands after step {before}")
 

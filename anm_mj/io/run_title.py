@@ -21,7 +21,9 @@ def run_title(folder: RunFolder) -> str:
         return folder.path.name
     policy = f", {facts['policy']}" if facts.get("policy") else ""
     seed = f", seed {facts['seed']}" if facts.get("seed") is not None else ""
-    return f"{Path(facts['scene']).name}{policy}{seed}"
+    title = f"{Path(str(facts['scene'])).name}{policy}{seed}"
+    # Fonts have no glyph for what commands a terminal, and warn of it.
+    return "".join(c if c.isprintable() else " " for c in title)
 
 
 def titled(folder: RunFolder, metrics: Mapping[str, Any]) -> str:

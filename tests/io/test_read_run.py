@@ -7,6 +7,8 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.mesh_file import read_coloured_mesh
 from anm_mj.io.read_run import read_run
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_title import run_title
 from tests.box_room import new_recorder, record_steps
 
 HEADER = "step,completion_ratio,completion_cm,observable_ratio,path_m\n"
@@ -62,6 +64,11 @@ def test_lines_that_come_twice_are_one_sentence(run_folder, name):
     path.write_text(path.read_text() * 2)
     with pytest.raises(RunFolderError, match=rf"step \d in {name} stands after step \d"):
         read_run(run_folder)
+
+
+def test_a_title_has_no_character_that_commands_the_terminal(run_folder):
+    (run_folder / "manifest.json").write_text('{"scene": "a/\\u001b[2Jroom", "policy": "\\u202ex"}')
+    assert run_title(RunFolder.open(run_folder)) == " [2Jroom,  x"
 
 
 def test_a_reason_stays_on_its_line(run_folder):
