@@ -217,7 +217,8 @@ def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
     for key, value in entries.items():
         if key not in FIELDS:
             raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(FIELDS)}.")
-        if not isinstance(value, FIELDS[key]):
+        # Of Python, not of the file, True is a whole number.
+        if not isinstance(value, FIELDS[key]) or (isinstance(value, bool) and FIELDS[key] is int):
             wanted = FIELDS[key]
             names = " or ".join(one.__name__ for one in (wanted if isinstance(wanted, tuple) else (wanted,)))
             raise BenchError(f"{path}: {key} is {value!r}; it must be of type {names}.")
@@ -234,7 +235,7 @@ def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
         for key, wanted in FIELDS.items()
         if wanted == _TEXTS and key in entries
     }
-    empty = [key for key, value in texts.items() if not value]
+    empty = [key for key, value in {**lists, **texts}.items() if not value and key != "settings"]
     if empty:
         raise BenchError(f"{path}: {empty[0]} is empty; name at least one, or leave it out.")
     return Sweep(**{**entries, **lists, **texts})

@@ -169,3 +169,16 @@ def test_scenes_whose_results_would_share_a_name_are_refused(tmp_path, names):
     with pytest.raises(BenchError, match=f"'{names[1]}' .*and '{names[0]}' .*would share the names"):
         jobs_of(tmp_path, 'scenes = ["one", "two"]\npolicies = ["random"]\nstarts = 1\n')
     assert len(jobs_of(tmp_path, 'scenes = ["one", "one"]\npolicies = ["random"]\nstarts = 1\n')) == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("seeds = []", "seeds is empty"),
+        ("steps = true", "steps is True.*type int"),
+        ("starts = true", "starts is True"),
+    ],
+)
+def test_a_comparison_of_nothing_is_refused(tmp_path, line, said):
+    with pytest.raises(BenchError, match=said):
+        jobs_of(tmp_path, f'scenes = ["home"]\npolicies = ["random"]\n{line}\n')
