@@ -22,7 +22,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from anm_mj.cli.console import PlainConsole
 from anm_mj.errors import RenderError
 from anm_mj.io.manifest import cpu_model
 from anm_mj.sim.gl import ProbeError, forget_backend, probe, select_backend
@@ -86,7 +85,7 @@ def main(show: Callable[[list[Check], Console], None] | None = None) -> int:
     Args:
         show: prints the checks; None = as a table.
     """
-    console = PlainConsole()
+    console = Console(markup=False)
     with console.status("Checking this machine"):
         checks = diagnose()
     (show or render)(checks, console)
