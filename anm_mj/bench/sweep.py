@@ -217,9 +217,9 @@ def _sweep(path: Path, entries: dict[str, Any]) -> Sweep:
     for key, value in entries.items():
         if key not in FIELDS:
             raise BenchError(f"{path}: there is no '{key}'; there are {', '.join(FIELDS)}.")
+        wanted = FIELDS[key]
         # Of Python, not of the file, True is a whole number.
-        if not isinstance(value, FIELDS[key]) or (isinstance(value, bool) and FIELDS[key] is int):
-            wanted = FIELDS[key]
+        if not isinstance(value, wanted) or (wanted is int and type(value) is bool):
             names = " or ".join(one.__name__ for one in (wanted if isinstance(wanted, tuple) else (wanted,)))
             raise BenchError(f"{path}: {key} is {value!r}; it must be of type {names}.")
         if wanted_texts(key) and not all(isinstance(text, str) for text in value):
