@@ -9,7 +9,7 @@
 namespace anm {
 namespace {
 
-constexpr int kSpins = 1000;  // some ten microseconds: the pauses between the phases of a step
+constexpr int kSpins = 4000;  // some tens of microseconds: the pauses between the phases of a step
 
 void pause() {
 #if defined(__x86_64__)
@@ -54,18 +54,18 @@ void ThreadPool::run(int workers, int count, Task fn, void* arg) {
         fn_ = fn;
         arg_ = arg;
         next_.store(0);
-        state_.fetch_add(kBatch | kOpen);
+        running_.store(static_cast<int>(threads_.size()));
+        batch_.fetch_add(1);
     }
     wake_.notify_all();
     take_tasks(0);
-    // Whoever has not begun by now need not: a thread may take milliseconds to get a core that somebody else has.
-    state_.fetch_and(~kOpen);
-    for (int spin = 0; spin < kSpins && busy() != 0; ++spin) pause();
-    if (busy() == 0) return;
-    // Neither is one waited for awake that has lost its core.
+    // Every thread reports back, so that none can meet the next batch half-way.
+    for (int spin = 0; spin < kSpins && running_.load() != 0; ++spin) pause();
+    if (running_.load() == 0) return;
+    // A thread that has lost its core to somebody else takes milliseconds: waiting for it awake would cost as much.
     std::unique_lock<std::mutex> lock(mutex_);
     waiting_.store(true);
-    done_.wait(lock, [this] { return busy() == 0; });
+    done_.wait(lock, [this] { return running_.load() == 0; });
     waiting_.store(false);
 }
 
@@ -74,35 +74,19 @@ void ThreadPool::take_tasks(int worker) {
     for (int task = next_.fetch_add(1); task < count_; task = next_.fetch_add(1)) fn_(arg_, task, worker);
 }
 
-bool ThreadPool::is_new(std::uint64_t seen) const {
-    const std::uint64_t state = state_.load();
-    return (state & kOpen) != 0 && state / kBatch != seen;
-}
-
-// Takes part in an open batch that was not seen before, if there is one.
-bool ThreadPool::join(std::uint64_t& seen) {
-    std::uint64_t state = state_.load();
-    while ((state & kOpen) != 0 && state / kBatch != seen) {
-        if (!state_.compare_exchange_weak(state, state + 1)) continue;
-        seen = state / kBatch;
-        return true;
-    }
-    return false;
-}
-
 void ThreadPool::work(int worker) {
     const FlushDenormals flush;
     std::uint64_t seen = 0;
     while (true) {
-        for (int spin = 0; spin < kSpins && !is_new(seen); ++spin) pause();
-        if (!is_new(seen)) {
+        for (int spin = 0; spin < kSpins && batch_.load() == seen; ++spin) pause();
+        {
             std::unique_lock<std::mutex> lock(mutex_);
-            wake_.wait(lock, [&] { return is_new(seen); });
+            wake_.wait(lock, [&] { return batch_.load() != seen; });
+            seen = batch_.load();
         }
-        if (!join(seen)) continue;
         take_tasks(worker);
         // Whoever sees the last one done without having waited goes on at once; one that waits is told.
-        if (((state_.fetch_sub(1) - 1) & kBusy) == 0 && waiting_.load()) {
+        if (running_.fetch_sub(1) == 1 && waiting_.load()) {
             const std::lock_guard<std::mutex> lock(mutex_);
             done_.notify_one();
         }

@@ -24,19 +24,14 @@ public:
 private:
     void work(int worker);
     void take_tasks(int worker);
-    bool join(std::uint64_t& seen);
-    std::uint64_t busy() const { return state_.load() & kBusy; }
-    bool is_new(std::uint64_t seen) const;
-
-    // How many threads compute the batch beside the caller, whether another one may join, and the number of the batch.
-    static constexpr std::uint64_t kBusy = 0xFFFF, kOpen = 0x10000, kBatch = 0x20000;
 
     std::vector<std::thread> threads_;
     std::mutex user_;
     std::mutex mutex_;
     std::condition_variable wake_, done_;
-    std::atomic<std::uint64_t> state_{0};
+    std::atomic<std::uint64_t> batch_{0};  // counts batches, so that a worker knows a new one
     std::atomic<int> next_{0};
+    std::atomic<int> running_{0};
     std::atomic<bool> waiting_{false};  // whether the caller sleeps until all are done
     std::atomic<int> lent_{0};
     int count_ = 0, workers_ = 0;

@@ -6,7 +6,6 @@ This module imports mujoco inside ``make_robot`` only, after the selection of th
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -97,7 +96,6 @@ def make_robot(
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
-    from anm_mj.sim.culling import is_worth_culling
     from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.robot import SimRobot
 
@@ -124,13 +122,9 @@ def make_robot(
     wheels.place(start)
     camera_name = _PREFIX + description.camera
     width, height = mount.image_size(image_px)
-    ahead = anticipates and drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1
-    if ahead and not is_worth_culling(model):
-        # A picture of few triangles is there in time from one core, and leaves the others to training. The software
-        # renderer reads this with its first context.
-        os.environ.setdefault("LP_NUM_THREADS", "0")
     imager = _imager(
-        lambda: make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend), ahead
+        lambda: make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend),
+        anticipates and drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1,
     )
     if forgets_textures and imager.kind == GlCamera.kind:
         forget_content(model.tex_data)

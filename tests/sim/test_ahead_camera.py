@@ -1,6 +1,5 @@
 """A camera that begins images before they are asked for shows what the camera within it shows."""
 
-import os
 import threading
 
 import mujoco
@@ -158,21 +157,3 @@ def test_a_robot_that_anticipates_sees_the_same(monkeypatch):
             if collided:
                 return  # The guess was wrong here.
         pytest.fail("the robot never met the wall")
-
-
-def test_what_is_drawn_ahead_in_time_is_drawn_on_one_core(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    scene = load_scene("flat")
-
-    def threads_of_the_renderer(anticipates=True):
-        with make_robot(scene, image_px=16, anticipates=anticipates):
-            return os.environ.get("LP_NUM_THREADS")
-
-    monkeypatch.setenv("LP_NUM_THREADS", "3")
-    assert threads_of_the_renderer() == "3"
-    monkeypatch.delenv("LP_NUM_THREADS")
-    assert threads_of_the_renderer(anticipates=False) is None
-    assert threads_of_the_renderer() == "0"
-    monkeypatch.delenv("LP_NUM_THREADS")
-    monkeypatch.setattr("anm_mj.sim.culling.is_worth_culling", lambda model: True)
-    assert threads_of_the_renderer() is None
