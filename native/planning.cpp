@@ -1,8 +1,12 @@
 // What the planner reads off its maps, as Python sees it.
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+
 #include "bindings.h"
 #include "gain_rays.h"
 #include "plane_maps.h"
 #include "pooled_cells.h"
+#include "roadmap_path.h"
 #include "tour.h"
 
 namespace {
@@ -114,17 +118,18 @@ void connected_components(Array<const std::int64_t, 2> links, Array<std::int64_t
     anm::connected_components(links.data(), static_cast<std::int64_t>(links.shape(0)), num, component.data());
 }
 
-// See tour.h; `start` holds place and yaw. The number of segments, or -1 where `wanted` names one that is to be made.
-std::int64_t tour_coverage(Array<const std::int64_t, 2> stops, Indices start, Array<const std::int32_t, 4> turns,
-                           Array<const std::int32_t, 2> paths, Array<const std::int8_t, 2> yaws,
-                           Array<const std::uint64_t, 2> covers, Array<std::uint64_t, 1> seen,
-                           Array<std::int64_t, 1> numbers, Array<std::int64_t, 1> covered,
-                           Array<std::int64_t, 1> wanted) {
+// See tour.h; `start` holds place and yaw. The numbers of segments and of stops within the budget, or -1 where `wanted`
+// names a segment that is to be made.
+std::pair<std::int64_t, std::int64_t> tour_coverage(
+    Array<const std::int64_t, 2> stops, Indices start, std::int64_t budget, Array<const std::int32_t, 4> turns,
+    Array<const std::int32_t, 2> paths, Array<const std::int8_t, 2> yaws, Array<const std::int64_t, 1> steps,
+    Array<const std::uint64_t, 2> covers, Array<std::uint64_t, 1> seen, Array<std::int64_t, 1> numbers,
+    Array<std::int64_t, 1> covered, Array<std::int64_t, 1> wanted) {
     const auto places = static_cast<std::int64_t>(turns.shape(0)), headings = static_cast<std::int64_t>(turns.shape(1));
-    const auto num_stops = static_cast<std::int64_t>(stops.shape(0));
+    auto num_stops = static_cast<std::int64_t>(stops.shape(0));
     require(turns.shape(2) == turns.shape(1) && turns.shape(3) == 2 && paths.shape(0) == turns.shape(0) &&
                 paths.shape(1) == turns.shape(0) && yaws.shape(0) == covers.shape(0) && yaws.shape(1) == 2 &&
-                stops.shape(1) == 3 && seen.size() == covers.shape(1) && start.size() == 2 && wanted.size() == 4 &&
+                steps.size() == covers.shape(0) && stops.shape(1) == 3 && seen.size() == covers.shape(1) && start.size() == 2 && wanted.size() == 4 &&
                 static_cast<std::int64_t>(numbers.size()) == 3 * num_stops + 1 && covered.size() == numbers.size(),
             "the arrays differ in size");
     require(start(0) >= 0 && start(0) < places && start(1) >= 0 && start(1) < headings, "the start is none");
@@ -132,17 +137,57 @@ std::int64_t tour_coverage(Array<const std::int64_t, 2> stops, Indices start, Ar
         const std::int64_t* stop = stops.data() + 3 * k;
         require(stop[0] >= 0 && stop[0] < places && stop[1] >= -1 && stop[1] < headings, "a stop is none");
     }
-    const anm::TourSegments made{turns.data(), paths.data(), yaws.data(), places, headings};
+    const anm::TourSegments made{turns.data(), paths.data(), yaws.data(), steps.data(), places, headings};
     anm::Wanted missing{};
     const std::int64_t count =
-        anm::tour_segments(made, stops.data(), num_stops, start(0), start(1), numbers.data(), missing);
+        anm::tour_segments(made, stops.data(), num_stops, budget, start(0), start(1), numbers.data(), missing);
     if (count < 0) {
         wanted(0) = missing.place, wanted(1) = missing.from, wanted(2) = missing.to, wanted(3) = missing.side;
-        return -1;
+        return {-1, 0};
     }
     anm::tour_counts(covers.data(), static_cast<std::int64_t>(covers.shape(1)), numbers.data(), count, seen.data(),
                      covered.data());
-    return count;
+    return {count, num_stops};
+}
+
+// See roadmap_path.h. `before` holds the place before each on the path from `ends(0)`; `frame` holds origin x and y of
+// the grid, its resolution and yaw 0, `rule` the numbers of PathRule. Steps, first and last heading; -1 where no move is
+// made.
+std::tuple<std::int64_t, std::int64_t, std::int64_t> roadmap_path(
+    Indices ends, Array<const std::int32_t, 1> before, Array<const double, 2> places,
+    Array<const double, 2> clearance, Array<const std::int32_t, 1> nearest, Numbers frame, Numbers rule,
+    Array<const std::uint64_t, 3> bits, Array<std::uint64_t, 1> cover) {
+    const auto num_places = static_cast<std::int64_t>(places.shape(0));
+    const auto headings = static_cast<std::int64_t>(bits.shape(1)), words = static_cast<std::int64_t>(bits.shape(2));
+    require(ends.size() == 2 && places.shape(1) == 2 && before.size() == places.shape(0) && frame.size() == 4 &&
+                rule.size() == 7 && nearest.size() == clearance.size() && clearance.size() > 0 &&
+                bits.shape(0) == places.shape(0) && cover.size() == bits.shape(2),
+            "the arrays differ in size");
+    std::vector<anm::Point> line;
+    std::int64_t at = ends(1);
+    for (std::int64_t k = 0;; ++k) {
+        require(at >= 0 && at < num_places && k < num_places, "there is no path");
+        line.push_back({places(at, 0), places(at, 1)});
+        if (at == ends(0)) break;
+        at = before(at);
+    }
+    std::reverse(line.begin(), line.end());
+    const anm::Point start = line.front();
+    const anm::ClearanceGrid grid{clearance.data(), nearest.data(), static_cast<std::int64_t>(clearance.shape(0)),
+                                  static_cast<std::int64_t>(clearance.shape(1)), frame(0), frame(1), frame(2)};
+    const anm::PathRule numbers{rule(0), rule(1), rule(2), rule(3), rule(4), rule(5), rule(6)};
+    anm::shortcut(grid, numbers, line);
+    const anm::PathMaker maker(grid, numbers, frame(3), headings);
+    const std::vector<anm::PathLeg> legs = maker.legs(start, line);
+    if (legs.empty()) return {0, -1, -1};
+    std::int64_t steps = 0;
+    maker.drive(start, legs, [&](std::int64_t place, std::int64_t heading) {
+        require(place >= 0 && place < num_places, "a cell has no place");
+        const std::uint64_t* seen = bits.data() + (place * headings + heading) * words;
+        for (std::int64_t word = 0; word < words; ++word) cover(word) |= seen[word];
+        ++steps;
+    });
+    return {steps, legs.front().heading, legs.back().heading};
 }
 
 }  // namespace
@@ -159,6 +204,8 @@ void bind_planning(nb::module_& m) {
     m.def("capped_distances", &capped_distances, "free"_a, "cap"_a);
     m.def("small_components", &small_components, "mask"_a, "most"_a, "out"_a);
     m.def("connected_components", &connected_components, "links"_a, "component"_a);
-    m.def("tour_coverage", &tour_coverage, "stops"_a, "start"_a, "turns"_a, "paths"_a, "yaws"_a, "covers"_a, "seen"_a,
-          "numbers"_a, "covered"_a, "wanted"_a);
+    m.def("tour_coverage", &tour_coverage, "stops"_a, "start"_a, "budget"_a, "turns"_a, "paths"_a, "yaws"_a, "steps"_a,
+          "covers"_a, "seen"_a, "numbers"_a, "covered"_a, "wanted"_a);
+    m.def("roadmap_path", &roadmap_path, "ends"_a, "before"_a, "places"_a, "clearance"_a, "nearest"_a, "frame"_a,
+          "rule"_a, "bits"_a, "cover"_a);
 }

@@ -10,6 +10,7 @@ struct TourSegments {
     const std::int32_t* turns;  // [place][from yaw][to yaw][side: right, left]
     const std::int32_t* paths;  // [from place][to place]
     const std::int8_t* yaws;    // [segment][first, last]; -1 where a path makes no move
+    const std::int64_t* steps;  // [segment]
     std::int64_t num_places, num_headings;
 
     const std::int32_t* turn(std::int64_t place, std::int64_t from, std::int64_t to, std::int64_t side) const {
@@ -25,14 +26,20 @@ struct Wanted {
     std::int64_t place, from, to, side;
 };
 
-// The numbers of a tour's segments, at most three for a stop and one more. -1 where one of them was not made yet.
-inline std::int64_t tour_segments(const TourSegments& made, const std::int64_t* stops, std::int64_t num_stops,
-                                  std::int64_t place, std::int64_t yaw, std::int64_t* numbers, Wanted& wanted) {
-    std::int64_t count = 0;
+// The numbers of a tour's segments, at most three for a stop and one more; -1 where one of them was not made yet. The
+// first stop that begins at the end of the budget or later ends the tour: `num_stops` becomes the number of those before.
+inline std::int64_t tour_segments(const TourSegments& made, const std::int64_t* stops, std::int64_t& num_stops,
+                                  std::int64_t budget, std::int64_t place, std::int64_t yaw, std::int64_t* numbers,
+                                  Wanted& wanted) {
+    std::int64_t count = 0, total = 0;
     const auto add = [&](std::int32_t number, const Wanted& what) {
-        if (number < 0) wanted = what;
+        if (number < 0) {
+            wanted = what;
+            return false;
+        }
         numbers[count++] = number;
-        return number >= 0;
+        total += made.steps[number];
+        return true;
     };
     const auto turn_to = [&](std::int64_t to, std::int64_t side) {
         const bool known = add(*made.turn(place, yaw, to, side), {place, yaw, to, side});
@@ -41,18 +48,18 @@ inline std::int64_t tour_segments(const TourSegments& made, const std::int64_t* 
     };
     if (!turn_to(yaw, 1)) return -1;
     for (std::int64_t k = 0; k < num_stops; ++k) {
+        if (total >= budget) {
+            num_stops = k;
+            break;
+        }
         const std::int64_t to = stops[3 * k], towards = stops[3 * k + 1], side = stops[3 * k + 2];
         if (to != place) {
             const std::int32_t path = made.paths[place * made.num_places + to];
-            if (path < 0) {
-                wanted = {place, 0, to, 0};
-                return -1;
-            }
-            const std::int64_t first = made.yaws[2 * path], last = made.yaws[2 * path + 1];
+            const std::int64_t first = path < 0 ? yaw : made.yaws[2 * path];
             if (first >= 0) {
                 if (first != yaw && !turn_to(first, made.shorter_side(yaw, first))) return -1;
-                numbers[count++] = path;
-                yaw = last;
+                if (!add(path, {place, 0, to, 0})) return -1;
+                yaw = made.yaws[2 * path + 1];
             }
             place = to;
         }

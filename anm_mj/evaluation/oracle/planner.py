@@ -35,7 +35,7 @@ from anm_mj.utils.read_file import read_json
 
 _logger = logging.getLogger(__name__)
 
-METHOD = 4
+METHOD = 5
 """Version of the search; a higher one ignores tours that older versions cached."""
 LEVELS = ((0.5, 0.3), (0.7, 0.3), (0.8, 0.5), (0.9, 1.0), (0.95, 1.0), (0.99, 0.5))
 """Shares of the observable surface and the weight of the steps to each. One tour serves all of them; the lower levels
@@ -115,12 +115,18 @@ class TourPlanner:
         """Samples that the present residual tour should cover."""
         self._avoided = list[Float[np.ndarray, "2"]]()
 
-    def next_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
-        """A tour from a pose through the tracked samples that are left; empty if nothing can be gained."""
+    def next_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], steps_left: int | None = None) -> list[Stop]:
+        """A tour from a pose through the tracked samples that are left; empty if nothing can be gained.
+
+        Args:
+            pose: Where it begins.
+            left: Which of the samples are left.
+            steps_left: The rest of the budget; None = there is none.
+        """
         self._tours += 1
         self._failures[self._expected[left[self._expected]]] += 1
-        stops = self._first_tour(pose, left) if self._tours == 1 else []
-        return stops if stops or self._tours > MAX_TOURS else self._residual_tour(pose, left)
+        stops = self._first_tour(pose, left, steps_left) if self._tours == 1 else []
+        return stops if stops or self._tours > MAX_TOURS else self._residual_tour(pose, left, steps_left)
 
     def upper_bound(self, pose: Pose2) -> Float[np.ndarray, " steps"]:
         """The most of the planned samples that a tour from a pose can have covered after each step of the budget [%].
@@ -173,7 +179,7 @@ class TourPlanner:
         for spot_m in self._avoided:
             self._roadmap.avoid(spot_m)
 
-    def _first_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
+    def _first_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], budget: int | None) -> list[Stop]:
         """A tour through all planned samples."""
         total = len(self._planned)
         bits = self._first_bits()
@@ -183,13 +189,12 @@ class TourPlanner:
         levels = tuple(Level(samples, weight) for samples, weight in wanted if samples > have)
         # A sample costs more steps in a large scene, and to miss a level must not be cheaper than to reach it.
         missing_steps = MISSING_STEPS * self._spacing_m / PLACE_SPACING_M
-        budget = self._scene.budget_steps
         measure = None if budget is None else Measure(self._measure, budget, total)
         task = Task(self.place_at(pose), self.yaw_at(pose), seen, levels, measure)
         known = [stops_along(poses, self.place_at, self.yaw_at, budget or len(poses)) for poses in self._trajectories]
         return self._search(task, bits, self._rounds, missing_steps, known)
 
-    def _residual_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"]) -> list[Stop]:
+    def _residual_tour(self, pose: Pose2, left: Bool[np.ndarray, " n"], budget: int | None) -> list[Stop]:
         """A tour through what other tours left, by places selected for it."""
         which = np.flatnonzero(left & (self._failures < MAX_FAILURES))
         if not len(which):
@@ -211,7 +216,8 @@ class TourPlanner:
         ]
         levels = [Level(samples, weight) for samples, weight in wanted if 0 < samples < most]
         levels.append(Level(most, RESIDUAL_WEIGHT))
-        task = Task(self.place_at(pose), self.yaw_at(pose), np.zeros_like(visible), tuple(levels))
+        measure = None if budget is None else Measure(self._measure, budget, len(residual))
+        task = Task(self.place_at(pose), self.yaw_at(pose), np.zeros_like(visible), tuple(levels), measure)
         return self._search(task, bits, min(self._rounds, RESIDUAL_ROUNDS), RESIDUAL_MISSING_STEPS)
 
     def _search(

@@ -77,6 +77,7 @@ class Oracle:
         """The last stop whose path met an obstacle."""
         self._place = 0
         """The place that the robot is at, or nearly so."""
+        self._num_frames = 0
         self._former_m = np.zeros((0, 3))
         """Surface that former runs saw [m]."""
 
@@ -94,6 +95,7 @@ class Oracle:
         """Track what the frames cover; the first one fixes the headings."""
         if self._planner is None:
             self._start(observation.pose)
+        self._num_frames += 1
         depth_mm = reduce_depth(observation.depth_m)
         self._coverage.add(depth_mm, observation.intrinsics, observation.T_world_camera)
 
@@ -135,10 +137,15 @@ class Oracle:
                     covered = 100.0 * (1.0 - left.mean())
                     reason = f"tour: {covered:.1f} % covered, {len(self._stops)} stops left"
                     return Plan(reason, np.zeros((0, 2)), actions=actions)
-            self._stops = self._planner.next_tour(pose, left)
+            self._stops = self._planner.next_tour(pose, left, self._steps_left())
             self._place = self._planner.place_at(pose)
             if not self._stops:
                 return Plan("nothing left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
+
+    def _steps_left(self) -> int | None:
+        """The rest of the budget: every action but none before the first frame gave a frame."""
+        budget = self._scene.budget_steps
+        return None if budget is None else max(budget - self._num_frames + 1, 0)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Avoid the spot ahead and plan anew; retry the stop once, then skip it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Int32
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import KDTree
@@ -37,9 +37,13 @@ class Roadmap:
     """
 
     def __init__(self, area: ReachableArea, spacing_m: float, more_m: Float[np.ndarray, "k 2"] | None = None) -> None:
-        self._area = area
         clearance_m = area.clearance_m
-        self._clearance_m = clearance_m
+        self.clearance_m: Float[np.ndarray, "rows cols"] = np.ascontiguousarray(clearance_m, np.float64)
+        """Distance of each cell to the edge of the area [m]."""
+        self.origin_xy_m: Float[np.ndarray, "2"] = area.origin_xy_m
+        """Corner of the first cell [m]."""
+        self.resolution_m = area.resolution_m
+        """Edge of a cell [m]."""
         cells = spread_places(area.reachable, max(1, round(spacing_m / area.resolution_m)), clearance_m)
         places_m = np.concatenate([area.cell_centres(cells), np.zeros((0, 2)) if more_m is None else more_m])
         edges, _ = self._clear_edges(places_m, EDGE_SPACINGS * spacing_m)
@@ -49,7 +53,10 @@ class Roadmap:
         self._edges, edge_clearance_m = self._clear_edges(self.places_m, EDGE_SPACINGS * spacing_m)
         self._tree = KDTree(self.places_m)
         every = np.stack(np.meshgrid(*(np.arange(k) for k in clearance_m.shape), indexing="ij"), axis=-1)
-        self._nearest = np.asarray(self._tree.query(area.cell_centres(every.reshape(-1, 2)))[1], np.int32)
+        self.nearest_place: Int32[np.ndarray, " cells"] = np.asarray(
+            self._tree.query(area.cell_centres(every.reshape(-1, 2)))[1], np.int32
+        )
+        """The place nearest to each cell, row by row."""
         length_m = np.linalg.norm(self.places_m[self._edges[:, 0]] - self.places_m[self._edges[:, 1]], axis=1)
         lacking = np.clip(1.0 - edge_clearance_m / (CLEARANCE_M + area.resolution_m), 0.0, 1.0)
         self._cost_m = length_m * (1.0 + CLEARANCE_COST * lacking) + 1e-6
@@ -64,7 +71,8 @@ class Roadmap:
         distance_m, before = dijkstra(graph, directed=False, return_predecessors=True)
         self.distance_m: Float[np.ndarray, "p p"] = distance_m
         """Cost of the path from each place to each other: its length, more along edges of the area [m]."""
-        self._before = before
+        self.before: Int32[np.ndarray, "p p"] = np.ascontiguousarray(before, np.int32)
+        """The place before each other on the path from each place."""
 
     def _clear_edges(
         self, places_m: Float[np.ndarray, "p 2"], reach_m: float
@@ -76,8 +84,10 @@ class Roadmap:
 
     def nearest(self, xy_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
         """The place nearest to each point, good to a cell; points outside of the grid count as at its border."""
-        col_row = np.floor((xy_m - self._area.origin_xy_m) / self._area.resolution_m).astype(np.int64)
-        return self._nearest[np.ravel_multi_index((col_row[:, 1], col_row[:, 0]), self._clearance_m.shape, mode="clip")]
+        col_row = np.floor((xy_m - self.origin_xy_m) / self.resolution_m).astype(np.int64)
+        return self.nearest_place[
+            np.ravel_multi_index((col_row[:, 1], col_row[:, 0]), self.clearance_m.shape, mode="clip")
+        ]
 
     def near(self, radius_m: float) -> list[list[int]]:
         """For each place the places within a radius, itself included."""
@@ -87,7 +97,7 @@ class Roadmap:
         """Corners of the shortcut path from one place to another, without its start [m]."""
         nodes = [b]
         while nodes[-1] != a:
-            nodes.append(int(self._before[a, nodes[-1]]))
+            nodes.append(int(self.before[a, nodes[-1]]))
         return self.shortcut_path(self.places_m[nodes[::-1]])[1:]
 
     def shortcut_path(self, points_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
@@ -103,31 +113,31 @@ class Roadmap:
         longest_m = float(np.linalg.norm(b_m - a_m, axis=1).max())
         share = np.linspace(0.0, 1.0, 2 + int(longest_m / SAMPLE_M))[:, None, None]
         clearance_m = self._clearance_at(a_m + share * (b_m - a_m))
-        resolution_m = self._area.resolution_m
+        resolution_m = self.resolution_m
         wanted_m = np.minimum(np.minimum(clearance_m[0], clearance_m[-1]), CLEARANCE_M) - resolution_m
         least_m = clearance_m.min(axis=0)
         return least_m >= np.maximum(wanted_m, resolution_m - 1e-9), least_m
 
     def _clearance_at(self, xy_m: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
         """Distance of points to the edge of the area, good to a cell [m]; 0 beyond it."""
-        col_row = np.floor((xy_m - self._area.origin_xy_m) / self._area.resolution_m).astype(np.int64)
+        col_row = np.floor((xy_m - self.origin_xy_m) / self.resolution_m).astype(np.int64)
         col, row = col_row[..., 0], col_row[..., 1]
-        rows, cols = self._clearance_m.shape
+        rows, cols = self.clearance_m.shape
         inside = (row >= 0) & (col >= 0) & (row < rows) & (col < cols)
-        return np.where(inside, self._clearance_m[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)], 0.0)
+        return np.where(inside, self.clearance_m[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)], 0.0)
 
     def least_clearance_m(self, xy_m: Float[np.ndarray, "2"], step_m: Float[np.ndarray, "2"], moves: int) -> float:
         """Least clearance on a straight row of moves, sampled at every other move and the last [m]."""
-        resolution_m = self._area.resolution_m
-        x, y = ((xy_m - self._area.origin_xy_m) / resolution_m).tolist()
+        resolution_m = self.resolution_m
+        x, y = ((xy_m - self.origin_xy_m) / resolution_m).tolist()
         dx, dy = (step_m / resolution_m).tolist()
-        rows, cols = self._clearance_m.shape
+        rows, cols = self.clearance_m.shape
         least_m = math.inf
         for k in [*range(2, moves, 2), moves]:
             row, col = math.floor(y + k * dy), math.floor(x + k * dx)
             if not (0 <= row < rows and 0 <= col < cols):
                 return 0.0
-            least_m = min(least_m, self._clearance_m.item(row, col))
+            least_m = min(least_m, self.clearance_m.item(row, col))
         return least_m
 
     def avoid(self, xy_m: Float[np.ndarray, "2"]) -> None:

@@ -51,6 +51,8 @@ NUM_DRAWN = 12
 MAX_SEGMENTS = 120_000
 """Most segments in memory."""
 MAX_STOPS = 300
+NO_BUDGET = 2**62
+"""Stands for no budget [steps]."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,8 @@ class TourCoverage(NamedTuple):
     """Samples covered by then."""
     final: UInt64[np.ndarray, " words"]
     """The samples covered at the end, as bits."""
+    num_stops: int
+    """Stops that begin within the budget; the others count for nothing."""
 
 
 class TourSearch:
@@ -106,6 +110,7 @@ class TourSearch:
         self._roadmap = roadmap
         self._task = task
         self._missing_steps = missing_steps
+        self._budget = NO_BUDGET if task.measure is None else task.measure.budget
         self._needs = np.array([level.samples for level in task.levels])
         self._rng = np.random.default_rng(seed)
         self._num_places = len(roadmap.places_m)
@@ -117,7 +122,7 @@ class TourSearch:
         return self._cost(self.coverage(stops))
 
     def _cost(self, coverage: TourCoverage) -> float:
-        steps, covered, _ = coverage
+        steps, covered = coverage.steps, coverage.samples
         if self._task.measure is not None:
             return self._task.measure.cost(steps, covered)
         total = LENGTH_WEIGHT * float(steps[-1])
@@ -132,7 +137,7 @@ class TourSearch:
         return total
 
     def coverage(self, stops: list[Stop]) -> TourCoverage:
-        """What a tour covers, segment by segment.
+        """What a tour covers within the budget, segment by segment.
 
         In C++ (``native/tour.h``) where the engine was built, else in NumPy, which gives the same.
         """
@@ -145,10 +150,10 @@ class TourSearch:
         numbers, covered = np.empty((2, 3 * len(stops) + 1), np.int64)
         wanted, final = np.empty(4, np.int64), task.seen.copy()
         while True:
-            made = segments.turns, segments.paths, segments.yaws, segments.covers
-            count = native(flat, start, *made, final, numbers, covered, wanted)
+            made = segments.turns, segments.paths, segments.yaws, segments.steps, segments.covers
+            count, num_stops = native(flat, start, self._budget, *made, final, numbers, covered, wanted)
             if count >= 0:
-                return TourCoverage(np.cumsum(segments.steps[numbers[:count]]), covered[:count], final)
+                return TourCoverage(np.cumsum(segments.steps[numbers[:count]]), covered[:count], final, num_stops)
             place, a, b, side = wanted.tolist()
             if side:
                 segments.turn(place, a, b, side)
@@ -160,7 +165,11 @@ class TourSearch:
         segments = self._segments
         place, yaw = self._task.place, self._task.yaw
         numbers = [segments.turn(place, yaw, yaw, 1)]
+        num_stops = 0
         for to, towards, side in stops:
+            if segments.steps[numbers].sum() >= self._budget:
+                break
+            num_stops += 1
             if to != place:
                 path, first, last = segments.path(place, to)
                 if first != NO_YAW:
@@ -175,7 +184,7 @@ class TourSearch:
         covers = segments.covers[numbers]
         covers[0] |= self._task.seen
         covers = np.bitwise_or.accumulate(covers, axis=0)
-        return TourCoverage(np.cumsum(segments.steps[numbers]), count(covers), covers[-1])
+        return TourCoverage(np.cumsum(segments.steps[numbers]), count(covers), covers[-1], num_stops)
 
     def anneal(self, stops: list[Stop], rounds: int, hot_steps: float = HOT_STEPS) -> list[Stop]:
         """Anneal a tour and return the best one met.
@@ -196,7 +205,8 @@ class TourSearch:
             cost = self._cost(coverage)
             temperature = hot_steps * (COLD_STEPS / hot_steps) ** (k / rounds)
             if cost <= now or self._rng.random() < math.exp((now - cost) / temperature):
-                present, now, cover = tried, cost, coverage.final
+                # Stops beyond the budget cost nothing, so that they would gather until most changes are of them.
+                present, now, cover = tried[: coverage.num_stops], cost, coverage.final
                 if now < least - 1e-9:
                     best, least = present, now
         return best

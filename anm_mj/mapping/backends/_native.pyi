@@ -236,15 +236,28 @@ def connected_components(links: NDArray[np.int64], component: NDArray[np.int64])
 def tour_coverage(
     stops: NDArray[np.int64],
     start: NDArray[np.int64],
+    budget: int,
     turns: NDArray[np.int32],
     paths: NDArray[np.int32],
     yaws: NDArray[np.int8],
+    steps: NDArray[np.int64],
     covers: NDArray[np.uint64],
     seen: NDArray[np.uint64],
     numbers: NDArray[np.int64],
     covered: NDArray[np.int64],
     wanted: NDArray[np.int64],
-) -> int: ...
+) -> tuple[int, int]: ...
+def roadmap_path(
+    ends: NDArray[np.int64],
+    before: NDArray[np.int32],
+    places: NDArray[np.float64],
+    clearance: NDArray[np.float64],
+    nearest: NDArray[np.int32],
+    frame: NDArray[np.float64],
+    rule: NDArray[np.float64],
+    bits: NDArray[np.uint64],
+    cover: NDArray[np.uint64],
+) -> tuple[int, int, int]: ...
 def lend_cores(cores: int) -> None: ...
 def kernel_names() -> list[str]: ...
 def roofline(table_bytes: int, kernel: str) -> dict[str, float]: ...

@@ -58,7 +58,7 @@ def test_the_search_makes_its_measure_better_within_the_budget(bounded, name):
     found = searched.anneal([], 250)
 
     assert searched.cost(found) < 0.5 * searched.cost([])
-    steps, covered, _ = searched.coverage(found)
+    steps, covered, _, _ = searched.coverage(found)
     at_end = np.interp(BUDGET, steps, covered)
     assert at_end > 0.6 * bound[-1]
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation.oracle.discretize import discretize, turn
+from anm_mj.evaluation.oracle.measure import Measure
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
 from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.visibility import count
@@ -9,11 +10,13 @@ from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.utils.native_functions import native_function
 
 
-def search_in(views, seed=0):
+def search_in(views, seed=0, measure=None):
     roadmap, samples, bits = views
     levels = (Level(int(0.5 * len(samples)), 1.0), Level(int(0.8 * len(samples)), 0.5))
     segments = Segments(bits, roadmap, 0.0)
-    task = Task(int(roadmap.nearest(np.array([[-1.5, 0.0]]))[0]), 0, np.zeros(bits.shape[2], np.uint64), levels)
+    task = Task(
+        int(roadmap.nearest(np.array([[-1.5, 0.0]]))[0]), 0, np.zeros(bits.shape[2], np.uint64), levels, measure
+    )
     return TourSearch(segments, roadmap, task, seed), segments, task
 
 
@@ -39,17 +42,18 @@ def test_coverage_of_a_tour_is_that_of_its_frames(views):
             curve.append(int(count(seen)))
             yaw = k
 
-    steps, covered, _ = search.coverage(stops)
+    steps, covered, _, _ = search.coverage(stops)
     assert steps[-1] == len(curve) - 1
     assert [curve[k] for k in steps] == covered.tolist()
 
 
 @pytest.mark.skipif(native_function("tour_coverage") is None, reason="the native engine was not built")
-def test_the_native_coverage_is_that_of_numpy(views):
+@pytest.mark.parametrize("measure", [None, Measure("end", 150, 640)])
+def test_the_native_coverage_is_that_of_numpy(views, measure):
     roadmap, _, _ = views
     rng = np.random.default_rng(0)
-    search, segments, task = search_in(views)
-    reference, _, _ = search_in(views)
+    search, segments, task = search_in(views, measure=measure)
+    reference, _, _ = search_in(views, measure=measure)
     for _ in range(60):
         stops = [
             (int(rng.integers(len(roadmap.places_m))), int(rng.integers(-1, NUM_HEADINGS)), int(rng.choice([-1, 1])))
@@ -62,6 +66,36 @@ def test_the_native_coverage_is_that_of_numpy(views):
             np.testing.assert_array_equal(found, expected)
         if rng.random() < 0.1:
             segments.clear()
+
+
+@pytest.mark.skipif(native_function("roadmap_path") is None, reason="the native engine was not built")
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, -2.3])
+def test_the_native_paths_are_those_of_numpy(views, yaw_rad):
+    roadmap, _, bits = views
+    segments = Segments(bits, roadmap, yaw_rad)
+    lengths = []
+    for a, b in np.random.default_rng(0).integers(len(roadmap.places_m), size=(400, 2)).tolist():
+        steps, first, last, covers = segments._path(a, b)
+        *expected, expected_covers = segments.numpy_path(a, b)
+        assert [steps, first, last] == expected
+        np.testing.assert_array_equal(covers, expected_covers)
+        lengths.append(steps)
+    assert max(lengths) > 60
+
+
+def test_stops_beyond_the_budget_count_for_nothing(views):
+    search, _, _ = search_in(views)
+    stops = search.anneal([], 100)
+    steps = search.coverage(stops).steps
+    budget = int(steps[-1]) // 2
+    limited, _, _ = search_in(views, measure=Measure("auc", budget, 640))
+
+    found = limited.coverage(stops)
+
+    assert 0 < found.num_stops < len(stops) == search.coverage(stops).num_stops
+    assert found.steps[-1] >= budget
+    np.testing.assert_array_equal(found.steps, steps[: len(found.steps)])
+    assert limited.cost(stops) == limited.cost(stops[: found.num_stops])
 
 
 def test_annealing_lowers_the_cost(views):
