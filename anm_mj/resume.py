@@ -28,6 +28,7 @@ from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder, refuse_links
+from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.guarded_policy import describe_error
 from anm_mj.planning.policies.registry import POLICIES
 from anm_mj.protocols import Viewer
@@ -38,6 +39,9 @@ from anm_mj.viz.viewer import NullViewer
 
 _logger = logging.getLogger(__name__)
 
+_FREE = ("scene", "robot", "device", "steps", "checkpoint", "continue_from")
+"""What may differ from the run so far: paths of what is compared by its content, and what does not change a step."""
+
 
 class _Facts(Struct):
     """What a run says of itself in a checkpoint."""
@@ -46,6 +50,8 @@ class _Facts(Struct):
     """Lengths of its logs by name [bytes]."""
     engine: str
     wall_s: Annotated[float, Meta(ge=0.0, le=1e12)]
+    config: dict[str, Any] = {}
+    """The configuration that it was made with; older checkpoints do not say."""
 
 
 def resume(
@@ -86,6 +92,7 @@ def resume(
     stored = store.newest(lambda state: _require_logs(folder, state))
     with make_parts(config, on_survey) as parts:
         _require_same_world(folder, parts)
+        _require_same_settings(folder, stored, parts)
         if stored.facts.get("engine") != parts.mapper.engine_name:
             _logger.warning(
                 "The map was trained by %s and now is by %s: the run goes on, but not byte for byte.",
@@ -194,6 +201,25 @@ def _require_same_world(folder: RunFolder, parts: Parts) -> None:
                 f"The {name} '{known.get(name)}' has changed since the run began (hash {str(before)[:12]}, now "
                 f"{now[:12]}); put the former one back, or start a new run."
             )
+
+
+def _require_same_settings(folder: RunFolder, stored: StoredState, parts: Parts) -> None:
+    before, now = dict(_flat(convert(stored.facts, _Facts).config)), dict(_flat(to_json(parts.config)))
+    for name in sorted(before.keys() & now.keys()):
+        if name.split(".")[0] not in _FREE and before[name] != now[name]:
+            raise CheckpointError(
+                f"{folder.config} says {name} = {now[name]!r:.60}, and the run was made with {before[name]!r:.60}; put "
+                "that back, or start a new run."
+            )
+
+
+def _flat(values: dict[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
+    """Nested settings by their dotted names."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{within}{name}.")
+        else:
+            yield f"{within}{name}", value
 
 
 def _num_lines(path: Path) -> int:

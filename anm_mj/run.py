@@ -26,6 +26,7 @@ from anm_mj.former_run import Former
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.recorder import Before, RunRecorder, WayBack
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
@@ -189,6 +190,7 @@ def run_loop(
     def facts() -> tuple[dict[str, Any], list[Path]]:
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
         said = {
+            "config": to_json(config),
             "engine": mapper.engine_name,
             "files": recorder.log_sizes,
             "wall_s": time.perf_counter() - begin,

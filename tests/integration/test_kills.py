@@ -175,6 +175,25 @@ def test_code_that_a_folder_names_is_not_run(small, tmp_path):
     assert (tmp_path / "elsewhere").read_text() == "kept"
 
 
+def test_settings_that_were_edited_are_refused_and_a_longer_budget_is_not(small, tmp_path):
+    folder = tmp_path / "run"
+    config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=9, seed=3, device="cpu")
+    anm_mj.run.run(config, out=folder, stop_requested=lambda: num_steps(folder) >= 2)
+    said = json.loads((folder / "config.json").read_text())
+    edited = {
+        "seed = 4, and the run was made with 3": said | {"seed": 4},
+        "policy = 'frontier', and the run was made with 'gvg'": said | {"policy": "frontier", "policy_settings": {}},
+        r"planning.margin_m = 0.07": said | {"planning": said["planning"] | {"margin_m": 0.07}},
+    }
+    for why, values in edited.items():
+        (folder / "config.json").write_text(json.dumps(values))
+        with pytest.raises(CheckpointError, match=why):
+            resume(folder)
+    (folder / "config.json").write_text(json.dumps(said | {"steps": 12}))
+    _, metrics = resume(folder)
+    assert metrics.steps == 12
+
+
 CASES = [
     ("home", "gvg", "kinematic"),
     ("home", "anm-s", "physics"),
