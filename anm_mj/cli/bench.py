@@ -52,7 +52,7 @@ def _bench(parsed: argparse.Namespace) -> int:
     console = PlainConsole()
     file = suite_file(parsed.suite) if parsed.suite is not None else parsed.file
     out = parsed.out or Path("bench") / file.stem
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=None)
 
@@ -71,8 +71,9 @@ def _bench(parsed: argparse.Namespace) -> int:
             command=["anm-mj", *sys.argv[1:]],
             on_run=show,
         )
+    errors = PlainConsole(stderr=True)
     for failure in bench.failures:
-        console.print(failure, style="red", markup=False, highlight=False, soft_wrap=True)
+        errors.print(failure, style="red", markup=False, highlight=False, soft_wrap=True)
     left = f", {len(bench.failures)} failed; the same command tries them again" if bench.failures else ""
     console.print(
         f"{len(bench.jobs)} runs, {bench.skipped} of them from before{left}. "
