@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from anm_mj.bench import bench
-from anm_mj.cli import main
+from anm_mj.cli.main import main
 
 
 def test_failed_runs_are_told_on_stderr_as_they_are(tmp_path, monkeypatch, capsys):
