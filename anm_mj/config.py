@@ -192,6 +192,8 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
         ConfigError: a value is not allowed.
         PlanError: there is no such policy.
     """
+    if "scene" not in values:
+        raise ConfigError("config.json names no scene; copy the run again.")
     options = {
         name: _of_type(RunConfig, name, values[name], name)
         for name in ("scene", *OPTIONS, "image_px")
@@ -201,7 +203,7 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
     options.setdefault("goal", "coverage")
     config = _default_config(options.pop("preset", DEFAULT_PRESET), **options)
     known = {}
-    for name, value in _leaves(values):
+    for name, value in leaves(values):
         keys = _present_name(config, name)
         if _setting(config, keys) is not None:
             owner = functools.reduce(getattr, keys[:-1], config)
@@ -253,11 +255,11 @@ def _require_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
         raise ConfigError(f"{option} is '{value}'{close_name(value, choices)}; it must be one of {', '.join(choices)}.")
 
 
-def _leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted name and value of every setting in nested dictionaries."""
     for name, value in values.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{name}.")
+            yield from leaves(value, f"{prefix}{name}.")
         else:
             yield prefix + name, value
 

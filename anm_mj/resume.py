@@ -20,7 +20,7 @@ from msgspec import Meta, Struct
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.file import StoredState
 from anm_mj.checkpoint.store import CheckpointStore
-from anm_mj.config import RunConfig, read_config
+from anm_mj.config import RunConfig, leaves, read_config
 from anm_mj.errors import AnmError, CheckpointError
 from anm_mj.evaluation.metrics import Metrics
 from anm_mj.explore import LoopState, Outcome, StepReport
@@ -204,22 +204,13 @@ def _require_same_world(folder: RunFolder, parts: Parts) -> None:
 
 
 def _require_same_settings(folder: RunFolder, stored: StoredState, parts: Parts) -> None:
-    before, now = dict(_flat(convert(stored.facts, _Facts).config)), dict(_flat(to_json(parts.config)))
+    before, now = dict(leaves(convert(stored.facts, _Facts).config)), dict(leaves(to_json(parts.config)))
     for name in sorted(before.keys() & now.keys()):
         if name.split(".")[0] not in _FREE and before[name] != now[name]:
             raise CheckpointError(
                 f"{folder.config} says {name} = {now[name]!r:.60}, and the run was made with {before[name]!r:.60}; put "
                 "that back, or start a new run."
             )
-
-
-def _flat(values: dict[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
-    """Nested settings by their dotted names."""
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{within}{name}.")
-        else:
-            yield f"{within}{name}", value
 
 
 def _num_lines(path: Path) -> int:

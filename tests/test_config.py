@@ -112,6 +112,13 @@ def test_a_configuration_is_read_back_as_it_was_written(policy):
     assert read_config(written(config)) == config
 
 
+def test_a_stored_configuration_without_a_scene_is_refused():
+    values = written(config_with())
+    del values["scene"]
+    with pytest.raises(ConfigError, match="names no scene"):
+        read_config(values)
+
+
 def test_a_configuration_of_an_older_version_is_read():
     old = written(config_with(seed=4))
     del old["policy_settings"]
