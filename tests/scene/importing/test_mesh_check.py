@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
@@ -252,3 +253,100 @@ def test_a_gltf_whose_weights_move_vertices_is_named(tmp_path, kind):
     report = ImportReport()
     read_mesh(_gltf(tmp_path / "a.gltf", morph), report)
     assert any("Morph targets are not applied: mesh" in said for said in report.sentences())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda header: header["buffers"][0].update(uri="gone.bin"),
+            "names the buffer 'gone.bin', which is not beside",
+        ),
+        (lambda header: header["buffers"][0].update(byteLength=99), "ends after 40 of 99 bytes"),
+        (lambda header: header["buffers"][0].update(uri="data:,%00"), "not base64"),
+        (lambda header: header.pop("scenes"), "1 meshes and no scene that places one"),
+    ],
+)
+def test_a_gltf_without_its_numbers_or_places_says_so(tmp_path, change, said):
+    with pytest.raises(SceneError, match=said):
+        read_mesh(_gltf(tmp_path / "a.gltf", change), ImportReport())
+
+
+def test_what_a_reader_says_does_not_quote_the_file(tmp_path):
+    uri = "data:;base64," + "!" * 9999
+    with pytest.raises(SceneError) as caught:
+        read_mesh(_gltf(tmp_path / "a.gltf", lambda header: header["buffers"][0].update(uri=uri)), ImportReport())
+    assert len(str(caught.value)) < 500
+
+
+def test_bones_that_are_not_applied_are_named(tmp_path):
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", lambda header: header["nodes"][0].update(skin=0)), report)
+    assert report.sentences() == [
+        "Skins are not applied: node 0 of a.gltf stand as they were made, without their bones."
+    ]
+
+
+def _coloured(path, numbers, kind, entries, **primitive):
+    """A triangle with one more attribute of a kind for each of its corners."""
+
+    def add(header):
+        header["buffers"].append({"byteLength": numbers.nbytes, "uri": "more.bin"})
+        header["bufferViews"].append({"buffer": 1, "byteLength": numbers.nbytes})
+        kinds = {"<u2": 5123, "<f4": 5126}
+        header["accessors"].append(
+            {"bufferView": 2, "componentType": kinds[numbers.dtype.str], "count": 3, "type": f"VEC{numbers.shape[1]}"}
+        )
+        header["meshes"][0]["primitives"][0]["attributes"][kind] = 1
+        header["meshes"][0]["primitives"][0].update(primitive)
+        header.update(entries)
+
+    numbers.tofile(path.parent / "more.bin")
+    return _gltf(path, add)
+
+
+def test_colours_of_16_bits_without_a_material_keep_their_value(tmp_path):
+    numbers = np.full((3, 4), (65535, 32768, 0, 65535), dtype="<u2")
+    (submesh,) = read_mesh(_coloured(tmp_path / "a.gltf", numbers, "COLOR_0", {}), ImportReport())
+    assert np.allclose(submesh.rgb, (1.0, 0.5, 0.0), atol=0.01)
+
+
+@pytest.mark.parametrize("slot", [{"texCoord": 1}, {"extensions": {"KHR_texture_transform": {"texCoord": 1}}}])
+def test_a_texture_takes_the_coordinates_that_its_material_names(tmp_path, slot):
+    Image.new("RGB", (8, 8), (10, 200, 10)).save(tmp_path / "wall.png")
+    entries = {
+        "images": [{"uri": "wall.png"}],
+        "textures": [{"source": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **slot}}}],
+    }
+    numbers = np.full((3, 2), (0.25, 0.75), dtype="<f4")
+    report = ImportReport()
+    (submesh,) = read_mesh(_coloured(tmp_path / "a.gltf", numbers, "TEXCOORD_1", entries, material=0), report)
+    assert np.allclose(submesh.uv, (0.25, 0.25))
+    assert bool(report.sentences()) == ("extensions" in slot)
+
+
+def test_a_texture_without_a_picture_that_is_read_is_reported(tmp_path):
+    def paint(header):
+        header["textures"] = [{"extensions": {"EXT_texture_avif": {"source": 0}}}]
+        header["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+        header["meshes"][0]["primitives"][0]["material"] = 0
+
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", paint), report)
+    assert "texture 0 of a.gltf" in report.sentences()[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (bytes(80) + b"\3\0\0\0" + bytes(100), "states 3 triangles, which take 234 bytes, and has 184"),
+        (bytes(80) + b"\1\0\0\0" + bytes(59), "states 1 triangles, which take 134 bytes, and has 143"),
+        (bytes(40), "40 bytes"),
+        (b"solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0", "'endsolid' is missing"),
+    ],
+)
+def test_an_stl_file_of_another_length_than_it_states_says_so(tmp_path, content, said):
+    (tmp_path / "a.stl").write_bytes(content)
+    with pytest.raises(SceneError, match=said):
+        read_mesh(tmp_path / "a.stl", ImportReport())

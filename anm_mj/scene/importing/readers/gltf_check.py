@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,10 +14,10 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import check_parts, check_triangles
+from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts, check_triangles
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
-from anm_mj.scene.importing.readers.texture_file import find_texture
-from anm_mj.utils.read_file import open_regular, parse_json
+from anm_mj.scene.importing.readers.texture_file import UNDECODABLE, find_texture
+from anm_mj.utils.read_file import open_regular, parse_json, read_bytes
 
 _BASIS = ("KHR_texture_basisu", "GOOGLE_texture_basis")
 _BASIS_NOTE = (
@@ -26,7 +27,7 @@ _BASIS_NOTE = (
 )
 _TRANSFORM_NOTE = "Texture transforms are not applied, so the textures of {names} may come out shifted or scaled."
 _MORPH_NOTE = "Morph targets are not applied: {names} come out as without them."
-_PICTURE_NOTE = "These pictures cannot be decoded: {names}; surfaces that need them come out plain."
+_SKIN_NOTE = "Skins are not applied: {names} stand as they were made, without their bones."
 
 _DRACO, _MESHOPT, _COPIES = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"
 _TAKEN = (
@@ -42,10 +43,13 @@ _LOOKS = ("KHR_materials_", "EXT_materials_", "ADOBE_materials_", "KHR_lights_",
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 """Modes of primitives (glTF 2.0, section 5.24.4); those below are points and lines."""
+_UNSIGNED_SHORT = 5123
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Bytes of a number and numbers of an element of an accessor (section 3.6.2.2)."""
 _MAX_STRIDE = 252
+_DATA_HEAD = 200
+"""What a data URI says of its encoding stands within so many letters."""
 
 
 def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
@@ -66,7 +70,11 @@ def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
         refused = _refused(header)
         parts, triangles = _placed(header)
         morphed = list(_morphed(header))
+        _check_buffers(src, header)
         junk = list(_undecodable(src, header, body))
+        skinned = [f"node {node.get('name', k)!r}" for k, node in enumerate(header.get("nodes", [])) if "skin" in node]
+        transformed = any("KHR_texture_transform" in slot.get("extensions", {}) for slot in _colour_slots(header))
+        uneven = any(even_primitive(header, primitive) != primitive for primitive in _primitives(header))
     except (struct.error, ValueError, TypeError, AttributeError, LookupError, OSError) as err:
         raise damaged(src, err) from err
     if _MESHOPT in used | required:
@@ -87,17 +95,62 @@ def check_gltf(src: Path, size: int, report: ImportReport) -> MeshFacts:
         )
     if refused:
         raise SceneError(f"{src} holds {refused}.")
+    if header.get("meshes") and not parts:
+        raise SceneError(
+            f"{src} has {len(header['meshes'])} meshes and no scene that places one: export it with the scene that "
+            "they stand in."
+        )
     check_parts(src, parts)
     check_triangles(src, triangles)
     if basis:
         report.add(_BASIS_NOTE, src.name)
-    if "KHR_texture_transform" in used:
+    if transformed:
         report.add(_TRANSFORM_NOTE, src.name)
     for name in morphed:
         report.add(_MORPH_NOTE, f"{name} of {src.name}")
+    for name in skinned:
+        report.add(_SKIN_NOTE, f"{name} of {src.name}")
     for name in junk:
-        report.add(_PICTURE_NOTE, f"{name} of {src.name}")
-    return MeshFacts(decodable=not basis and not junk, draco=_DRACO in used | required)
+        report.add(UNDECODABLE, f"{name} of {src.name}")
+    return MeshFacts(decodable=not basis and not junk, draco=_DRACO in used | required, uneven=uneven)
+
+
+def even_gltf(src: Path) -> bytes:
+    """A glTF file as the library expects it: all primitives as :func:`even_primitive` writes them.
+
+    Raises:
+        ValueError: if it cannot be read.
+    """
+    content = read_bytes(src, MAX_MESH_MIB)
+    header, body = _header(src, len(content))
+    for mesh in header["meshes"]:
+        mesh["primitives"] = [even_primitive(header, primitive) for primitive in mesh["primitives"]]
+    header.setdefault("materials", []).append({})
+    text = json.dumps(header).encode()
+    if not body:
+        return text
+    text += b" " * (-len(text) % 4)
+    rest = content[body - 8 :]
+    return struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
+
+
+def even_primitive(header: dict[str, Any], primitive: dict[str, Any]) -> dict[str, Any]:
+    """A primitive with what the library takes from elsewhere than the format says, where it looks.
+
+    It reads the first texture coordinates, whichever the material asks for, and cuts off colours of 16 bits unless
+    there is a material; the default one stands behind all others.
+    """
+    even = {**primitive, "attributes": {**primitive["attributes"]}}
+    named = even["attributes"]
+    if "material" not in primitive:
+        if "COLOR_0" in named and _entry(header, "accessors", named["COLOR_0"])["componentType"] == _UNSIGNED_SHORT:
+            even["material"] = len(header.get("materials", []))
+    else:
+        slot = _colour_slot(_entry(header, "materials", primitive["material"])) or {}
+        wanted = slot.get("extensions", {}).get("KHR_texture_transform", {}).get("texCoord", slot.get("texCoord", 0))
+        if wanted != 0 and f"TEXCOORD_{wanted}" in named:
+            named["TEXCOORD_0"] = named[f"TEXCOORD_{wanted}"]
+    return even
 
 
 def _header(src: Path, size: int) -> tuple[dict[str, Any], int]:
@@ -160,6 +213,28 @@ def _check_place(header: dict[str, Any], accessor: dict[str, Any]) -> None:
     element = _BYTES[accessor["componentType"]] * _NUMBERS[accessor["type"]]
     if not element <= view.get("byteStride", element) <= _MAX_STRIDE:
         raise ValueError(f"elements of {element} bytes are stored every {view['byteStride']!r} bytes")
+
+
+def _check_buffers(src: Path, header: dict[str, Any]) -> None:
+    """Refuse a file whose numbers lie in a file that is not there, or too short, or in text that is not base64.
+
+    Raises:
+        SceneError: It is one.
+    """
+    for buffer in header.get("buffers", []):
+        uri, length = str(buffer.get("uri", "data:;base64,")), buffer["byteLength"]
+        if uri.startswith("data:"):
+            if ";base64," not in uri[:_DATA_HEAD]:
+                raise SceneError(f"{src} holds a buffer that is not base64 ({uri[:40]!r}...): export it again.")
+            continue
+        path = find_texture(uri, src.absolute().parent)
+        if path is None:
+            raise SceneError(f"{src} names the buffer {uri[:80]!r}, which is not beside it: copy it there.")
+        if path.stat().st_size < length:
+            raise SceneError(
+                f"{src} names the buffer {path.name}, which ends after {path.stat().st_size} of {length} bytes: copy "
+                "it again."
+            )
 
 
 def _quantised(header: dict[str, Any]) -> bool:
@@ -238,7 +313,13 @@ def _undecodable(src: Path, header: dict[str, Any], body: int) -> Iterator[str]:
     What is missing is noted when it is looked for; what is there is opened here, and not decoded.
     """
     buffers: dict[str, bytes] = {}
-    for index in _colour_images(header):
+    textures = {slot["index"]: _entry(header, "textures", slot["index"]) for slot in _colour_slots(header)}
+    yield from (
+        f"texture {index}"
+        for index, own in textures.items()
+        if _source(own) is None and not {*own.get("extensions", {})} & {*_BASIS}
+    )
+    for index in dict.fromkeys(source for own in textures.values() if (source := _source(own)) is not None):
         image = _entry(header, "images", index)
         data = _image_bytes(src, header, image, body, buffers)
         try:
@@ -250,20 +331,20 @@ def _undecodable(src: Path, header: dict[str, Any], body: int) -> Iterator[str]:
             yield str(image.get("name") or (f"image {index}" if uri.startswith("data:") else uri))
 
 
-def _colour_images(header: dict[str, Any]) -> list[int]:
-    """The images that materials take their colour from, each once."""
-    images: dict[int, None] = {}
-    for material in header.get("materials", []):
-        gloss = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
-        slots = (material.get("pbrMetallicRoughness", {}).get("baseColorTexture"), gloss.get("diffuseTexture"))
-        for slot in slots:
-            if slot is None:
-                continue
-            texture = _entry(header, "textures", slot["index"])
-            source = texture.get("extensions", {}).get("EXT_texture_webp", texture).get("source")
-            if source is not None:
-                images[source] = None
-    return list(images)
+def _colour_slots(header: dict[str, Any]) -> list[dict[str, Any]]:
+    """How each material that takes its colour from a texture names it."""
+    return [slot for material in header.get("materials", []) if (slot := _colour_slot(material)) is not None]
+
+
+def _colour_slot(material: dict[str, Any]) -> dict[str, Any] | None:
+    """How a material names the texture of its colour; None without one."""
+    gloss = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
+    return material.get("pbrMetallicRoughness", {}).get("baseColorTexture", gloss.get("diffuseTexture"))
+
+
+def _source(texture: dict[str, Any]) -> int | None:
+    """The image of a texture."""
+    return texture.get("extensions", {}).get("EXT_texture_webp", texture).get("source")
 
 
 def _image_bytes(

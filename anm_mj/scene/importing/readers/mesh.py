@@ -15,6 +15,7 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.bake import bake_colours, corner_colours
+from anm_mj.scene.importing.readers.gltf_check import even_gltf
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.limits import TextureBudget
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
@@ -79,7 +80,8 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
     try:
         # trimesh and its readers raise whatever they stumble over in a damaged file.
         neighbours = MeshNeighbours(src, report)
-        content = io.BytesIO(even_text(src)) if facts.uneven else src
+        even = even_text if src.suffix.lower() == ".obj" else even_gltf
+        content = io.BytesIO(even(src)) if facts.uneven else src
         loaded = trimesh.load_scene(content, src.suffix[1:], process=False, resolver=neighbours)
         if facts.draco:
             _require_decoded(src, loaded)

@@ -18,7 +18,9 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 """Mesh files that can be read."""
 
 _HEAD_BYTES = 65536
-"""The header of a PLY file ends within so many bytes."""
+"""The header of a PLY file ends within so many bytes; in an STL file of text, the first triangle begins there."""
+_STL_HEAD, _STL_TRIANGLE = 84, 50
+"""Bytes of a binary STL file before its triangles, and of each."""
 _PLY_CORNERS = ("vertex_indices", "vertex_index")
 
 
@@ -50,7 +52,30 @@ def check_mesh_file(src: Path, report: ImportReport) -> MeshFacts:
         return check_obj(src, report)
     if src.suffix.lower() == ".ply":
         _check_ply(src)
+    if src.suffix.lower() == ".stl":
+        _check_stl(src, size)
     return MeshFacts()
+
+
+def _check_stl(src: Path, size: int) -> None:
+    """Refuse an STL file of another length than it states, which the library takes for one without triangles."""
+    with open_regular(src) as file:
+        head = file.read(_HEAD_BYTES)
+        if b"facet" in head.lower():
+            file.seek(max(0, size - _HEAD_BYTES))
+            if b"endsolid" not in file.read().lower():
+                raise SceneError(
+                    f"{src} ends before its last triangle ('endsolid' is missing): copy or export it again."
+                )
+            return
+    if size < _STL_HEAD:
+        raise SceneError(f"{src} is damaged or no stl file ({size} bytes): export it again.")
+    stated = int.from_bytes(head[_STL_HEAD - 4 : _STL_HEAD], "little")
+    if size != _STL_HEAD + stated * _STL_TRIANGLE:
+        raise SceneError(
+            f"{src} states {stated} triangles, which take {_STL_HEAD + stated * _STL_TRIANGLE} bytes, and has {size}: "
+            "copy or export it again."
+        )
 
 
 def _check_ply(src: Path) -> None:

@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 from anm_mj.errors import SceneError
 
+_MAX_REASON = 200
+"""Letters of what a reader says; one may quote the whole file."""
+
 
 class MeshFacts(NamedTuple):
     """What a mesh file says of itself before it is read."""
@@ -18,11 +21,13 @@ class MeshFacts(NamedTuple):
     geometries: tuple[str, ...] = ()
     """COLLADA: the ids of the geometries that its scene shows."""
     uneven: bool = False
-    """OBJ: whether its lines have to be put in order before they are read
-    (:func:`anm_mj.scene.importing.readers.obj_check.even_text`)."""
+    """OBJ, glTF: whether it has to be rewritten before it is read
+    (:func:`anm_mj.scene.importing.readers.obj_check.even_text`,
+    :func:`anm_mj.scene.importing.readers.gltf_check.even_gltf`)."""
 
 
 def damaged(src: Path, reason: object) -> SceneError:
     """The error for a file that is not what its suffix says."""
     line = str(reason).strip().split("\n")[0] or type(reason).__name__
+    line = line if len(line) <= _MAX_REASON else line[:_MAX_REASON] + "..."
     return SceneError(f"{src} is damaged or no {src.suffix[1:]} file ({line}): export it again.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -20,6 +21,7 @@ MAX_TEXTURE_PX = 1024
 """At the robot's image size, larger textures cost memory and time, and alias."""
 
 MISSING = "Not found: {names}; surfaces that need them come out plain."
+UNDECODABLE = "These pictures cannot be decoded: {names}; surfaces that need them come out plain."
 
 
 class MeshNeighbours(FilePathResolver):
@@ -31,10 +33,11 @@ class MeshNeighbours(FilePathResolver):
 
     def __init__(self, mesh: Path, report: ImportReport) -> None:
         super().__init__(str(mesh), allow_anywhere=True)
+        self._mesh = mesh
         self._folder = mesh.absolute().parent
         self._report = report
         self.missed = False
-        """Whether a file was asked for that is nowhere."""
+        """Whether a file was asked for that is nowhere, or a picture that cannot be decoded."""
 
     def get(self, name: str) -> bytes:
         """Bytes of a named file.
@@ -43,12 +46,28 @@ class MeshNeighbours(FilePathResolver):
             OSError: if it is nowhere, or cannot be read.
             ValueError: if it is larger than mesh files may be.
         """
-        path = find_texture(name, self._folder)
-        if path is None:
+        paths = [find_texture(name, self._folder)]
+        if paths == [None]:
+            # A line of an OBJ file may name several material files.
+            paths = [find_texture(word, self._folder) for word in name.split()]
+        found = [path for path in paths if path is not None]
+        if not found or len(found) < len(paths):
             self.missed = True
             self._report.add(MISSING, Path(name.replace("\\", "/")).name)
             raise FileNotFoundError(name)
-        return read_bytes(path, MAX_MESH_MIB)
+        content = b"\n".join(read_bytes(path, MAX_MESH_MIB) for path in found)
+        if found[0].suffix.lower() != ".mtl" and self._mesh.suffix.lower() not in (".glb", ".gltf"):
+            self._look_at(content, found[0].name)
+        return content
+
+    def _look_at(self, content: bytes, name: str) -> None:
+        """Note a picture that the library would leave out without a word; those of glTF files are looked at before."""
+        try:
+            Image.open(io.BytesIO(content)).close()
+        # Pillow raises whatever a decoder stumbles over.
+        except Exception:
+            self.missed = True
+            self._report.add(UNDECODABLE, f"{name} of {self._mesh.name}")
 
     def namespaced(self, namespace: str) -> MeshNeighbours:
         """The same for the files of a subfolder."""
@@ -93,8 +112,16 @@ def shrunk(image: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
     if largest > MAX_TEXTURE_PX:
         # A JPEG that is not decoded yet is decoded at a fraction of its size, which saves most of the memory.
         image.draft("RGB", (MAX_TEXTURE_PX, MAX_TEXTURE_PX))
-    rgb = image.convert("RGB")
-    return resized(np.array(rgb), MAX_TEXTURE_PX)
+    return resized(np.array(_eight_bit(image).convert("RGB")), MAX_TEXTURE_PX)
+
+
+def _eight_bit(image: Image.Image) -> Image.Image:
+    """A picture of one number of 16 bits or a float per pixel with 8 bits, which Pillow cuts off instead of scaling."""
+    if image.mode.startswith("I"):
+        return Image.fromarray((np.clip(np.asarray(image), 0, 65535) >> 8).astype(np.uint8))
+    if image.mode == "F":
+        return Image.fromarray(np.round(np.clip(np.nan_to_num(np.asarray(image)), 0.0, 1.0) * 255.0).astype(np.uint8))
+    return image
 
 
 def resized(texture: UInt8[np.ndarray, "h w 3"], side_px: int) -> UInt8[np.ndarray, "rows cols 3"]:
