@@ -13,7 +13,7 @@ from jaxtyping import Float
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, rigid_transform
 from anm_mj.robot.body_tree import solid_geoms, unused_name
-from anm_mj.robot.config import MAX_TILT_DEG, CameraPose, RobotConfig
+from anm_mj.robot.config import MAX_ASIDE_M, MAX_TILT_DEG, CameraPose, RobotConfig
 
 CAMERA = "camera"
 """Usual name of the camera."""
@@ -132,7 +132,7 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
         path: of the robot's file.
 
     Raises:
-        RobotError: it does not, or it is below the floor or above all rooms.
+        RobotError: it does not, or it is below the floor, above all rooms or far from the robot.
     """
     tilt, aside = tilt_deg(T_base_camera), aside_deg(T_base_camera)
     if abs(tilt) > MAX_TILT_DEG + _ROUNDING_DEG:
@@ -151,6 +151,12 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
         raise RobotError(
             f"The camera {camera} of {path} is {T_base_camera[2, 3]:.3f} m above the floor; its height must lie within "
             f"0.02 and {_HIGHEST_M:g} m: move it, set camera.height_m, or scale a file that is not in metres."
+        )
+    away_m = float(np.abs(T_base_camera[:2, 3]).max())
+    if away_m > MAX_ASIDE_M:
+        raise RobotError(
+            f"The camera {camera} of {path} is {away_m:.3f} m away from the base; it must be within {MAX_ASIDE_M:g} m: "
+            "move it, or scale a file that is not in metres."
         )
 
 

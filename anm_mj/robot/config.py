@@ -11,6 +11,8 @@ from anm_mj.errors import RobotError
 DEFAULT_ROBOT = "diff_drive"
 MAX_TILT_DEG = 45.0
 """A camera looks within this angle of the horizontal [deg]."""
+MAX_ASIDE_M = 2.0
+"""A camera is within this distance of the base, forwards and sideways [m]."""
 
 
 class CameraPose(NamedTuple):
@@ -96,9 +98,9 @@ class RobotConfig:
                 f"model.camera_pose has a vertical field of view of {pose.fovy_deg:g} degrees; it must lie within 10 "
                 "and 150 degrees."
             )
-        if not 0.02 <= pose.z_m <= 3.0 or max(abs(pose.x_m), abs(pose.y_m)) > 2.0:
+        if not 0.02 <= pose.z_m <= 3.0 or max(abs(pose.x_m), abs(pose.y_m)) > MAX_ASIDE_M:
             raise RobotError(
                 f"model.camera_pose puts the camera at ({pose.x_m:g}, {pose.y_m:g}, {pose.z_m:g}) m in the base frame; "
-                "its height must lie within 0.02 and 3 m and it must be within 2 m of the base."
+                f"its height must lie within 0.02 and 3 m and it must be within {MAX_ASIDE_M:g} m of the base."
             )
         return pose

@@ -51,6 +51,8 @@ Mount = tuple[CameraConfig, int]
 """What differs from the robot's camera, and the image size where that does not say [px]."""
 WHEELS = ("wheel_left", "wheel_right")
 """Names of the wheels in a reduced model."""
+_SLOWEST_MPS = 0.01
+"""The slowest robot that the physics drive waits for; a step takes the longer, the slower it is [m/s]."""
 _BODY_M = 0.15
 """What touches the floor and reaches higher than this is a body that drags rather than a caster [m]."""
 
@@ -173,6 +175,12 @@ def describe_robot(
     notes: list[str] = []
     if base.wheels:
         motors, top_radps, notes = fit_servos(spec, model, (*drive.left, *drive.right), base.wheel_radius_m)
+        if top_radps * base.wheel_radius_m < _SLOWEST_MPS:
+            raise RobotError(
+                f"The wheels of {path} turn by {top_radps:.3g} rad/s at most, which moves the robot by "
+                f"{top_radps * base.wheel_radius_m:.2g} m/s; it must be {_SLOWEST_MPS:g} m/s at least: widen the "
+                "ctrlrange of their actuators."
+            )
         replace_wheel_contacts(spec, model, base.wheels)
     else:
         mass = float(model.body_subtreemass[base.root])

@@ -157,6 +157,7 @@ def test_hinge_direction(rover):
         ("-0.115 -0.05 -0.05", "-0.115 0.03 -0.05", {}, "share one level axle"),
         ('size="0.04 0.012"', 'size="0.04 0.012" mass="-1"', {}, "cannot be compiled by itself|cannot read"),
         ("<mujoco", "<mjc", {}, "MuJoCo cannot read the robot"),
+        ('pos="0.02 0.10 0.11"', 'pos="0.02 5.10 0.11"', {}, "eye of .* is 5.* m away from the base"),
         ('left_wheel_joint" axis', 'left_wheel_joint" range="-90 90" axis', {}, "turns within -90 and 90 degrees only"),
     ],
 )
@@ -165,6 +166,16 @@ def test_what_a_robot_lacks_is_named(tmp_path, before, after, config, message):
     path.write_text(ROVER_XML.read_text().replace(before, after))
     with pytest.raises(RobotError, match=message):
         describe_robot(path, RobotConfig(**config))
+
+
+def test_wheels_that_hardly_turn_are_refused(tmp_path):
+    path, slow = tmp_path / "rover.xml", 'kv="0.2" ctrlrange="-{0} {0}"'
+    text = ROVER_XML.read_text().replace("<motor name", "<velocity name")
+    path.write_text(text.replace('gear="5"', slow.format(1.0)))
+    assert describe_robot(path).max_wheel_radps == pytest.approx(1.0)
+    path.write_text(text.replace('gear="5"', slow.format(0.01)))
+    with pytest.raises(RobotError, match=r"turn by 0\.01 rad/s at most, which moves the robot by 0\.0004 m/s"):
+        describe_robot(path)
 
 
 def test_unusual_part_names(tmp_path):

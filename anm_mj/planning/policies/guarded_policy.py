@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import reprlib
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -99,25 +100,32 @@ def plan_fault(plan: Any, pose: Pose2) -> str | None:
     if not isinstance(plan, Plan):
         return f"it is {'nothing' if plan is None else f'of type {type(plan).__name__}'}, not an anm_mj.types.Plan"
     if not isinstance(plan.reason, str):
-        return f"reason is {plan.reason!r}, not a text"
+        return f"reason is {reprlib.repr(plan.reason)}, not a text"
     if plan.stop is not None:
-        return None if isinstance(plan.stop, StopReason) else f"stop is {plan.stop!r}, not a StopReason"
-    path = np.asarray(plan.path_xy_m)
+        return None if isinstance(plan.stop, StopReason) else f"stop is {reprlib.repr(plan.stop)}, not a StopReason"
+    path = plan.path_xy_m
+    if not isinstance(path, np.ndarray):
+        return f"path_xy_m is of type {type(path).__name__}, not an array"
     if path.dtype.kind not in "fiu" or path.ndim != 2 or path.shape[1] != 2:
         return f"path_xy_m has shape {path.shape} and type {path.dtype}, not (k, 2) and numbers"
     if not np.isfinite(path).all():
         return "path_xy_m holds places that are not finite"
     try:
-        finite = all(np.isfinite(float(heading)) for heading in plan.headings_rad)
+        finite = isinstance(plan.headings_rad, (tuple, list)) and bool(
+            np.isfinite([*map(float, plan.headings_rad)]).all()
+        )
     except (TypeError, ValueError):
         finite = False
     if not finite:
-        return f"headings_rad is {plan.headings_rad!r}, not a tuple of finite numbers [rad]"
+        return f"headings_rad is {reprlib.repr(plan.headings_rad)}, not a tuple of finite numbers [rad]"
     moves = set(Action) - {Action.STOP}
-    if not all(isinstance(action, Action) and action in moves for action in plan.actions):
-        return f"actions is {plan.actions!r}; they must be moves and turns, and a stop is a StopReason in stop"
+    known = isinstance(plan.actions, (tuple, list)) and all(isinstance(own, Action) for own in plan.actions)
+    if not known or not moves.issuperset(plan.actions):
+        return (
+            f"actions is {reprlib.repr(plan.actions)}; they must be moves and turns, and a stop is a StopReason in stop"
+        )
     if not isinstance(plan.valid_steps, int) or plan.valid_steps < 0:
-        return f"valid_steps is {plan.valid_steps!r}, not a whole number from 0 up"
+        return f"valid_steps is {reprlib.repr(plan.valid_steps)}, not a whole number from 0 up"
     if plan.actions or plan.headings_rad:
         return None
     if not len(path) or np.linalg.norm(path[-1] - pose.xy_m) < ARRIVED_M:
