@@ -68,8 +68,10 @@ class GuardedPolicy:
             return None
         try:
             return function(*arguments)
-        # Also what calls sys.exit(), or the run would end as if all were well.
-        except (Exception, SystemExit) as err:
+        except KeyboardInterrupt:
+            raise
+        # Also what calls sys.exit(), or the run would end as if all were well, and what is no Exception.
+        except BaseException as err:
             if isinstance(err, AnmError) and not isinstance(err, PlanError):
                 raise
             _logger.debug("The error of policy %s:", self._name, exc_info=True)

@@ -96,7 +96,9 @@ def test_what_cannot_be_executed_stops_the_run(plan, said, caplog):
 
 
 @pytest.mark.parametrize("where", ["observe", "plan", "on_collision"])
-@pytest.mark.parametrize("error", [ZeroDivisionError("division by zero"), PlanError("no way")])
+@pytest.mark.parametrize(
+    "error", [ZeroDivisionError("division by zero"), PlanError("no way"), GeneratorExit("gone"), BaseException("own")]
+)
 def test_what_a_policy_raises_stops_the_run_at_the_next_decision(where, error):
     fake = Fake(Plan("turn", NOWHERE, actions=(Action.TURN_LEFT,)), error, where)
     policy = GuardedPolicy(fake, "my:Own")
