@@ -220,8 +220,20 @@ def _many_rooms(num: int) -> str:
         (_with(_procthor(), ("windows", 0, "holePolygon", 1, "y"), 1e9), "outside of its wall"),
         (_many_rooms(400), "402 rooms.*ANM_MJ_MAX_ROOMS"),
         (
-            _with(_procthor(), ("rooms", 0, "floorPolygon"), [{"x": x, "z": z} for x, z in _box(0, 0, 400, 400)]),
+            _with(_procthor(), ("rooms", 0, "floorPolygon"), [{"x": x, "z": z} for x, z in _box(-400, 0, 0, 400)]),
             "m2.*ANM_MJ_MAX_FLOOR_M2",
+        ),
+        (
+            _with(_procthor(), ("rooms", 0, "floorPolygon"), [{"x": x, "z": z} for x, z in _box(0, 0, 4, 4)]),
+            "rooms 'room.1' and 'room.2' lie over one another",
+        ),
+        (
+            _with(
+                _procthor(),
+                ("rooms", 0, "floorPolygon"),
+                [{"x": -x, "z": z} for x, z in [(0, 0), (4, 4), (4, 0), (0, 4)]],
+            ),
+            "crosses itself",
         ),
         (json.dumps({"verts": _box(0, 0, 200, 200), "room_category": {}}), "200 m by 200 m is larger"),
     ],

@@ -16,6 +16,8 @@ from anm_mj.scene.generation.building import Building, GivenWindow, Passage, nam
 from anm_mj.scene.generation.layout import WALL_M
 from anm_mj.scene.importing.floorplans.room_types import room_type_of_word
 
+_OVERLAP_M2 = 0.1
+"""So much may the floors of two rooms have in common [m2]."""
 _BEYOND_M = 1.0
 """So far beyond the end of its wall may a hole reach [m]."""
 
@@ -38,14 +40,17 @@ def read_procthor(plan: Any) -> Building:
     rooms = plan["rooms"]
     index = {room["id"]: k for k, room in enumerate(rooms)}
     # The walls have no thickness in the file; half of ours is taken from either room.
-    floors = [
-        shapely.Polygon([(point["x"], point["z"]) for point in room["floorPolygon"]]).buffer(
-            -WALL_M / 2, join_style="mitre"
-        )
-        for room in rooms
-    ]
-    if not all(isinstance(floor, shapely.Polygon) and floor.area > 0.5 for floor in floors):
+    outlines = [shapely.Polygon([(point["x"], point["z"]) for point in room["floorPolygon"]]) for room in rooms]
+    floors = [outline.buffer(-WALL_M / 2, join_style="mitre") for outline in outlines]
+    # Of an outline that crosses itself, the buffer keeps a part.
+    if not all(
+        outline.is_valid and isinstance(floor, shapely.Polygon) and floor.area > 0.5
+        for outline, floor in zip(outlines, floors, strict=True)
+    ):
         raise ValueError("a room's floorPolygon is too small or crosses itself")
+    for a, b in shapely.STRtree(floors).query(floors, predicate="intersects").T:
+        if a < b and floors[a].intersection(floors[b]).area > _OVERLAP_M2:
+            raise ValueError(f"its rooms {rooms[a]['id']!r} and {rooms[b]['id']!r} lie over one another")
     walls = {wall["id"]: np.array([[p["x"], p["y"], p["z"]] for p in wall["polygon"]], float) for wall in plan["walls"]}
     if not walls:
         raise ValueError("it has no walls")
