@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from anm_mj.io.camera_checks import FARTHEST_M
+from anm_mj.io.image import require_depth
 from anm_mj.utils.picture import read_picture
 
 DEPTH_TYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
@@ -18,6 +20,8 @@ COLOUR_CHANNELS = {
 }  # fmt: skip
 """Which channel of a pixel is red, green and blue; 8UC3 is BGR, as OpenCV writes it."""
 NUM_CHANNELS = {"rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
+_MOST_PADDING = 64
+"""Rows end in fewer bytes than this, or than their pixels, that mean nothing."""
 DEPTH_HEADER = struct.Struct("<iff")
 """What compressed_depth_image_transport puts before its PNG: format and two parameters of the quantisation."""
 
@@ -26,7 +30,9 @@ def encoding_of(message: Any) -> str:
     """``depth``, ``colour``, or the encoding that is neither."""
     encoding = getattr(message, "encoding", None)
     if encoding is None:
-        return "depth" if "compressedDepth" in message.format else "colour"
+        # A 16-bit image is packed into a PNG without the header of compressedDepth, too.
+        encoding = message.format.partition(";")[0].strip()
+        return "depth" if "compressedDepth" in message.format or encoding in DEPTH_TYPES else "colour"
     if encoding in DEPTH_TYPES:
         return "depth"
     return "colour" if encoding in COLOUR_CHANNELS else encoding
@@ -42,12 +48,14 @@ def colour_image(message: Any) -> UInt8[np.ndarray, "h w 3"]:
     if not hasattr(message, "encoding"):
         with read_picture(io.BytesIO(_bytes(message))) as picture:
             return np.asarray(picture.convert("RGB"))
+    if message.encoding not in COLOUR_CHANNELS:
+        raise ValueError(f"{_encoding(message)} is no colour")
     pixels = _rows(message, "u1", NUM_CHANNELS.get(message.encoding, 3))
     return np.ascontiguousarray(pixels[..., COLOUR_CHANNELS[message.encoding]])
 
 
 def depth_image(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
-    """Planar depth of a message [m]; NaN where nothing was measured.
+    """Planar depth of a message [m]; NaN where nothing was measured, or what no camera sees.
 
     Args:
         message: Image of encoding 16UC1, mono16 or 32FC1 (metres), or compressed depth.
@@ -57,27 +65,32 @@ def depth_image(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
         ValueError: The data do not fit the message's size, or are no picture.
         OSError: The same, of compressed data.
     """
-    if hasattr(message, "encoding"):
-        raw = _rows(message, DEPTH_TYPES[message.encoding], 1)[..., 0]
-        depth_m = raw.astype(np.float32) * np.float32(1.0 if message.encoding == "32FC1" else unit_m)
-    else:
+    if not hasattr(message, "encoding"):
         depth_m = _compressed_depth(message, unit_m)
-    return np.where(np.isfinite(depth_m) & (depth_m > 0.0), depth_m, np.float32(np.nan))
+    elif message.encoding not in DEPTH_TYPES:
+        raise ValueError(f"{_encoding(message)} is no depth")
+    else:
+        raw = _rows(message, DEPTH_TYPES[message.encoding], 1)[..., 0]
+        # Any bits may stand for a float, also those that warn.
+        with np.errstate(invalid="ignore"):
+            depth_m = raw.astype(np.float32) * np.float32(1.0 if message.encoding == "32FC1" else unit_m)
+    return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
 
 
 def _compressed_depth(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
-    data = _bytes(message)
-    if len(data) <= DEPTH_HEADER.size:
-        raise ValueError("compressed depth is empty")
-    _, a, b = DEPTH_HEADER.unpack_from(data)
-    with read_picture(io.BytesIO(data[DEPTH_HEADER.size :])) as picture:
+    data, a, b = _bytes(message), 0.0, 0.0
+    if "compressedDepth" in message.format:
+        if len(data) <= DEPTH_HEADER.size:
+            raise ValueError("compressed depth is empty")
+        _, a, b = DEPTH_HEADER.unpack_from(data)
+        data = data[DEPTH_HEADER.size :]
+    with read_picture(io.BytesIO(data)) as picture:
+        require_depth(picture)
         raw = np.asarray(picture).astype(np.float32)
-    if raw.ndim != 2:
-        raise ValueError("compressed depth has colours")
     if not message.format.startswith("32FC1"):
         return raw * np.float32(unit_m)
     # Inverse depth, see compressed_depth_image_transport/codec.
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(raw > 0.0, np.float32(a) / (raw - np.float32(b)), np.float32(0.0)).astype(np.float32)
 
 
@@ -86,10 +99,21 @@ def _rows(message: Any, kind: str, channels: int) -> np.ndarray:
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     wide = int(message.width) * channels * dtype.itemsize
     data, step = _bytes(message), int(message.step)
+    if message.width < 1 or message.height < 1:
+        raise ValueError(f"it has {message.width} x {message.height} pixels")
     if step < wide or len(data) < step * int(message.height):
-        raise ValueError(f"{len(data)} bytes are not {message.height} rows of {step}")
+        raise ValueError(f"{len(data)} bytes are not {message.height} rows of {step}, of which {wide} are pixels")
+    if step - wide >= max(wide, _MOST_PADDING):
+        raise ValueError(
+            f"its rows have {step} bytes, but {message.width} pixels of {_encoding(message)} have {wide}: the encoding "
+            "is another one"
+        )
     rows = np.frombuffer(data, np.uint8, step * int(message.height)).reshape(int(message.height), step)[:, :wide]
     return np.ascontiguousarray(rows).view(dtype).reshape(int(message.height), int(message.width), channels)
+
+
+def _encoding(message: Any) -> str:
+    return repr(message.encoding[:40])
 
 
 def _bytes(message: Any) -> bytes:

@@ -2,40 +2,56 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from scipy.spatial.transform import Rotation
+
+from anm_mj.io.camera_checks import FARTHEST_M
 
 GAP_S = 0.5
 """Between poses that lie farther apart, and so long before the first and after the last, nothing is known [s]."""
+_NO_UNIT = 0.1
+"""A quaternion whose length differs from 1 by more is no rotation; ROS leaves such poses out as well."""
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass
 class Track:
     """Poses of one frame in another; straight lines and the shortest rotation in between."""
 
+    name: str
+    """What a warning calls them."""
     times_s: list[float] = field(default_factory=list)
     xyz_m: list[Float[np.ndarray, "3"]] = field(default_factory=list)
     quaternions: list[Float[np.ndarray, "4"]] = field(default_factory=list)
     """Scalar last."""
     static: bool = False
     """Whether the first pose counts at all times."""
+    _order: np.ndarray | None = field(default=None, init=False)
 
     def add(self, time_s: float, xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> None:
         """Add a pose; they may come in any order."""
         self.times_s.append(time_s)
         self.xyz_m.append(xyz_m)
         self.quaternions.append(quaternion)
+        self._order = None
 
     def at(self, time_s: float) -> Float[np.ndarray, "4 4"] | None:
-        """The pose at a time; None where nothing is known. Raises ValueError for a quaternion of length zero."""
-        order = np.argsort(self.times_s, kind="stable")
-        times = np.array(self.times_s)[order]
+        """The pose at a time; None where nothing is known."""
+        if self._order is None:
+            self._order = self._usable()
+            self._times = np.array(self.times_s)[self._order]
+        order, times = self._order, self._times
+        if not len(order):
+            return None
         if self.static:
-            return _matrix(self.xyz_m[0], Rotation.from_quat(self.quaternions[0]))
+            first = int(order.min())
+            return _matrix(self.xyz_m[first], Rotation.from_quat(self.quaternions[first]))
         after = int(np.searchsorted(times, time_s))
         low, high = max(after - 1, 0), min(after, len(times) - 1)
         if max(times[low] - time_s, time_s - times[high], times[high] - times[low]) > GAP_S:
@@ -47,12 +63,31 @@ class Track:
         turned = rotations[0] * Rotation.from_rotvec(share * (rotations[0].inv() * rotations[1]).as_rotvec())
         return _matrix(low_xyz + share * (high_xyz - low_xyz), turned)
 
+    def _usable(self) -> Int64[np.ndarray, " n"]:
+        """Indices of the poses that are some, in the order of their times; a warning counts the others."""
+        xyz = np.array(self.xyz_m).reshape(-1, 3)
+        with np.errstate(over="ignore"):
+            lengths = np.linalg.norm(np.array(self.quaternions).reshape(-1, 4), axis=1)
+        good = (np.abs(lengths - 1.0) <= _NO_UNIT) & (np.abs(xyz) <= FARTHEST_M).all(axis=1)
+        if not good.all():
+            _logger.warning(
+                "%d of %d poses of %s are left out, because they are no poses (the first at %.9g s): a quaternion of "
+                "length 1, and a place within %g km.",
+                np.count_nonzero(~good),
+                len(good),
+                self.name,
+                self.times_s[int(np.argmin(good))],
+                FARTHEST_M / 1000.0,
+            )
+        kept = np.flatnonzero(good)
+        return kept[np.argsort(np.array(self.times_s)[kept], kind="stable")]
+
 
 @dataclass
 class FrameTree:
     """Frames and the poses of each in its parent."""
 
-    parent: dict[str, str] = field(default_factory=dict)
+    parents: dict[str, list[str]] = field(default_factory=dict)
     track: dict[str, Track] = field(default_factory=dict)
     """By the child's name."""
 
@@ -68,19 +103,21 @@ class FrameTree:
     ) -> None:
         """Add a pose of ``child`` in ``parent``."""
         parent, child = parent.lstrip("/"), child.lstrip("/")
-        self.parent[child] = parent
-        self.track.setdefault(child, Track(static=static)).add(time_s, xyz_m, quaternion)
+        known = self.parents.setdefault(child, [])
+        if parent not in known:
+            known.append(parent)
+        self.track.setdefault(child, Track(f"the frame '{child}'", static=static)).add(time_s, xyz_m, quaternion)
 
     def chain(self, frame: str) -> list[str]:
-        """The frame and its ancestors, up to the root."""
+        """The frame and its ancestors, up to the root; raises ValueError where they are no chain."""
         return list(self._upwards(frame.lstrip("/")))
 
     def moves(self, frame: str) -> bool:
-        """Whether the frame moves against its root."""
+        """Whether the frame moves against its root; raises ValueError where its ancestors are no chain."""
         return any(child in self.track and not self.track[child].static for child in self.chain(frame))
 
     def pose(self, frame: str, ancestor: str, time_s: float) -> Float[np.ndarray, "4 4"] | None:
-        """``T_ancestor_frame`` at a time; None where it is not known."""
+        """``T_ancestor_frame`` at a time; None where it is not known. Raises ValueError where no chain leads there."""
         T = np.eye(4)
         for child in self._upwards(frame.lstrip("/")):
             if child == ancestor.lstrip("/"):
@@ -96,9 +133,13 @@ class FrameTree:
         while frame not in seen:
             seen.add(frame)
             yield frame
-            if frame not in self.parent:
+            parents = self.parents.get(frame, [])
+            if not parents:
                 return
-            frame = self.parent[frame]
+            if len(parents) > 1:
+                raise ValueError(f"the frame '{frame}' stands in several: {', '.join(map(repr, parents))}")
+            frame = parents[0]
+        raise ValueError(f"the frames go round in a circle: '{frame}' stands in itself")
 
 
 def _matrix(xyz_m: Float[np.ndarray, "3"], rotation: Rotation) -> Float[np.ndarray, "4 4"]:

@@ -5,9 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from anm_mj.errors import RunFolderError
 from anm_mj.utils.picture import open_picture
+
+DEPTH_MODES = ("I", "F", "I;16", "I;16B", "I;16L", "I;16N")
+"""What PIL calls images of one channel with more than 8 bits."""
 
 
 def read_image(path: Path, mode: str | None = None) -> np.ndarray:
@@ -15,14 +19,22 @@ def read_image(path: Path, mode: str | None = None) -> np.ndarray:
 
     Args:
         path: Image file.
-        mode: PIL mode to convert to, such as ``RGB``; None keeps that of the file.
+        mode: PIL mode to convert to, such as ``RGB``; None = that of a depth image.
 
     Raises:
-        RunFolderError: The image is missing or damaged.
+        RunFolderError: The image is missing or damaged, or no depth image.
     """
     try:
         with open_picture(path) as image:
+            if mode is None:
+                require_depth(image)
             return np.asarray(image.convert(mode) if mode else image)
     # A decoder raises SyntaxError for a damaged PNG.
     except (OSError, SyntaxError, ValueError) as err:
         raise RunFolderError(f"{path} cannot be read ({err}); copy it again.") from err
+
+
+def require_depth(image: Image.Image) -> None:
+    """Raises ValueError for a picture of colours, of a palette, or of 8 bits, in which no depth has room."""
+    if image.mode not in DEPTH_MODES:
+        raise ValueError(f"it is no depth image: its pixels are {image.mode}, not one number of 16 bits each")

@@ -7,13 +7,14 @@ said by the user where several fit. Depth has to be registered to the colour ima
 
 from __future__ import annotations
 
+import logging
 import os
 import struct
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +23,7 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_limits import limit_rosbags
 from anm_mj.io.bag_poses import FrameTree, Track
-from anm_mj.io.sequence import Frame, Sequence
+from anm_mj.io.sequence import Frame, Sequence, require_count, say_left_out
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import open_regular
 
@@ -43,13 +44,20 @@ TF = "tf"
 """Stands for the tree of frames where a topic of poses is named."""
 MM = 0.001
 
+_logger = logging.getLogger(__name__)
+
 
 def is_recording(path: Path) -> bool:
     """Whether a path is a bag: a ``.bag`` or ``.mcap`` file, or a folder with a ``metadata.yaml``."""
     return path.suffix in (".bag", ".mcap") or os.path.isfile(path / "metadata.yaml")
 
 
-def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | None = None) -> Sequence:
+def read_recording(
+    path: Path,
+    topics: Mapping[str, str],
+    depth_unit_m: float | None = None,
+    camera: tuple[float, float, float, float] | None = None,
+) -> Sequence:
     """Open a recording.
 
     Args:
@@ -57,6 +65,7 @@ def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | 
         topics: Topics by role (``colour``, ``depth``, ``camera``, ``pose``), where they are not the only ones that fit;
             the topic of ``pose`` may be ``tf``.
         depth_unit_m: Metres per unit of 16-bit depth; None = 1 mm, as REP 118 has it.
+        camera: fx, fy, cx, cy of the colour images [px]; None = as the calibration says.
 
     Raises:
         RunFolderError: The package rosbags is missing, the bag cannot be read, or it does not say where the camera was.
@@ -73,10 +82,11 @@ def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | 
     try:
         # The package would wait for a FIFO.
         for file in sorted(path.iterdir()) if path.is_dir() else (path,):
-            open_regular(file).close()
+            if not file.is_dir():
+                open_regular(file).close()
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
-        bag = _Bag(path, reader, topics, depth_unit_m or MM)
+        bag = _Bag(path, reader, topics, depth_unit_m or MM, camera)
         # The images are read later; the file is closed with the last of them.
         weakref.finalize(bag, reader.close)
         return bag.sequence()
@@ -84,7 +94,16 @@ def read_recording(path: Path, topics: Mapping[str, str], depth_unit_m: float | 
         raise
     except Exception as err:
         # Readers raise whatever the damaged bytes lead them to.
-        raise RunFolderError(f"{path} cannot be read as a recording ({err or type(err).__name__}).") from err
+        raise RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).") from err
+
+
+class _Stamp(NamedTuple):
+    """Where a message lies in time."""
+
+    time_s: float
+    """When it was made, as its header has it [s]."""
+    at_ns: int
+    """When it was recorded [ns]."""
 
 
 @dataclass(eq=False)
@@ -95,27 +114,40 @@ class _Bag:
     reader: Any
     topics: Mapping[str, str]
     depth_unit_m: float
+    camera: tuple[float, float, float, float] | None
 
     def sequence(self) -> Sequence:
         """The frames of the bag; it stays open for their images."""
         colour, depth = self._image_topic("colour"), self._image_topic("depth")
-        first_depth = self._first(depth)
-        camera_frame = first_depth.header.frame_id
+        depths, camera_frame = self._stamps(depth)
+        colours, colour_frame = self._stamps(colour)
+        if colour_frame != camera_frame:
+            _logger.warning(
+                "%s: depth is of the frame '%s' and colour of '%s'; their pixels are taken for the same ones, as of "
+                "depth that is registered to the colour.",
+                self.path,
+                camera_frame,
+                colour_frame,
+            )
         intrinsics = self._intrinsics(colour, depth, camera_frame)
         pose_at = self._poses(camera_frame)
-        pairs = _pairs(self._stamps(depth), self._stamps(colour))
+        single = {stamp.time_s: stamp for stamp in reversed(depths)}
+        say_left_out(self.path, len(single), len(depths), "their depth has the time of another one")
+        pairs = _pairs(sorted(single.values()), colours)
+        say_left_out(self.path, len(pairs), len(single), f"no colour is within {MATCH_S:g} s of their depth")
         frames = []
-        for time_s, depth_ns, colour_ns in pairs:
-            T = pose_at(time_s)
+        for depth_stamp, colour_stamp in pairs:
+            T = pose_at(depth_stamp.time_s)
             if T is not None:
                 frames.append(
                     Frame(
-                        time_s - pairs[0][0],
-                        self._later(colour, colour_ns, colour_image),
-                        self._later(depth, depth_ns, lambda message: depth_image(message, self.depth_unit_m)),
+                        depth_stamp.time_s - pairs[0][0].time_s,
+                        self._later(colour, colour_stamp, colour_image),
+                        self._later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
                         T,
                     )
                 )
+        say_left_out(self.path, len(frames), len(pairs), "no pose of the camera is known at their time")
         return Sequence(self.path, intrinsics, self.depth_unit_m, tuple(frames), resize=True)
 
     def _of_type(self, *types: str) -> list[str]:
@@ -130,30 +162,51 @@ class _Bag:
         named = self.topics.get(role)
         if named is not None:
             if named not in fit:
-                there = f"; {role} could be {', '.join(fit)}" if fit else ""
-                raise RunFolderError(f"{self.path} has no topic '{named}' for {role}{there}.")
+                there = ", ".join(fit) or f"none of {self._all_topics()}"
+                raise RunFolderError(f"{self.path} has no topic '{named}' for {role}; {role} could be {there}.")
             return named
         if len(preferred) == 1:
             return preferred[0]
         if not fit:
-            there = ", ".join(sorted({f"{one.topic} ({one.msgtype})" for one in self.reader.connections})) or "none"
-            raise RunFolderError(f"{self.path} has no topic for {role}; its topics are {there}.")
+            raise RunFolderError(f"{self.path} has no topic for {role}; its topics are {self._all_topics()}.")
         raise RunFolderError(
             f"{self.path} has several topics for {role} ({', '.join(fit)}); name one, as in --topic {role}={fit[0]}."
         )
 
+    def _all_topics(self) -> str:
+        return ", ".join(sorted({f"{one.topic} ({one.msgtype})" for one in self.reader.connections})) or "none"
+
     def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> Intrinsics:
-        """Of the calibration beside the depth, or of the only one that has its frame."""
+        """As the user says; else of the calibration beside the depth, or of the only one that has its frame."""
+        if self.camera is not None:
+            rows, cols = colour_image(self._first(colour)).shape[:2]
+            return Intrinsics(cols, rows, *self.camera)
         there = self._of_type(CALIBRATION)
         beside = [
             topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in _folders(images)
         ]
         same = [topic for topic in there if self._first(topic).header.frame_id == camera_frame]
-        found = self._first(self._chosen("camera", there, beside[:1] or same))
+        topic = self._chosen("camera", there, beside[:1] or same)
+        found = self._first(topic)
+        if len({_content(raw, ros2=self.reader.is2) for _, _, raw in self._raw(topic)}) > 1:
+            raise RunFolderError(
+                f"{topic} in {self.path} changes in the course of the bag, but a sequence has one camera; give it by "
+                "--camera FX,FY,CX,CY."
+            )
         # A bag of ROS 1 has upper-case names.
         matrix = np.asarray(found.k if hasattr(found, "k") else found.K, np.float64).reshape(3, 3)
         if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and found.width > 0 and found.height > 0):
             raise RunFolderError(f"The calibration in {self.path} is empty; give it by --camera FX,FY,CX,CY.")
+        region = found.roi
+        if (region.width, region.height) not in ((0, 0), (found.width, found.height)):
+            raise RunFolderError(
+                f"{topic} in {self.path} says that images are a region of {region.width} x {region.height} pixels of "
+                f"{found.width} x {found.height}; give their own camera by --camera FX,FY,CX,CY."
+            )
+        if np.any(found.d if hasattr(found, "d") else found.D) and "rect" not in depth.rpartition("/")[2]:
+            _logger.warning(
+                "%s: the distortion in %s is left out; give undistorted images where it is large.", self.path, topic
+            )
         # ROS measures the principal point from the centre of the first pixel.
         fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
         return Intrinsics(int(found.width), int(found.height), float(fx), float(fy), float(cx), float(cy))
@@ -162,19 +215,28 @@ class _Bag:
         """Where the camera was at a time: from tf where it leads there, else from the only topic of poses."""
         tree = self._tree()
         fit = self._of_type(*POSES)
-        moving = tree.moves(camera_frame)
         named = self.topics.get("pose")
-        if named == TF or (named is None and moving):
-            if not moving:
-                raise RunFolderError(f"The frames in {self.path} say nothing about how '{camera_frame}' moves.")
-            root = tree.chain(camera_frame)[-1]
-            return lambda time_s: tree.pose(camera_frame, root, time_s)
-        topic = self._chosen("pose", fit, fit)
-        track, moved = self._track(topic)
-        if moved is None:
-            return track.at
-        # An odometry tells of its own frame, and the frames how the camera stands in that.
-        fixed = tree.pose(camera_frame, moved, 0.0)
+        try:
+            moving = named in (None, TF) and tree.moves(camera_frame)
+            if moving:
+                root = tree.chain(camera_frame)[-1]
+                return lambda time_s: tree.pose(camera_frame, root, time_s)
+            if named == TF or (named is None and not fit and tree.parents):
+                raise RunFolderError(
+                    f"The frames in {self.path} say nothing about how '{camera_frame}' moves; record /tf and "
+                    "/tf_static, or poses of the camera."
+                )
+            topic = self._chosen("pose", fit, fit)
+            track, moved = self._track(topic)
+            if moved is None:
+                return track.at
+            # An odometry tells of its own frame, and the frames how the camera stands in that.
+            fixed = tree.pose(camera_frame, moved, 0.0)
+        except ValueError as err:
+            raise RunFolderError(
+                f"The frames in {self.path} do not say where '{camera_frame}' is ({err}); name a topic with poses of "
+                "the camera by --topic pose=NAME."
+            ) from err
         if fixed is None:
             raise RunFolderError(
                 f"{topic} in {self.path} tells of the frame '{moved}', and no /tf_static how '{camera_frame}' stands "
@@ -198,42 +260,66 @@ class _Bag:
         return tree
 
     def _track(self, topic: str) -> tuple[Track, str | None]:
-        """Poses of a topic, and the frame that moves; None = that of the camera."""
-        track, moved = Track(), None
+        """Poses of a topic, and the frame that moves; None = that of the camera.
+
+        Raises ValueError where there are several.
+        """
+        track, moved = Track(topic), set()
         for _, message in self._messages(topic):
             if hasattr(message, "transform"):
                 xyz, quaternion = message.transform.translation, message.transform.rotation
             else:
                 pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
                 xyz, quaternion = pose.position, pose.orientation
-            moved = getattr(message, "child_frame_id", "") or None
+            moved.add(getattr(message, "child_frame_id", None))
             track.add(_time_s(message.header), _vector(xyz), _quaternion(quaternion))
-        return track, moved
+        if len(moved) > 1:
+            raise ValueError(f"{topic} tells of several: {', '.join(sorted(map(repr, moved)))}")
+        (frame,) = moved or {None}
+        if frame == "" and "pose" not in self.topics:
+            raise ValueError(f"{topic} does not say of which frame it tells")
+        return track, frame or None
 
     def _connections(self, topic: str) -> list[Any]:
         return [one for one in self.reader.connections if one.topic == topic]
 
+    def _raw(self, topic: str) -> Any:
+        return self.reader.messages(self._connections(topic))
+
     def _messages(self, topic: str) -> Any:
-        for connection, at_ns, raw in self.reader.messages(self._connections(topic)):
+        for connection, at_ns, raw in self._raw(topic):
             yield at_ns, self.reader.deserialize(raw, connection.msgtype)
 
     def _first(self, topic: str) -> Any:
-        return next(message for _, message in self._messages(topic))
+        for _, message in self._messages(topic):
+            return message
+        raise RunFolderError(f"{self.path} holds no message of {topic}, although it says so; record it again.")
 
-    def _stamps(self, topic: str) -> list[tuple[float, int]]:
-        """When each message was made [s], and where it lies in the bag [ns]; without decoding its image."""
-        return sorted(
-            (_stamp(raw, ros2=self.reader.is2), at_ns)
-            for _, at_ns, raw in self.reader.messages(self._connections(topic))
-        )
+    def _stamps(self, topic: str) -> tuple[list[_Stamp], str]:
+        """When each message was made, in order, and the frame of all; without decoding its image."""
+        stamps, frames = [], set()
+        for _, at_ns, raw in self._raw(topic):
+            time_s, frame = _header(raw, ros2=self.reader.is2)
+            stamps.append(_Stamp(time_s, at_ns))
+            frames.add(frame)
+            require_count(len(stamps))
+        if len(frames) > 1:
+            raise RunFolderError(
+                f"Images of {topic} in {self.path} are of several frames ({', '.join(sorted(map(repr, frames)))}); a "
+                "sequence has one camera."
+            )
+        return sorted(stamps), frames.pop() if frames else ""
 
-    def _later(self, topic: str, at_ns: int, decode: Callable[[Any], Any]) -> Callable[[], Any]:
+    def _later(self, topic: str, stamp: _Stamp, decode: Callable[[Any], Any]) -> Callable[[], Any]:
         """What reads an image when it is asked for."""
 
         def read() -> Any:
+            at_ns = stamp.at_ns
             try:
                 for connection, _, raw in self.reader.messages(self._connections(topic), at_ns, at_ns + 1):
-                    return decode(self.reader.deserialize(raw, connection.msgtype))
+                    # Several may have been recorded at one time.
+                    if _header(raw, ros2=self.reader.is2)[0] == stamp.time_s:
+                        return decode(self.reader.deserialize(raw, connection.msgtype))
             except Exception as err:
                 # Readers raise whatever the damaged bytes lead them to.
                 raise RunFolderError(f"An image of {topic} in {self.path} cannot be read ({err}).") from err
@@ -253,26 +339,30 @@ def _folders(topic: str) -> tuple[str, ...]:
     return (parent, parent.rpartition("/")[0]) if "ompressed" in topic else (parent,)
 
 
-def _pairs(depth: list[tuple[float, int]], colour: list[tuple[float, int]]) -> list[tuple[float, int, int]]:
-    """Time of a depth image, and the places of it and of the colour image that is nearest in time."""
-    times = np.array([time_s for time_s, _ in colour])
+def _pairs(depth: list[_Stamp], colour: list[_Stamp]) -> list[tuple[_Stamp, _Stamp]]:
+    """Each depth image with the colour image that is nearest in time; both lists are in order."""
+    times = np.array([stamp.time_s for stamp in colour])
     found = []
-    for time_s, at_ns in depth:
-        nearest = int(np.abs(times - time_s).argmin())
-        if abs(times[nearest] - time_s) <= MATCH_S:
-            found.append((time_s, at_ns, colour[nearest][1]))
+    for stamp in depth:
+        after = int(np.searchsorted(times, stamp.time_s))
+        near = range(max(after - 1, 0), min(after + 1, len(times)))
+        nearest = min(near, key=lambda k: abs(times[k] - stamp.time_s), default=None)
+        if nearest is not None and abs(times[nearest] - stamp.time_s) <= MATCH_S:
+            found.append((stamp, colour[nearest]))
     return found
 
 
-def _stamp(raw: bytes, *, ros2: bool) -> float:
-    """Time of a message that begins with a header [s]."""
-    if ros2:
-        # Four bytes say how the rest is laid out; the lowest bit of the second: little-endian.
-        order = "<" if raw[1] & 1 else ">"
-        sec, nanosec = struct.unpack_from(f"{order}iI", raw, 4)
-    else:
-        _, sec, nanosec = struct.unpack_from("<III", raw, 0)
-    return sec + nanosec * 1e-9
+def _header(raw: bytes, *, ros2: bool) -> tuple[float, str]:
+    """Time of a message that begins with a header [s], and its frame."""
+    # ROS 2: four bytes say how the rest is laid out; the lowest bit of the second: little-endian. ROS 1: a number.
+    order = "<" if not ros2 or raw[1] & 1 else ">"
+    sec, nanosec, length = struct.unpack_from(f"{order}{'i' if ros2 else 'I'}II", raw, 4)
+    return sec + nanosec * 1e-9, bytes(raw[16 : 16 + length]).rstrip(b"\0").decode(errors="replace")
+
+
+def _content(raw: bytes, *, ros2: bool) -> bytes:
+    """A message without its number and its time."""
+    return (bytes(raw[:4]) if ros2 else b"") + bytes(raw[12:])
 
 
 def _time_s(header: Any) -> float:

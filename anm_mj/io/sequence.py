@@ -24,6 +24,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.image import read_image
 from anm_mj.io.run_folder import empty_folder
 from anm_mj.io.run_shapes import IntrinsicsShape
@@ -39,6 +40,10 @@ DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
 MAX_FRAMES = limit("ANM_MJ_MAX_FRAMES", 200_000)
 """Most frames of a sequence."""
+
+
+MOST_STRETCHED = 0.03
+"""Images are so much wider or narrower than the camera's at most, as a share of their height."""
 
 
 class _CameraShape(IntrinsicsShape):
@@ -93,6 +98,7 @@ class Sequence:
             depth_m = self._depth_m(frame.depth)
             camera = self.intrinsics
             if self.resize:
+                self._check_shape(step, rgb.shape[:2], depth_m.shape)
                 rows, cols = np.minimum(rgb.shape[:2], depth_m.shape).tolist()
                 rgb, depth_m = self._picked(rgb, rows, cols), self._picked(depth_m, rows, cols)
                 camera = self._scaled(cols, rows)
@@ -109,6 +115,19 @@ class Sequence:
         """The same frames in another world."""
         frames = (replace(frame, T_world_camera=T_new_world @ frame.T_world_camera) for frame in self.frames)
         return replace(self, frames=tuple(frames))
+
+    def _check_shape(self, step: int, *shapes: tuple[int, ...]) -> None:
+        """Raises RunFolderError for images that are not the camera's, be they larger or smaller."""
+        camera = self.intrinsics
+        # A run folder reduces rows and columns each for itself.
+        if self.keeps_corner_pixels:
+            return
+        for rows, cols in shapes:
+            if not (rows and cols) or abs(math.log(cols * camera.height / (rows * camera.width))) > MOST_STRETCHED:
+                raise RunFolderError(
+                    f"Frame {step} of {self.path} has an image of {cols} x {rows} pixels, which is none of a camera of "
+                    f"{camera.width} x {camera.height}; give the true camera, or cut the images alike."
+                )
 
     def _picked(self, image: np.ndarray, rows: int, cols: int) -> np.ndarray:
         middle = 0.0 if self.keeps_corner_pixels else 0.5
@@ -140,7 +159,7 @@ class Sequence:
             depth_m = read_image(path).astype(np.float32) * np.float32(self.depth_unit_m)
         if depth_m.ndim != 2:
             raise RunFolderError(f"{path} is no depth image: it has {depth_m.ndim} axes, such as colours, not 2.")
-        return np.where(depth_m > 0.0, depth_m, np.float32(np.nan))
+        return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
 
 
 def read_sequence(path: Path) -> Sequence:
@@ -208,6 +227,12 @@ class SequenceWriter:
             with (self._path / "poses.tum").open("a", encoding="utf-8") as file:
                 file.write(_tum_line(observation.time_s, observation.T_world_camera) + "\n")
         self._frames += 1
+
+
+def say_left_out(folder: Path, kept: int, listed: int, why: str) -> None:
+    """Warn of frames that are not read."""
+    if kept < listed:
+        _logger.warning("%s: %d of %d frames are left out, because %s.", folder, listed - kept, listed, why)
 
 
 def require_count(frames: int) -> None:

@@ -25,7 +25,7 @@ from anm_mj.io.nerfstudio_camera import check_nerfstudio_camera, nerfstudio_came
 from anm_mj.io.read_run import read_json, read_run
 from anm_mj.io.rosbag import is_recording, read_recording
 from anm_mj.io.run_shapes import Number
-from anm_mj.io.sequence import Frame, Sequence, read_sequence, require_count, tum_matrix
+from anm_mj.io.sequence import Frame, Sequence, read_sequence, require_count, say_left_out, tum_matrix
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import convert, is_below, read_table, read_text
 
@@ -50,6 +50,8 @@ UP = {
 BAG = "rosbag"
 """The layout that is no folder of images."""
 FLOOR_FRAMES, FLOOR_BIN_M, FLOOR_SHARE = 30, 0.02, 0.3
+HEIGHTS_M = (0.05, 50.0)
+"""Cameras stand between these above the floor [m]."""
 
 
 _logger = logging.getLogger(__name__)
@@ -93,7 +95,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     if options.every < 1:
         raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
     if options.layout == BAG or (options.layout is None and is_recording(path)):
-        sequence, found = read_recording(path, options.topics, options.depth_unit_m), BAG
+        sequence, found = read_recording(path, options.topics, options.depth_unit_m, options.camera), BAG
     else:
         sequence, found = _read_folder(path, options)
     if not sequence.frames:
@@ -113,6 +115,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     floor_m = options.floor_m
     if floor_m is None:
         floor_m = 0.0 if found in LAYOUTS and LAYOUTS[found].ours else find_floor_m(sequence)
+    _check_heights(sequence, floor_m)
     lowered = np.eye(4)
     lowered[2, 3] = -floor_m
     return sequence.moved(lowered), found
@@ -180,10 +183,17 @@ def check_sequence(sequence: Sequence) -> None:
     _check_places(path, sequence.frames)
 
 
-def _say_left_out(folder: Path, kept: int, listed: int, why: str) -> None:
-    """Warn of frames that are not read."""
-    if kept < listed:
-        _logger.warning("%s: %d of %d frames are left out, because %s.", folder, listed - kept, listed, why)
+def _check_heights(sequence: Sequence, floor_m: float) -> None:
+    """Warn of cameras that stand where nobody carries one: a unit, an axis or a floor is another one."""
+    height_m = float(np.median([frame.T_world_camera[2, 3] for frame in sequence.frames])) - floor_m
+    low, high = HEIGHTS_M
+    if not low <= height_m <= high:
+        _logger.warning(
+            "The cameras of %s are %.4g m above the floor: check the unit of depth (--depth-unit), the axis that "
+            "points up (--up) and the floor (--floor).",
+            sequence.path,
+            height_m,
+        )
 
 
 def _check_places(folder: Path, frames: Iterable[Frame]) -> None:
@@ -208,11 +218,11 @@ def find_floor_m(sequence: Sequence) -> float:
     z = z[z < below]
     if not len(z):
         raise RunFolderError(f"{sequence.path} shows nothing below its cameras; give the floor's height by --floor.")
-    level = np.floor(z / FLOOR_BIN_M).astype(np.int64)
-    count = np.bincount(level - level.min())
-    # A level of points and its neighbour: the floor may lie on the border of two.
-    both = np.convolve(count, np.ones(3), "same")
-    lowest = int(np.argmax(both >= FLOOR_SHARE * both.max())) + level.min()
+    levels, count = np.unique(np.floor(z / FLOOR_BIN_M), return_counts=True)
+    # A level of points and its neighbours: the floor may lie on the border of two.
+    total = np.concatenate([[0], np.cumsum(count)])
+    both = total[np.searchsorted(levels, levels + 1.0, "right")] - total[np.searchsorted(levels, levels - 1.0)]
+    lowest = levels[np.argmax(both >= FLOOR_SHARE * both.max())]
     near = z[np.abs(z - (lowest + 1.0) * FLOOR_BIN_M) < 2 * FLOOR_BIN_M]
     return float(np.median(near))
 
@@ -240,10 +250,10 @@ def _tum(folder: Path) -> Sequence:
         image, pose = image_at(time_s), pose_at(time_s)
         if image is not None and pose is not None:
             frames.append(Frame(time_s, folder / image, folder / name, tum_matrix(pose[:3], pose[3:])))
-    _say_left_out(folder, len(frames), len(depth), f"no image or no pose is within {TUM_MATCH_S:g} s of their depth")
+    say_left_out(folder, len(frames), len(depth), f"no image or no pose is within {TUM_MATCH_S:g} s of their depth")
     known = next((camera for key, camera in TUM_CAMERAS.items() if key in folder.resolve().name), TUM_CAMERA)
     _check_places(folder, frames[:1])
-    height, width = read_image(frames[0].colour).shape[:2] if frames else (480, 640)
+    height, width = read_image(frames[0].colour, "RGB").shape[:2] if frames else (480, 640)
     return Sequence(folder, _from_pixel_centres(width, height, known), TUM_UNIT_M, tuple(frames), resize=True)
 
 
@@ -329,7 +339,7 @@ def _replica(folder: Path) -> Sequence:
             f"{images} has a colour or a depth image without its partner (number {alone[0]}, {len(alone)} in all): "
             "copy it again, or remove the other one."
         )
-    _say_left_out(folder, min(len(poses), len(colour)), len(colour), "traj.txt has no pose for them")
+    say_left_out(folder, min(len(poses), len(colour)), len(colour), "traj.txt has no pose for them")
     frames = tuple(
         Frame(index * REPLICA_TIME_S, image, measured, pose)
         for index, (image, measured, pose) in enumerate(zip(colour, depth, poses, strict=False))

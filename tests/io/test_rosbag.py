@@ -2,7 +2,9 @@
 
 import io
 import math
+import sqlite3
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -266,7 +268,7 @@ def test_what_a_bag_lacks_is_one_sentence(tmp_path, capsys):
 
 
 def test_poses_in_between():
-    track = Track()
+    track = Track("poses")
     for time_s, yaw in ((1.0, 0.4), (1.2, 0.8)):
         quaternion = Rotation.from_euler("z", yaw).as_quat()
         track.add(time_s, np.array([time_s, 0.0, 0.0]), quaternion)
@@ -299,3 +301,150 @@ def test_compressed_bags_of_ros_2(tmp_path, mode):
     storage = StoragePlugin.MCAP if mode == "STORAGE" else StoragePlugin.SQLITE3
     path = write_bag(tmp_path / "walk", images() + poses_by_tf(), storage, CompressionMode[mode])
     check(open_sequence(path, SequenceOptions(floor_m=0.0))[0])
+
+
+INFO = DEPTH.replace("image_raw", "camera_info")
+
+
+def changed(topic, change, said=None):
+    """Messages, with those of a topic as ``change`` of message and number makes them."""
+    numbers = iter(range(1000))
+    said = images() + poses_by_tf() if said is None else said
+    return [(name, t, change(message, next(numbers)) if name == topic else message) for name, t, message in said]
+
+
+def moved_by(message, x=0.0, w=None):
+    """A pose in tf with another place and quaternion."""
+    (one,) = message.transforms
+    xyz = make("geometry_msgs/msg/Vector3", x=x, y=0.0, z=0.0)
+    rotation = one.transform.rotation if w is None else make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=w)
+    return replace(
+        message, transforms=[replace(one, transform=replace(one.transform, translation=xyz, rotation=rotation))]
+    )
+
+
+REGION = make("sensor_msgs/msg/RegionOfInterest", x_offset=9, y_offset=9, height=20, width=20, do_rectify=False)
+
+
+@pytest.mark.parametrize(
+    ("topic", "change", "words"),
+    [
+        (INFO, lambda m, k: replace(m, k=m.k * (1.0 + k)), "changes in the course of the bag"),
+        (INFO, lambda m, k: replace(m, roi=REGION), "a region of 20 x 20 pixels of 64 x 48"),
+        (INFO, lambda m, k: replace(m, width=640, height=100), "64 x 48 pixels, which is none of a camera"),
+        (COLOUR, lambda m, k: replace(m, encoding="mono8"), "64 pixels of 'mono8' have 64: the encoding is"),
+        (COLOUR, lambda m, k: replace(m, encoding="odd") if k else m, "'odd' is no colour"),
+        (DEPTH, lambda m, k: replace(m, encoding="odd") if k else m, "'odd' is no depth"),
+        (DEPTH, lambda m, k: replace(m, width=0, height=0, step=0), "it has 0 x 0 pixels"),
+        (DEPTH, lambda m, k: replace(m, header=header(100.0 + 0.1 * k, f"f{k}")), r"of several frames \('f0', 'f1'"),
+    ],
+)  # fmt: skip
+def test_messages_that_do_not_fit_each_other_are_refused(tmp_path, topic, change, words):
+    path = write_bag(tmp_path / "bag", changed(topic, change))
+    with pytest.raises(RunFolderError, match=words):
+        list(open_sequence(path, SequenceOptions(floor_m=0.0))[0].observations())
+
+
+@pytest.mark.parametrize("lacks", ["no calibration", "zeros"])
+def test_a_camera_that_the_user_gives_stands_for_the_calibration(tmp_path, lacks):
+    said = changed(INFO, lambda m, k: replace(m, k=np.zeros(9)))
+    path = write_bag(tmp_path / "bag", [one for one in said if lacks == "zeros" or one[0] != INFO])
+    camera = (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
+    check(open_sequence(path, SequenceOptions(floor_m=0.0, camera=camera))[0])
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ([("/tf", 100.0, tf(100.0, "map", "base", np.eye(4)))], "'base' stands in several: 'odom', 'map'"),
+        ([("/tf", 100.0, tf(100.0, "optical", "odom", np.eye(4)))], "the frames go round in a circle"),
+    ],
+)
+def test_frames_that_are_no_tree_are_refused(tmp_path, said, words):
+    with pytest.raises(RunFolderError, match=words):
+        open_sequence(write_bag(tmp_path / "bag", images() + poses_by_tf() + said))
+
+
+def test_an_odometry_of_no_frame_or_of_several_is_refused(tmp_path):
+    fixed = ("/tf_static", 99.0, tf(99.0, "base", "optical", T_BASE_CAMERA))
+    for name, frame_of, words in (
+        ("none", lambda step: "", "does not say of which frame"),
+        ("several", lambda step: "base" if step else "optical", "tells of several: 'base', 'optical'"),
+    ):
+        told = [
+            replace(odometry(one.time_s + 100.0, base_of(one)), child_frame_id=frame_of(one.step)) for one in seen()
+        ]
+        said = [("/odom", 100.0 + 0.1 * step, message) for step, message in enumerate(told)]
+        with pytest.raises(RunFolderError, match=words):
+            open_sequence(write_bag(tmp_path / name, [*images(), fixed, *said]))
+
+
+@pytest.mark.parametrize("wrong", [{"w": 0.0}, {"w": 2.0}, {"w": math.nan}, {"x": math.nan}, {"x": 1e30}])
+def test_poses_that_are_none_are_left_out(tmp_path, caplog, wrong):
+    # The seventh lies half a tenth of a second before a frame.
+    said = changed("/tf", lambda m, k: moved_by(m, **wrong) if k == 6 else m)
+    check(open_sequence(write_bag(tmp_path / "bag", said), SequenceOptions(floor_m=0.0))[0])
+    assert "1 of 18 poses of the frame 'base' are left out" in caplog.text
+
+
+def test_frames_that_are_left_out_are_counted(tmp_path, caplog):
+    early = [one for one in poses_by_tf() if one[1] < 100.25]
+    twice = [(name, t + 50.0, message) for name, t, message in images() if name == DEPTH]
+    sequence, _ = open_sequence(write_bag(tmp_path / "bag", images() + early + twice), SequenceOptions(floor_m=0.0))
+    for words in (
+        "6 of 12 frames are left out, because their depth has the time of another one",
+        "1 of 6 frames are left out, because no colour is within 0.02 s",
+        f"{5 - len(sequence)} of 5 frames are left out, because no pose of the camera is known",
+    ):
+        assert words in caplog.text
+
+
+def test_images_that_were_recorded_at_one_time_are_told_apart(tmp_path):
+    path = write_bag(tmp_path / "bag", images() + poses_by_tf())
+    (file,) = path.glob("*.db3")
+    with sqlite3.connect(file) as base:
+        base.execute("UPDATE messages SET timestamp = 7")
+    base.close()
+    check(open_sequence(path, SequenceOptions(floor_m=0.0))[0])
+
+
+def test_distortion_and_depth_of_another_camera_are_said(tmp_path, caplog):
+    bent = changed(INFO, lambda m, k: replace(m, d=np.full(5, 0.1)))
+    said = changed(COLOUR, lambda m, k: replace(m, header=replace(m.header, frame_id="other")), bent)
+    open_sequence(write_bag(tmp_path / "bag", said))
+    assert "the distortion in /camera/aligned_depth_to_color/camera_info is left out" in caplog.text
+    assert "depth is of the frame 'optical' and colour of 'other'" in caplog.text
+
+
+def test_depth_beyond_everything_is_none(tmp_path):
+    def far(message, k):
+        depth_m = seen()[k].depth_m.copy()
+        depth_m[0] = 1e30
+        return image(100.0 + seen()[k].time_s, depth_m.astype(np.float32), "32FC1")
+
+    sequence, _ = open_sequence(write_bag(tmp_path / "bag", changed(DEPTH, far)))
+    assert np.isnan(next(sequence.observations()).depth_m[0]).all()
+
+
+def test_a_unit_that_lifts_the_cameras_is_said(tmp_path, caplog):
+    path = write_bag(tmp_path / "bag", images() + poses_by_tf())
+    open_sequence(path)
+    assert "above the floor" not in caplog.text
+    open_sequence(path, SequenceOptions(depth_unit_m=1.0))
+    assert "m above the floor: check the unit of depth" in caplog.text
+
+
+@pytest.mark.parametrize(("kind", "fits"), [("uint16", True), ("uint8", False)])
+def test_depth_in_a_plain_png_has_16_bits(tmp_path, kind, fits):
+    said = [entry for entry in images() if entry[0] != DEPTH] + poses_by_tf()
+    for one in seen():
+        buffer = io.BytesIO()
+        Image.fromarray(np.rint(1000.0 * one.depth_m).astype(kind)).save(buffer, "PNG")
+        t = one.time_s + 100.0
+        said.append((DEPTH + "/compressed", t, compressed(t, buffer.getvalue(), "16UC1; png compressed ")))
+    sequence, _ = open_sequence(write_bag(tmp_path / "bag", said), SequenceOptions(floor_m=0.0))
+    if fits:
+        check(sequence)
+    else:
+        with pytest.raises(RunFolderError, match="its pixels are L, not one number of 16 bits each"):
+            list(sequence.observations())
