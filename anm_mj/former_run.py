@@ -18,7 +18,7 @@ from anm_mj.io.explored_file import Explored, read_explored
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.keyframes import Keyframes
 from anm_mj.mapping.map_file import SavedMap, read_map
-from anm_mj.types import FormerRun
+from anm_mj.types import FormerRun, VoxelGrid
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
@@ -27,6 +27,8 @@ _logger = logging.getLogger(__name__)
 
 OWN_KIND = "mlp"
 """The engine whose maps no other engine can go on with."""
+_BESIDE_MAP_M = 1.0
+"""A robot is no farther outside of its map than this [m]."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,19 @@ class Former:
         mapping = replace(now, field=before.field, occupancy=occupancy)
         return replace(config, mapping=mapping, continue_from=self.folder)
 
+    def compare_scene(self, scene: str, scene_hash: str) -> None:
+        """Warn where the run was in another scene, not in an older state of this one."""
+        before = str(self.run.manifest.get("scene", ""))
+        same = self.run.manifest.get("scene_hash") == scene_hash or Path(before).name == Path(scene).name
+        if before and not same:
+            _logger.warning(
+                "%s was a run in the scene %s, and this one is in %s: its map counts as it stands, which is right only "
+                "where both have the same walls in the same place.",
+                self.run.folder.path,
+                before,
+                scene,
+            )
+
     def begin(self, mapper: NeuralMap) -> None:
         """Let a new map begin with the former one.
 
@@ -86,6 +101,20 @@ class Former:
             mapper.continue_from(self.saved, self.keyframes)
         except (KeyError, ValueError, TypeError, IndexError) as err:
             raise MapError(f"The map in {self.run.folder.path} is damaged ({err}); explore anew.") from err
+        self._require_places(mapper.occupancy)
+
+    def _require_places(self, grid: VoxelGrid) -> None:
+        """Raises MapError where a robot was far from all that its map knows, which is then the map of another run."""
+        low, size = grid.origin_m[:2], np.array(grid.state.shape[:0:-1]) * grid.resolution_m
+        for name in ("poses", "refused"):
+            places = getattr(self.explored.former, name)[:, :2]
+            away = ((places < low - _BESIDE_MAP_M) | (places > low + size + _BESIDE_MAP_M)).any(axis=1)
+            if away.any():
+                x, y = places[int(np.argmax(away))]
+                raise MapError(
+                    f"{self.run.folder.explored} names the place ({x:.4g}, {y:.4g}) m, which lies outside of the map "
+                    "beside it: they are of two runs; copy the run again."
+                )
 
     def found(self, policy: str) -> FormerRun:
         """What the run found out beside its map; its policy's memory only for the same policy."""

@@ -136,7 +136,9 @@ def make_parts(
     """
     scene = load_scene(config.scene)
     config = replace(config, steps=config.steps or scene.budget_steps or default_steps(scene.rooms))
-    config = config if former is None else former.config(config)
+    if former is not None:
+        former.compare_scene(config.scene, scene.hash)
+        config = former.config(config)
     backend = select_backend()
     mapper = _make_mapper(config)
     if former is not None:

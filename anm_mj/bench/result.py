@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -43,6 +44,11 @@ USUAL = {
 COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
 UNKNOWN_REVISION = "unknown"
+_METRICS = {field.name for field in fields(Metrics)}
+_PER_CENT = ("_ratio", "_ratio_25mm", "_share", "_percent", "f_score")
+_ANY_SIGN = ("_db", "_ssim")
+_ROUNDING = 1e-3
+"""Numbers of two files agree to this, as a share of them or of 1."""
 
 
 class JobShape(Struct):
@@ -224,13 +230,15 @@ def read_result(folder: Path, of: Job | None = None) -> Result:
         for field in fields(Metrics):
             if field.name in metrics:
                 of_type(Metrics, field.name, metrics[field.name])
+        curve = _read_curve(folder / "curve.csv")
+        _check_agreement(job, metrics, curve)
         made_by = convert(read_json(manifest) if manifest.is_file() else {}, _MadeBy)
         return Result(
             folder=folder,
             job=job,
             metrics=metrics,
             revision=revision_text(None if made_by.git is None else asdict(made_by.git)),
-            curve=_read_curve(folder / "curve.csv"),
+            curve=curve,
         )
 
 
@@ -240,6 +248,22 @@ def _check_same(job: Mapping[str, Any], of: Job) -> None:
         # Older versions wrote fewer facts.
         if job.get(key, own) != own:
             raise ValueError(f"{RESULT} says {key} = {job[key]!r}, but the folder's run has {own!r}")
+
+
+def _check_agreement(job: Mapping[str, Any], metrics: Mapping[str, Any], curve: Float[np.ndarray, "n 5"]) -> None:
+    """Raises ValueError for metrics that cannot be, or that are not those of the curve and the budget."""
+    for name, value in metrics.items():
+        if name not in _METRICS or isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        most = 100.0 if name.endswith(_PER_CENT) else math.inf
+        if not (name.endswith(_ANY_SIGN) or 0.0 <= value <= most + _ROUNDING):
+            raise ValueError(f"metrics.json says {name} = {value:g}; it goes from 0 to {most:g}")
+    for name, last in zip(COLUMNS, curve[-1].tolist(), strict=True):
+        value = metrics.get(name)
+        if name != "step" and value is not None and abs(value - last) > _ROUNDING * max(1.0, abs(last)):
+            raise ValueError(f"metrics.json says {name} = {value:g}, but curve.csv ends with {last:g}")
+    if curve[-1, 0] > job["steps"]:
+        raise ValueError(f"curve.csv goes to step {curve[-1, 0]:.0f} of a run of {job['steps']}")
 
 
 def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:

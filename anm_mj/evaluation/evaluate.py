@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float32
 
-from anm_mj.errors import SceneError
+from anm_mj.errors import RunFolderError, SceneError
 from anm_mj.evaluation.completion import COVERED_M, Completion, Coverage, uncapped_completion_cm
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.covered_before import read_covered_before
@@ -68,6 +68,8 @@ def evaluate_run(
         RunFolderError: The folder is no run, or a file in it is damaged.
     """
     run = read_run(path)
+    if not run.frames:
+        raise RunFolderError(f"{path} holds no frame yet; wait for the run's first step.")
     truth = GroundTruth.load(run.folder.ground_truth)
     if truth.observable is None:
         truth = _with_observable(run, truth, on_progress)

@@ -15,7 +15,8 @@ from anm_mj.errors import RunFolderError
 from anm_mj.export.images import image_intrinsics
 from anm_mj.export.surface import surface_points
 from anm_mj.io.plan_file import PlanRecord
-from anm_mj.io.read_run import FrameRecord, Run
+from anm_mj.io.read_run import Run
+from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.write import writing
 from anm_mj.replay.pictures import kept_images
 from anm_mj.replay.timeline import Timeline

@@ -16,7 +16,8 @@ from anm_mj.errors import RunFolderError
 from anm_mj.export.floor_plan import survey_of
 from anm_mj.export.images import image_intrinsics
 from anm_mj.export.surface import surface_points
-from anm_mj.io.read_run import FrameRecord, Run
+from anm_mj.io.read_run import Run
+from anm_mj.io.run_records import FrameRecord
 from anm_mj.io.write import writing
 from anm_mj.replay.pictures import kept_images
 from anm_mj.replay.timeline import Timeline

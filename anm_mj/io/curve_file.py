@@ -13,6 +13,9 @@ from anm_mj.utils.read_file import read_text
 
 COLUMNS = ("step", "completion_ratio", "completion_cm", "observable_ratio", "path_m")
 """Of the file; others are left alone."""
+GROWING = ("completion_ratio", "observable_ratio", "path_m")
+"""Columns that never fall: what was seen stays seen."""
+_ROUNDING = 1e-6
 _LARGEST = 1e12
 """No value of a curve is larger."""
 
@@ -50,6 +53,11 @@ def _columns(lines: list[list[str]]) -> dict[str, Float[np.ndarray, " n"]]:
     steps = columns["step"]
     if not ((steps == np.floor(steps)).all() and (np.diff(steps, prepend=-1.0) > 0.0).all()):
         raise ValueError("its steps are not whole numbers that grow")
-    if any((np.abs(column) > _LARGEST).any() for column in columns.values()):
-        raise ValueError(f"a value is beyond {_LARGEST:g}")
+    for name, column in columns.items():
+        most = 100.0 + _ROUNDING if name.endswith("_ratio") else _LARGEST
+        if ((column < 0.0) | (column > most)).any():
+            raise ValueError(f"{name} is {column[(column < 0.0) | (column > most)][0]:g}; it goes from 0 to {most:g}")
+        known = column[np.isfinite(column)]
+        if name in GROWING and (np.diff(known) < -_ROUNDING).any():
+            raise ValueError(f"{name} falls from one row to the next")
     return columns

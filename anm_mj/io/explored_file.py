@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from anm_mj.errors import RunFolderError
+from anm_mj.io.camera_checks import FARTHEST_M
+from anm_mj.io.sequence import require_count
 from anm_mj.io.write import writing
 from anm_mj.types import FormerRun
 from anm_mj.utils.files import atomic_write, write_tensors
@@ -82,4 +84,7 @@ def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
 def _poses(array: np.ndarray) -> np.ndarray:
     if array.dtype.kind != "f" or array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
         raise ValueError(f"poses have type {array.dtype} and shape {array.shape}, or are not finite")
+    if np.abs(array).max(initial=0.0) > FARTHEST_M:
+        raise ValueError(f"a pose lies beyond {FARTHEST_M / 1000:g} km")
+    require_count(len(array))
     return array.astype(float)

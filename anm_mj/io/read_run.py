@@ -2,55 +2,31 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt16
+from jaxtyping import UInt16
 from msgspec.structs import asdict
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.camera_checks import check_camera, check_time, no_poses
 from anm_mj.io.image import read_image
 from anm_mj.io.jsonl import read_jsonl
+from anm_mj.io.run_contradictions import contradictions
 from anm_mj.io.run_folder import DEPTH_SIDE_PX, RunFolder
+from anm_mj.io.run_records import FrameRecord, StepRecord
 from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
 from anm_mj.utils import read_file
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import convert, is_below, read_bytes
 
-
-@dataclass(frozen=True)
-class FrameRecord:
-    """One observation of a run."""
-
-    step: int
-    time_s: float
-    pose: Pose2
-    """Believed pose of the robot."""
-    T_world_camera: Float[np.ndarray, "4 4"]
-    """Believed pose of its camera."""
-    true_pose: Pose2
-    """True pose of the robot."""
-    T_true_camera: Float[np.ndarray, "4 4"]
-    """True pose of its camera."""
-
-
-@dataclass(frozen=True)
-class StepRecord:
-    """One executed action of a run."""
-
-    step: int
-    action: Action
-    pose: Pose2
-    """Pose of the robot after the action."""
-    collided: bool
-    moved_m: float
-    wheel_speeds: WheelSpeeds
-    stage_ms: dict[str, float]
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -117,6 +93,8 @@ def read_run(path: Path) -> Run:
         steps = tuple(_step(convert(line, StepShape)) for line in read_jsonl(folder.steps))
         _check_order("frames.jsonl", [frame.step for frame in frames])
         _check_order("steps.jsonl", [step.step for step in steps])
+        for words in contradictions(frames, steps):
+            _warn(f"{path}: {words}")
         return Run(
             folder=folder,
             intrinsics=_intrinsics(camera),
@@ -197,8 +175,14 @@ def _check_frames(frames: tuple[FrameRecord, ...]) -> None:
 def _check_order(name: str, steps: list[int]) -> None:
     """Raises ValueError for lines that are not in the order of their steps, each of which has one."""
     for before, after in pairwise(steps):
-        if after <= before:
+        if after != before + 1:
             raise ValueError(f"step {after} in {name} stands after step {before}")
+
+
+@functools.cache
+def _warn(text: str) -> None:
+    """Say something once, however often a run is read."""
+    _logger.warning("%s", text)
 
 
 def _plan(line: dict[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
@@ -76,7 +77,10 @@ def write_film(
         raise FilmError(f"The film would have {fps:g} frames per second; choose 0.1 to 120.")
     if every < 1:
         raise FilmError(f"Every {every}th frame cannot be shown; give a whole number from 1 up.")
+    images = film_frames(timeline, every=every, scene=scene, on_progress=on_progress)
     with writing(path), atomic_write(path) as partial:
+        # Of a film without a picture, ffmpeg itself would complain.
+        first = next(images)
         # ffmpeg reads the format from the ending.
         named = partial.with_name(partial.name + path.suffix)
         try:
@@ -88,7 +92,7 @@ def write_film(
             # Closed before the file is removed, because ffmpeg makes it as it ends.
             with closing(out):
                 out.send(None)
-                for image in film_frames(timeline, every=every, scene=scene, on_progress=on_progress):
+                for image in itertools.chain((first,), images):
                     out.send(image)
             named.replace(partial)
         finally:

@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8, UInt16
 from PIL import Image, ImageDraw, ImageFont
 
 from anm_mj.io.plan_file import PlanRecord
-from anm_mj.io.read_run import FrameRecord
+from anm_mj.io.run_records import FrameRecord
 from anm_mj.replay.oblique_view import ObliqueView, project
 from anm_mj.replay.surface import GrowingMesh
 from anm_mj.types import Intrinsics, TopDownMap

@@ -101,3 +101,38 @@ def test_a_mesh_that_cannot_be_is_one_sentence(tmp_path, x, face):
     )
     with pytest.raises(RunFolderError, match="cannot be read as a mesh"):
         read_coloured_mesh(tmp_path / "mesh.ply")
+
+
+def edit(path, change):
+    """Let a function change the lines of a log."""
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    path.write_text("".join(json.dumps(line) + "\n" for line in change(lines)))
+
+
+def put_away(frame):
+    """The robot of a line and its camera stand a kilometre off."""
+    frame["x_m"] += 1000.0
+    frame["T_world_camera"][0][3] += 1000.0
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("frames.jsonl", lambda lines: [*lines[:1], put_away(lines[1]), *lines[2:]], "step 1 is 1000 m from step 0"),
+        ("frames.jsonl", lambda lines: [*lines[:1], {**lines[1], "y_m": 500.0}, *lines[2:]], "the camera of step 1 is"),
+        ("steps.jsonl", lambda lines: [*lines, *({**lines[-1], "step": 3 + k} for k in range(3))], "at step 5"),
+        ("steps.jsonl", lambda lines: lines[:-1], None),
+    ],
+)
+def test_logs_that_contradict_each_other_are_said(run_folder, caplog, name, change, said):
+    edit(run_folder / name, change)
+    read_run(run_folder)
+    read_run(run_folder)
+    assert [said in record.message for record in caplog.records] == ([] if said is None else [True])
+
+
+def test_a_frame_is_missing(run_folder):
+    edit(run_folder / "frames.jsonl", lambda lines: [lines[0], lines[2]])
+    with pytest.raises(RunFolderError, match="step 2 in frames.jsonl stands after step 0"):
+        read_run(run_folder)

@@ -1,0 +1,40 @@
+"""What the lines of a run's logs say: an observation, an action."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.types import Action, Pose2, WheelSpeeds
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One observation of a run."""
+
+    step: int
+    time_s: float
+    pose: Pose2
+    """Believed pose of the robot."""
+    T_world_camera: Float[np.ndarray, "4 4"]
+    """Believed pose of its camera."""
+    true_pose: Pose2
+    """True pose of the robot."""
+    T_true_camera: Float[np.ndarray, "4 4"]
+    """True pose of its camera."""
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """One executed action of a run."""
+
+    step: int
+    action: Action
+    pose: Pose2
+    """Pose of the robot after the action."""
+    collided: bool
+    moved_m: float
+    wheel_speeds: WheelSpeeds
+    stage_ms: dict[str, float]
