@@ -12,11 +12,14 @@ from typing import Annotated
 
 import numpy as np
 import tyro
+from msgspec import Struct
 
 from anm_mj.bench.engine import RESULT
 from anm_mj.bench.result import OBSERVABLE, Result, read_result
+from anm_mj.cli.script import run_script
 from anm_mj.errors import AnmError
 from anm_mj.io.jsonl import read_jsonl
+from anm_mj.utils.read_file import convert
 
 SHARE = 0.9
 """Of the other policy's final ratio."""
@@ -58,8 +61,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
         ratios.append(steps / their_steps)
         finals.append((ours.curve[-1, OBSERVABLE], theirs.curve[-1, OBSERVABLE]))
         areas.append((ours.area_under_curve(OBSERVABLE), theirs.area_under_curve(OBSERVABLE)))
-        decisions = read_jsonl(folder[policy, key] / "plans.jsonl")
-        took_ms += [sum(line["ms"].values()) for line in decisions if line["ms"]]
+        took_ms += _took_ms(folder[policy, key] / "plans.jsonl")
         cells = (
             f"{key[0]}, {key[1]}",
             f"{key[2]}, {key[3]}",
@@ -72,18 +74,43 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
     known = np.array(ratios)[np.isfinite(ratios)]
     ahead = [sum(our > their for our, their in pairs) for pairs in (finals, areas)]
     print(f"\nOf {len(both)} runs, {policy} has the higher final ratio in {ahead[0]}, the larger area in {ahead[1]}.")
-    print(f"Steps to 90 % of the other's final: {100 * known.mean():.0f} % on average over {len(known)} runs.")
+    if len(known):
+        print(f"Steps to 90 % of the other's final: {100 * known.mean():.0f} % on average over {len(known)} runs.")
     half, most = np.percentile(took_ms or [np.nan], [50, 99])
     print(f"{len(took_ms)} decisions of {policy}: median {half:.1f} ms, 99th percentile {most:.1f} ms.")
+
+
+class _Decision(Struct):
+    """What counts of a line of ``plans.jsonl``."""
+
+    ms: dict[str, float] | None = None
+
+
+def _took_ms(path: Path) -> list[float]:
+    """How long each decision of a run took.
+
+    Raises:
+        AnmError: The file is damaged.
+    """
+    try:
+        decisions = [convert(line, _Decision) for line in read_jsonl(path)]
+    except ValueError as err:
+        raise AnmError(f"{path} is damaged ({err}); delete the run, and give the command again.") from err
+    return [sum(decision.ms.values()) for decision in decisions if decision.ms]
 
 
 def _end(result: Result) -> str:
     """Why and when the run ended, and when it last saw something useful."""
     last = result.steps_to(result.curve[-1, OBSERVABLE] - USEFUL)
+    missing = [name for name in ("steps", "collisions", "stop_reason") if name not in result.metrics]
+    if missing:
+        raise AnmError(
+            f"{result.folder / 'metrics.json'} lacks {missing[0]}; delete the run, and give the command again."
+        )
     steps, collisions = result.metrics["steps"], result.metrics["collisions"]
     useful = f", last useful at {last:.0f} ({steps / max(last, 1.0):.2f})" if steps < result.job["steps"] else ""
     return f"{result.metrics['stop_reason']} at {steps}{useful}, {collisions} collisions"
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

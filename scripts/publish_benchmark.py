@@ -7,13 +7,17 @@ small. Of a page that is there only what stands between its marks is replaced.
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from PIL import Image
 
+from anm_mj.cli.script import run_script
 from anm_mj.errors import AnmError
+from anm_mj.utils.files import file_name, write_text
+from anm_mj.utils.picture import open_picture
+from anm_mj.utils.read_file import read_text
 
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
@@ -34,29 +38,45 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES)
         pages: Folder of the page, which is named like the comparison.
     """
     name = comparison.resolve().name
-    page, pictures = pages / f"{name}.md", pages / name
+    page = pages / f"{name}.md"
     try:
-        table = (comparison / "table.md").read_text(encoding="utf-8")
-        text = page.read_text(encoding="utf-8") if page.exists() else f"# Suite {name}\n\n{BEGIN}\n{END}\n"
-    except OSError as err:
-        raise AnmError(f"{err.filename} cannot be read ({err.strerror}); give a folder of anm-mj bench.") from err
+        table = read_text(comparison / "table.md")
+        text = read_text(page) if page.exists() else f"# Suite {name}\n\n{BEGIN}\n{END}\n"
+    except (OSError, ValueError) as err:
+        raise AnmError(f"{comparison} or {page} cannot be read ({err}); give a folder of anm-mj bench.") from err
+    if BEGIN in table or END in table:
+        raise AnmError(f"{comparison / 'table.md'} holds a mark of {page}; make the tables again.")
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise AnmError(f"{page} holds no marks {BEGIN} and {END}; put them where the results belong.")
+    try:
+        lines = _with_pictures(table.splitlines(), comparison, pages / name)
+        write_text(page, f"{before}{BEGIN}\n" + "\n".join(lines) + f"\n{END}{after}")
+    except (OSError, ValueError) as err:
+        raise AnmError(f"The results cannot be published ({err}); make them again, or give other --pages.") from err
+
+
+def _with_pictures(lines: Sequence[str], comparison: Path, pictures: Path) -> list[str]:
+    """Lines with links to their pictures, whose small copies take the place of the former ones.
+
+    Raises:
+        OSError: A picture cannot be read or written.
+        ValueError: One is damaged.
+    """
     pictures.mkdir(parents=True, exist_ok=True)
     for former in pictures.glob("*.png"):
         former.unlink()
-    lines = []
-    for line in table.splitlines():
-        lines.append(line)
+    linked = []
+    for line in lines:
+        linked.append(line)
         for picture, shows in _pictures_below(line, comparison):
             if (pictures / picture.name).exists():
                 continue
-            with Image.open(picture) as drawn:
+            with open_picture(picture) as drawn:
                 drawn.convert("RGB").quantize(COLOURS).save(pictures / picture.name, optimize=True)
-            lines += ["", f"![{shows}]({name}/{picture.name})"]
-    page.write_text(f"{before}{BEGIN}\n" + "\n".join(lines) + f"\n{END}{after}", encoding="utf-8")
+            linked += ["", f"![{shows}]({pictures.name}/{picture.name})"]
+    return linked
 
 
 def _pictures_below(line: str, comparison: Path) -> list[tuple[Path, str]]:
@@ -64,10 +84,11 @@ def _pictures_below(line: str, comparison: Path) -> list[tuple[Path, str]]:
     for pattern, named in PICTURES.items():
         found = re.fullmatch(pattern, line)
         if found is not None:
-            paths = [(comparison / f"{stem.format(*found.groups())}.png", shows) for stem, shows in named]
+            own = [file_name(part) for part in found.groups()]
+            paths = [(comparison / f"{stem.format(*own)}.png", shows) for stem, shows in named]
             return [(path, shows) for path, shows in paths if path.is_file()]
     return []
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_script(main)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.bench.curves import draw_curves
-from anm_mj.bench.engine import run_jobs
+from anm_mj.bench.engine import UNFINISHED, run_jobs
 from anm_mj.bench.job import Job
 from anm_mj.bench.overview import draw_overview
 from anm_mj.bench.page import BADGE, CARD, badge_svg, data_card, headline, write_page
@@ -169,7 +169,11 @@ def _make_missing(
     with _writable(out):
         runs.mkdir(exist_ok=True)
         for unfinished in runs.glob(".*"):
-            shutil.rmtree(unfinished, ignore_errors=True)
+            if UNFINISHED.fullmatch(unfinished.name):
+                shutil.rmtree(unfinished, ignore_errors=True)
+        for job in jobs:
+            if (runs / job.name).exists() and not (runs / job.name).is_dir():
+                raise BenchError(f"{runs / job.name} is no folder; remove it, or give another --out.")
         text = shlex.join(_without_folders(command))
         write_text(out / "command.txt", f"{text}\n")
         if file.resolve() != (out / "bench.toml").resolve():

@@ -9,6 +9,7 @@ import importlib.util
 import json
 import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -31,6 +32,8 @@ machine."""
 RESULT = "result.json"
 """File in a run folder that is written last."""
 LOG = "log.txt"
+UNFINISHED = re.compile(r"\..+_[0-9a-f]{8}-[0-9a-f]{8}")
+"""Names of the folders in which runs are made."""
 
 
 def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[str]) -> str | None:

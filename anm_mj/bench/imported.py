@@ -6,6 +6,7 @@ that comes out, so that everybody can have the same scene although this program 
 
 from __future__ import annotations
 
+import shlex
 from typing import Annotated
 
 from msgspec import Meta, Struct
@@ -20,7 +21,7 @@ HASH = r"^([0-9a-f]{64})?$"
 class ImportedScene(Struct, forbid_unknown_fields=True):
     """An entry ``[[imported]]`` of a comparison's file."""
 
-    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_.-]+$", max_length=80)]
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=80)]
     repository: Annotated[str, Meta(pattern=r"^https://")]
     """Public address of the repository."""
     commit: Annotated[str, Meta(pattern=r"^[0-9a-f]{40}$")]
@@ -36,12 +37,13 @@ class ImportedScene(Struct, forbid_unknown_fields=True):
     @property
     def instructions(self) -> str:
         """The commands that make the scene, one per line."""
-        options = f" {self.options}" if self.options else ""
+        # Users paste these lines into a shell, and anybody may have written the entry.
+        options = "".join(f" {shlex.quote(word)}" for word in self.options.split())
         return "\n".join(
             (
-                f"git clone {self.repository} {self.name}_source",
+                f"git clone {shlex.quote(self.repository)} {self.name}_source",
                 f"cd {self.name}_source && git checkout {self.commit}",
-                f"anm-mj scene import {self.file} $ANM_MJ_SCENES/{self.name}{options}",
+                f"anm-mj scene import {shlex.quote(self.file)} $ANM_MJ_SCENES/{self.name}{options}",
             )
         )
 

@@ -262,6 +262,8 @@ def _check_agreement(job: Mapping[str, Any], metrics: Mapping[str, Any], curve: 
         value = metrics.get(name)
         if name != "step" and value is not None and abs(value - last) > _ROUNDING * max(1.0, abs(last)):
             raise ValueError(f"metrics.json says {name} = {value:g}, but curve.csv ends with {last:g}")
+    if curve[0, 0] != 0:
+        raise ValueError(f"curve.csv begins at step {curve[0, 0]:.0f}")
     if curve[-1, 0] > job["steps"]:
         raise ValueError(f"curve.csv goes to step {curve[-1, 0]:.0f} of a run of {job['steps']}")
 

@@ -55,6 +55,7 @@ from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.robot.presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.utils.files import file_name
+from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import convert, read_toml
 
 
@@ -120,6 +121,8 @@ FIELDS: dict[str, type | tuple[type, ...]] = {
 }
 """Keys of a sweep and their types."""
 BUDGETS = ("rooms", "area", "both")
+MAX_RUNS = limit("ANM_MJ_MAX_RUNS", 10_000)
+"""Most runs of a comparison."""
 
 
 def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
@@ -139,6 +142,13 @@ def read_jobs(path: Path, more_policies: Sequence[str] = ()) -> list[Job]:
     jobs: dict[str, Job] = {}
     scenes: dict[str, Scene] = {}
     sweeps, provided = read_sweeps(path)
+    num_runs = sum(
+        len(each.scenes) * len(each.policies) * max(each.starts, 1) * len(each.seeds) * len(each.robot)
+        * len(each.drive) * len(each.pose) * len(each.sensor) * len(each.goal)
+        for each in sweeps
+    )  # fmt: skip
+    if num_runs > MAX_RUNS:
+        raise BenchError(f"{path} asks for {num_runs} runs, but they end at {MAX_RUNS}; set ANM_MJ_MAX_RUNS for more.")
     for sweep in sweeps:
         if not sweep.settings:
             sweep = replace(sweep, policies=list(dict.fromkeys((*sweep.policies, *more_policies))))

@@ -3,6 +3,7 @@ import importlib.util
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -465,3 +466,27 @@ def test_nothing_is_written_through_a_link(tmp_path):
     with pytest.raises(RunFolderError, match=r"table.md is a link"):
         run_bench(file, out, function="tests.bench.fake:quick")
     assert (tmp_path / "precious").read_text() == "kept"
+
+
+def test_only_unfinished_runs_are_removed_from_a_folder(file, tmp_path):
+    (tmp_path / "out" / "runs" / ".git").mkdir(parents=True)
+    (tmp_path / "out" / "runs" / ".room_gvg_start0_seed0_01234567-89abcdef").mkdir()
+    run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
+    assert [path.name for path in (tmp_path / "out" / "runs").glob(".*")] == [".git"]
+
+
+def test_metrics_of_another_run_and_what_is_no_folder_are_refused(file, tmp_path):
+    (job, *_) = run_bench(file, tmp_path / "out", function="tests.bench.fake:quick").jobs
+    folder = tmp_path / "out" / "runs" / job.name
+    metrics = json.loads((folder / "metrics.json").read_text())
+    for key, value, words in (
+        ("completion_ratio", 500.0, "goes from 0 to 100"),
+        ("completion_ratio", 1.5, "curve.csv"),
+    ):
+        (folder / "metrics.json").write_text(json.dumps({**metrics, key: value}))
+        with pytest.raises(BenchError, match=words):
+            run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")
+    shutil.rmtree(folder)
+    folder.touch()
+    with pytest.raises(BenchError, match="is no folder"):
+        run_bench(file, tmp_path / "out", function="tests.bench.fake:quick")

@@ -131,3 +131,11 @@ def test_a_wrong_budget_is_named(tmp_path):
     (tmp_path / "own.toml").write_text('scenes = ["home"]\npolicies = ["random"]\nbudget = "money"\n')
     with pytest.raises(BenchError, match="rooms, area or both"):
         read_jobs(tmp_path / "own.toml")
+
+
+def test_what_users_are_told_to_paste_is_quoted():
+    wanted = {**OTHERS, "file": "a; rm -rf /", "options": "--up z $(id)", "repository": "https://x/`id`"}
+    told = ImportedScene(**wanted).instructions
+    assert "'a; rm -rf /'" in told
+    assert "--up z '$(id)'" in told
+    assert "'https://x/`id`'" in told

@@ -182,3 +182,10 @@ def test_scenes_whose_results_would_share_a_name_are_refused(tmp_path, names):
 def test_a_comparison_of_nothing_is_refused(tmp_path, line, said):
     with pytest.raises(BenchError, match=said):
         jobs_of(tmp_path, f'scenes = ["home"]\npolicies = ["random"]\n{line}\n')
+
+
+def test_too_many_runs_are_refused_before_they_are_listed(tmp_path):
+    path = tmp_path / "many.toml"
+    path.write_text(f'scenes = ["room"]\npolicies = ["random"]\nsteps = 5\nseeds = {list(range(10_001))}\n')
+    with pytest.raises(BenchError, match="10001 runs, but they end at 10000; set ANM_MJ_MAX_RUNS"):
+        read_jobs(path)

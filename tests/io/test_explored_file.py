@@ -46,3 +46,11 @@ def test_a_damaged_file_is_one_sentence(tmp_path, spoil):
         path.write_bytes(save({"refused": POSES, **poses}, {"anm_mj": '{"format": "anm-mj explored 1"}'}))
     with pytest.raises(RunFolderError, match="cannot be read"):
         read_explored(path)
+
+
+@pytest.mark.parametrize(("poses", "words"), [(POSES + 1e30, "beyond 1000 km"), (np.zeros((200_001, 3)), "200001")])
+def test_poses_beyond_everything_are_refused(tmp_path, poses, words):
+    path = tmp_path / "explored.safetensors"
+    write_explored(path, Explored(FormerRun("p", poses, POSES, {}), REPLAY))
+    with pytest.raises(RunFolderError, match=words):
+        read_explored(path)

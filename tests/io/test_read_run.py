@@ -77,7 +77,17 @@ def test_a_reason_stays_on_its_line(run_folder):
 
 
 @pytest.mark.parametrize(
-    "content", ["a,b\n1,2\n", HEADER + "0.5,1,1,1,1\n", HEADER + "1,a,b,c,d\n", HEADER + "9,1,1,1,1\n1,1,1,1,1\n"]
+    "content",
+    [
+        "a,b\n1,2\n",
+        HEADER + "0.5,1,1,1,1\n",
+        HEADER + "1,a,b,c,d\n",
+        HEADER + "9,1,1,1,1\n1,1,1,1,1\n",
+        HEADER + "0,500,1,1,1\n",
+        HEADER + "0,-1,1,1,1\n",
+        HEADER + "0,9,1,9,1\n9,5,1,9,1\n",
+        HEADER + "0,9,1,9,-1\n",
+    ],
 )
 def test_what_is_no_curve_is_one_sentence(tmp_path, content):
     (tmp_path / "curve.csv").write_text(content)
@@ -134,5 +144,5 @@ def test_logs_that_contradict_each_other_are_said(run_folder, caplog, name, chan
 
 def test_a_frame_is_missing(run_folder):
     edit(run_folder / "frames.jsonl", lambda lines: [lines[0], lines[2]])
-    with pytest.raises(RunFolderError, match="step 2 in frames.jsonl stands after step 0"):
+    with pytest.raises(RunFolderError, match=r"step 2 in frames\.jsonl stands after step 0"):
         read_run(run_folder)
