@@ -43,7 +43,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES)
         table = read_text(comparison / "table.md")
         text = read_text(page) if page.exists() else f"# Suite {name}\n\n{BEGIN}\n{END}\n"
     except (OSError, ValueError) as err:
-        raise AnmError(f"{comparison} or {page} cannot be read ({err}); give a folder of anm-mj bench.") from err
+        raise AnmError(f"The tables cannot be published ({err}); give a folder of anm-mj bench.") from err
     if BEGIN in table or END in table:
         raise AnmError(f"{comparison / 'table.md'} holds a mark of {page}; make the tables again.")
     before, begin, rest = text.partition(BEGIN)
