@@ -156,7 +156,7 @@ def require_view_ahead(T_base_camera: Float[np.ndarray, "4 4"], camera: str, whe
     if away_m > MAX_ASIDE_M:
         raise RobotError(
             f"The camera {camera} of {path} is {away_m:.3f} m away from the base; it must be within {MAX_ASIDE_M:g} m: "
-            "move it, or scale a file that is not in metres."
+            "move it, or scale the file: MuJoCo's unit is the metre."
         )
 
 

@@ -26,7 +26,7 @@ def write(folder, policy, scale, observable, *, steps=300, collisions=0):
     metrics = {"steps": steps, "stop_reason": "COMPLETE" if steps < 300 else "BUDGET", "collisions": collisions}
     (run / "metrics.json").write_text(json.dumps(metrics))
     (run / "curve.csv").write_text(
-        f"step,completion_ratio,completion_cm,observable_ratio,path_m\n{steps},9,9,{observable},1\n"
+        f"step,completion_ratio,completion_cm,observable_ratio,path_m\n0,0,9,0,0\n{steps},9,9,{observable},1\n"
     )
     (run / "plans.jsonl").write_text(json.dumps({"ms": {"graph": 2.0, "gain": 3.0}}) + "\n")
 

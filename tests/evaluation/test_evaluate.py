@@ -69,15 +69,15 @@ def test_incomplete_lines_are_skipped(killed):
     assert (killed / "curve.csv").read_text().splitlines()[-1].startswith("32,")
 
 
-def test_a_run_without_frames_has_no_completion(tmp_path):
+def test_a_run_without_frames_is_refused_and_keeps_its_metrics(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 0)
     recorder.close()
     (tmp_path / "run" / "frames.jsonl").write_text("")
-    metrics = evaluate_run(tmp_path / "run")
-    assert metrics.completion_ratio is None
-    assert metrics.completion_uncapped_cm is None
-    assert (metrics.steps, metrics.path_m) == (0, 0.0)
+    before = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.json")}
+    with pytest.raises(RunFolderError, match="holds no frame yet"):
+        evaluate_run(tmp_path / "run")
+    assert {path: path.read_bytes() for path in (tmp_path / "run").glob("*.json")} == before
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
