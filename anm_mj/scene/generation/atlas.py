@@ -7,6 +7,7 @@ that bilinear filtering shows exactly what was painted. One texel of margin keep
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
@@ -20,6 +21,9 @@ _MARGIN_PX = 1
 _INSET_M = 0.012
 """Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
 
+
+_TEXELS_TOGETHER = 1 << 19
+"""Texels that are painted at a time."""
 
 Cuts = dict[int, Float64[np.ndarray, "k 3 2"]]
 """Triangles that stand for a quad, by the quad's index: corners as shares (s, t) of the quad's sides."""
@@ -47,22 +51,23 @@ def paint(
     size_px = _resolution(surface, texel_m)
     corner_px, image_size = pack(size_px + 2 * _MARGIN_PX)
 
-    quad, col, row = _cells(size_px + 2 * _MARGIN_PX)
-    s = np.clip((col - _MARGIN_PX) / (size_px[quad, 0] - 1), 0.0, 1.0)
-    t = np.clip((row - _MARGIN_PX) / (size_px[quad, 1] - 1), 0.0, 1.0)
-    colour = _pattern(surface, quad, _bilinear(surface.uv_m[quad], s, t))
-    colour = to_srgb(to_linear(colour) * _light_at(surface, lighting, light_spacing_m, quad, s, t))
-
     image = np.zeros((image_size[1], image_size[0], 3), np.uint8)
-    shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
-    image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
+    sizes, light = _light_on(surface, lighting, light_spacing_m)
+    # A part at a time: the halls of large buildings have tens of millions of texels.
+    for quad, col, row in _cells(size_px + 2 * _MARGIN_PX, _TEXELS_TOGETHER):
+        s = np.clip((col - _MARGIN_PX) / (size_px[quad, 0] - 1), 0.0, 1.0)
+        t = np.clip((row - _MARGIN_PX) / (size_px[quad, 1] - 1), 0.0, 1.0)
+        colour = _pattern(surface, quad, _bilinear(surface.uv_m[quad], s, t))
+        colour = to_srgb(to_linear(colour) * _between(sizes, light, quad, s, t))
+        shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
+        image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
     return _submesh(name, surface, corner_px, size_px, image, cuts or {})
 
 
 def points_on(surface: Quads, spacing_m: float) -> Float64[np.ndarray, "n 3"]:
     """Points all over a surface, no farther apart than the spacing [m]."""
     sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
-    owner, col, row = _cells(sizes)
+    owner, col, row = _all_cells(sizes)
     return _bilinear(surface.corners_m[owner], col / (sizes[owner, 0] - 1), row / (sizes[owner, 1] - 1))
 
 
@@ -94,13 +99,23 @@ def _resolution(surface: Quads, spacing_m: Float64[np.ndarray, " n"]) -> Int64[n
 
 
 def _cells(
+    sizes: Int64[np.ndarray, "n 2"], together: int
+) -> Iterator[tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]]:
+    """Rectangle, column and row of every cell of all rectangles, one after the other, so many of them at a time."""
+    ends = np.cumsum(sizes.prod(axis=1))
+    for first in range(0, int(ends[-1]) if len(ends) else 0, together):
+        cell = np.arange(first, min(first + together, int(ends[-1])))
+        quad = np.searchsorted(ends, cell, side="right")
+        row, col = np.divmod(cell - (ends - sizes.prod(axis=1))[quad], sizes[quad, 0])
+        yield quad, col, row
+
+
+def _all_cells(
     sizes: Int64[np.ndarray, "n 2"],
 ) -> tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]:
-    """Rectangle, column and row of every cell of all rectangles, one after the other."""
-    counts = sizes.prod(axis=1)
-    quad = np.repeat(np.arange(len(sizes)), counts)
-    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    return quad, within % sizes[quad, 0], within // sizes[quad, 0]
+    """All of :func:`_cells` at once."""
+    empty = np.zeros(0, np.int64)
+    return next(_cells(sizes, max(int(sizes.prod(axis=1).sum()), 1)), (empty, empty, empty))
 
 
 def _bilinear(
@@ -124,17 +139,12 @@ def _pattern(
     return colour
 
 
-def _light_at(
-    surface: Quads,
-    lighting: VoxelLighting,
-    spacing_m: float,
-    quad: Int64[np.ndarray, " k"],
-    s: Float64[np.ndarray, " k"],
-    t: Float64[np.ndarray, " k"],
-) -> Float64[np.ndarray, "k 3"]:
-    """Light at places on quads, interpolated between a coarser grid of points on each."""
+def _light_on(
+    surface: Quads, lighting: VoxelLighting, spacing_m: float
+) -> tuple[Int64[np.ndarray, "n 2"], Float64[np.ndarray, "k 3"]]:
+    """Light on a coarse grid of points on each quad: the sizes of the grids, and the light of all, one by one."""
     sizes = _resolution(surface, np.full(len(surface.corners_m), spacing_m))
-    owner, col, row = _cells(sizes)
+    owner, col, row = _all_cells(sizes)
     edge_u = np.linalg.norm(surface.corners_m[:, 1] - surface.corners_m[:, 0], axis=1)
     edge_v = np.linalg.norm(surface.corners_m[:, 3] - surface.corners_m[:, 0], axis=1)
     inset_u = np.clip(_INSET_M / np.maximum(edge_u, 1e-6), 0.0, 0.3)[owner]
@@ -144,7 +154,17 @@ def _light_at(
     points = _bilinear(surface.corners_m[owner], u, v)
     light = lighting.falling_on(points, surface.normals[owner])
     light[np.array([material.glows for material in surface.materials])[owner]] = 1.0
+    return sizes, light
 
+
+def _between(
+    sizes: Int64[np.ndarray, "n 2"],
+    light: Float64[np.ndarray, "m 3"],
+    quad: Int64[np.ndarray, " k"],
+    s: Float64[np.ndarray, " k"],
+    t: Float64[np.ndarray, " k"],
+) -> Float64[np.ndarray, "k 3"]:
+    """Light at places on quads, between the points of their grids."""
     first = (np.cumsum(sizes.prod(axis=1)) - sizes.prod(axis=1))[quad]
     width = sizes[quad, 0]
     x, y = s * (width - 1), t * (sizes[quad, 1] - 1)
