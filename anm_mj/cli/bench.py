@@ -73,7 +73,7 @@ def _bench(parsed: argparse.Namespace) -> int:
         )
     errors = PlainConsole(stderr=True)
     for failure in bench.failures:
-        errors.print(failure, style="red", markup=False, highlight=False, soft_wrap=True)
+        errors.print(failure, style="red", highlight=False, soft_wrap=True)
     left = f", {len(bench.failures)} failed; the same command tries them again" if bench.failures else ""
     console.print(
         f"{len(bench.jobs)} runs, {bench.skipped} of them from before{left}. "

@@ -69,7 +69,10 @@ def evaluate_run(
     """
     run = read_run(path)
     if not run.frames:
-        raise RunFolderError(f"{path} holds no frame yet; wait for the run's first step.")
+        raise RunFolderError(
+            f"{path} holds no frame yet, so there is nothing to evaluate; wait for the run's first step, or start it "
+            "again."
+        )
     truth = GroundTruth.load(run.folder.ground_truth)
     if truth.observable is None:
         truth = _with_observable(run, truth, on_progress)

@@ -143,7 +143,7 @@ class Oracle:
                 return Plan("nothing left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
 
     def _steps_left(self) -> int | None:
-        """The rest of the budget: every action but none before the first frame gave a frame."""
+        """The rest of the budget: one frame came before the first action, and one after each."""
         budget = self._scene.budget_steps
         return None if budget is None else max(budget - self._num_frames + 1, 0)
 

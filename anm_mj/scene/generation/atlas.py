@@ -102,11 +102,13 @@ def _cells(
     sizes: Int64[np.ndarray, "n 2"], together: int
 ) -> Iterator[tuple[Int64[np.ndarray, " k"], Int64[np.ndarray, " k"], Int64[np.ndarray, " k"]]]:
     """Rectangle, column and row of every cell of all rectangles, one after the other, so many of them at a time."""
-    ends = np.cumsum(sizes.prod(axis=1))
+    counts = sizes.prod(axis=1)
+    ends = np.cumsum(counts)
+    starts = ends - counts
     for first in range(0, int(ends[-1]) if len(ends) else 0, together):
         cell = np.arange(first, min(first + together, int(ends[-1])))
         quad = np.searchsorted(ends, cell, side="right")
-        row, col = np.divmod(cell - (ends - sizes.prod(axis=1))[quad], sizes[quad, 0])
+        row, col = np.divmod(cell - starts[quad], sizes[quad, 0])
         yield quad, col, row
 
 
