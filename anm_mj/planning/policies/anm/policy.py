@@ -74,7 +74,7 @@ class Anm(ScanPolicy):
         self._rotated = False
         away = [c for c in found if math.dist(c.xy_m, pose.xy_m) > self.config.min_distance_m]
         best = max(away or found, key=lambda c: c.score)
-        path = _cut_end(routes.path_to(best.xy_m), self.config.arrived_m)
+        path = self._path_to(best.xy_m, routes)
         towards = best.xy_m - path[-1]
         return Plan(
             f"highest variance of {len(found)} clusters {where}, {best.cost_steps * FORWARD_STEP_M:.1f} m away",
@@ -100,11 +100,17 @@ class Anm(ScanPolicy):
             mine = labels == label
             target = (points[top][mine] + self.config.stand_off_m * normals[top][mine]).mean(axis=0)[:2].astype(float)
             cost_m = routes.cost_at(target)
-            # The robot has reached nearer ones already: nothing would be left of a path to there.
-            if math.isfinite(cost_m) and math.dist(target, routes.pose.xy_m) > self.config.arrived_m + ARRIVED_M:
+            if not math.isfinite(cost_m):
+                continue
+            # Where the path ends at the robot, the robot has reached the target already.
+            if math.dist(self._path_to(target, routes)[-1], routes.pose.xy_m) > ARRIVED_M:
                 variance = float(uncertainty[top][mine].mean())
                 found.append(Candidate(target, variance, float(mine.sum()), cost_m / FORWARD_STEP_M))
         return found
+
+    def _path_to(self, target_xy_m: Float[np.ndarray, "2"], routes: GridRoutes) -> Float[np.ndarray, "k 2"]:
+        """The path that the robot drives for a target: up to ``arrived_m`` before it [m]."""
+        return _cut_end(routes.path_to(target_xy_m), self.config.arrived_m)
 
     def _without_targets(self, seen: Plan) -> Plan:
         """One full rotation; if that does not help, stop."""

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from anm_mj.control.follow import Follower
 from anm_mj.planning.policies.anm.config import AnmConfig
 from anm_mj.planning.policies.anm.policy import Anm, _cut_end
 from anm_mj.planning.policies.context import PolicyContext
@@ -56,6 +57,22 @@ def test_a_target_that_the_robot_has_all_but_come_to_is_left_out(policy):
 
     assert max(c.xy_m[0] for c in plan.candidates) < 1.0
     assert len(plan.path_xy_m) > 1
+
+
+@pytest.mark.parametrize("distance_m", np.arange(0.8, 1.0, 0.0125).tolist())
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_every_plan_asks_for_something_whatever_the_distance_to_its_target(policy, side, distance_m):
+    # The path ends in the middle of the target's cell, so that it may be half a cell shorter than the distance.
+    here = Pose2(side * (1.5 - distance_m), 0.0, 0.0 if side > 0 else math.pi)
+    world = Uncertain(high=9.0, low=9.0)
+    wall = world.points.xyz_m[:, 0] == side * 2.0
+    world.points = SurfacePoints(world.points.xyz_m[wall], world.points.normal[wall], world.points.uncertainty[wall])
+
+    plan = policy.plan(world, look(here))
+
+    follower = Follower()
+    follower.start(plan)
+    assert follower.next_action(here) is not None
 
 
 def test_with_nothing_to_go_to_it_looks_around_once_and_then_stops(policy):
