@@ -160,7 +160,7 @@ def explore(
             state.step = step
             return outcome(StopReason.SENSOR_FAULT)
         with watch.stage("observe"):
-            coming = _coming_actions(state.follower, seen.pose) if ahead is not None else []
+            coming = _coming_actions(state.follower, seen.pose, action) if ahead is not None else []
             if ahead is not None:
                 ahead.anticipate(*coming[:1])
             observation = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
@@ -169,7 +169,7 @@ def explore(
             with watch.stage("observe"):
                 # One more than the next: it is drawn while the run records, decides and moves, on one core.
                 if observation.pose != seen.pose:
-                    coming = _coming_actions(state.follower, observation.pose)
+                    coming = _coming_actions(state.follower, observation.pose, action)
                 ahead.anticipate(*coming)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)
@@ -203,13 +203,16 @@ def _observe(robot: Robot) -> Observation | None:
         return None
 
 
-def _coming_actions(follower: Follower, pose: Pose2) -> list[Action]:
-    """The next two actions from a pose, as far as the plan says them; for who begins with what will be seen after them.
+def _coming_actions(follower: Follower, pose: Pose2, done: Action) -> list[Action]:
+    """The next two actions from a pose, as far as they can be told; for who begins with what will be seen after them.
 
-    A pose that is not finite says nothing; the monitor tells of it.
+    Where the plan ends, a decision follows, and most begin with what the robot did last: to go on, or to turn on. A
+    pose that is not finite says nothing; the monitor tells of it.
     """
-    finite = all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad)))
-    return follower.coming_actions(pose, 2) if finite else []
+    if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
+        return []
+    coming = follower.coming_actions(pose, 2)
+    return coming if len(coming) == 2 else [*coming, coming[-1] if coming else done]
 
 
 def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:

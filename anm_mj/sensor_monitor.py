@@ -143,6 +143,9 @@ class SensorMonitor:
 
 
 def _is_same_image(a: Observation, b: Observation) -> bool:
+    # Next to all images differ in their first rows.
+    if not np.array_equal(a.rgb[:8], b.rgb[:8]):
+        return False
     return np.array_equal(a.rgb, b.rgb) and np.array_equal(a.depth_m, b.depth_m, equal_nan=True)
 
 

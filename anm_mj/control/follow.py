@@ -75,30 +75,31 @@ class Follower:
         return actions
 
     def _along_path(self, pose: Pose2, path_xy_m: Float[np.ndarray, "k 2"]) -> Action | None:
-        if not len(path_xy_m) or np.linalg.norm(path_xy_m[-1] - pose.xy_m) < ARRIVED_M:
-            self._leg = len(path_xy_m)
-        if self._leg >= len(path_xy_m):
+        # Plain numbers: the path is a few points, and NumPy takes several times as long for each.
+        path = path_xy_m.tolist()
+        if not path or math.dist(path[-1], (pose.x_m, pose.y_m)) < ARRIVED_M:
+            self._leg = len(path)
+        if self._leg >= len(path):
             return None
-        towards = self._lookahead_point(pose.xy_m, path_xy_m) - pose.xy_m
-        error = wrap_angle(math.atan2(towards[1], towards[0]) - pose.yaw_rad)
+        x_m, y_m = self._lookahead_point(pose.x_m, pose.y_m, path)
+        error = wrap_angle(math.atan2(y_m - pose.y_m, x_m - pose.x_m) - pose.yaw_rad)
         return _turn(error) or Action.MOVE_FORWARD
 
-    def _lookahead_point(self, xy_m: Float[np.ndarray, 2], path_xy_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, 2]:
+    def _lookahead_point(self, x_m: float, y_m: float, path_xy_m: list[list[float]]) -> list[float]:
         """The point ``LOOKAHEAD_M`` along the path from the point nearest to the robot; it never moves backwards."""
-        best, best_leg, best_t = math.inf, self._leg, 0.0
+        best, best_leg = math.inf, self._leg
+        point = path_xy_m[best_leg]
         for leg in range(self._leg, min(self._leg + 3, len(path_xy_m) - 1)):
-            start, along = path_xy_m[leg], path_xy_m[leg + 1] - path_xy_m[leg]
-            t = float(np.clip(np.dot(xy_m - start, along) / max(float(np.dot(along, along)), 1e-12), 0.0, 1.0))
-            distance = float(np.linalg.norm(start + t * along - xy_m))
+            nearest = _nearest_on_leg(x_m, y_m, path_xy_m[leg], path_xy_m[leg + 1])
+            distance = math.dist(nearest, (x_m, y_m))
             if distance < best - 1e-9:
-                best, best_leg, best_t = distance, leg, t
+                best, best_leg, point = distance, leg, nearest
         self._leg = best_leg
         left = LOOKAHEAD_M
-        point = path_xy_m[best_leg] + best_t * (path_xy_m[min(best_leg + 1, len(path_xy_m) - 1)] - path_xy_m[best_leg])
         for corner in path_xy_m[best_leg + 1 :]:
-            length = float(np.linalg.norm(corner - point))
+            length = math.dist(corner, point)
             if length >= left:
-                return point + (corner - point) * (left / length)
+                return _between(point, corner, left / length)
             left -= length
             if LOOKAHEAD_M - left > CORNER_M:
                 return corner
@@ -112,6 +113,19 @@ class Follower:
                 return action
             self._headings.pop(0)
         return None
+
+
+def _nearest_on_leg(x_m: float, y_m: float, start_m: list[float], end_m: list[float]) -> list[float]:
+    """The point of a leg of the path that is nearest to a place."""
+    along_x, along_y = end_m[0] - start_m[0], end_m[1] - start_m[1]
+    share = (x_m - start_m[0]) * along_x + (y_m - start_m[1]) * along_y
+    share /= max(along_x * along_x + along_y * along_y, 1e-12)
+    return _between(start_m, end_m, min(max(share, 0.0), 1.0))
+
+
+def _between(start_m: list[float], end_m: list[float], share: float) -> list[float]:
+    """The point after a share of the way from one to another."""
+    return [start + share * (end - start) for start, end in zip(start_m, end_m, strict=True)]
 
 
 def _turn(error_rad: float) -> Action | None:

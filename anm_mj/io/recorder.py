@@ -13,6 +13,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
@@ -310,6 +311,8 @@ class RunRecorder:
         # Its memory is needed for the comparison with the truth.
         finished.close()
         malloc_trim()
+        # Map and mesh took memory too, since the summary was first written.
+        summary = replace(summary, peak_rss_mib=peak_rss_mib())
         metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
         from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
 

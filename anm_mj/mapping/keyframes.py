@@ -71,9 +71,12 @@ class Keyframes:
             if count > most:
                 break
             most, left = count, left - count
-        keyframe = np.repeat(np.arange(len(self)), self.num_pixels)
-        place = np.arange(len(self.pixels)) - (np.cumsum(self.num_pixels) - self.num_pixels)[keyframe]
-        return self.without(place >= most)
+        kept = np.minimum(self.num_pixels, most)
+        start = np.cumsum(self.num_pixels) - self.num_pixels
+        # Slices: numbers for every pixel would take several times the memory of the pixels.
+        parts = [self.pixels[first : first + count] for first, count in zip(start.tolist(), kept.tolist(), strict=True)]
+        pixels = np.concatenate([self.pixels[:0], *parts])
+        return Keyframes(pixels, kept[kept > 0], self.cameras[kept > 0])
 
 
 class KeyframeStore:

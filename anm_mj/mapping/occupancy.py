@@ -31,7 +31,7 @@ _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
 """So many frames that contradict it change the state of a voxel of a former run."""
 _FARTHEST_CELL = 1e8
 """Voxels lie within this number of voxels about the origin."""
-MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 500_000_000)
+MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
 """Most voxels of a grid; each takes eight bytes."""
 _HIT_FOCAL_PX = 64.0
 """Focal length at which every pixel marks a hit [px]; sharper images are thinned to about as many, other pixels being
@@ -280,8 +280,10 @@ class OccupancyGrid:
         Rays that looked farther than the sensor's range end at ``missing_m``.
         """
         # Every fourth pixel tells the box to within a voxel or two, and what sticks out is carved by another frame.
-        depth_m = view.depth_m[::4, ::4]
-        reach = np.nan_to_num(depth_m, nan=0.0, posinf=missing_m).clip(0.0, self.config.carve_range_m)
+        reach = view.depth_m[::4, ::4]
+        if not np.isfinite(reach).all():
+            reach = np.nan_to_num(reach, nan=0.0, posinf=missing_m)
+        reach = reach.clip(0.0, self.config.carve_range_m)
         ends = (view.rays[::4, ::4] * reach[:, :, None]).reshape(-1, 3) @ view.rotation.T
         low = np.minimum([axis.min() for axis in ends.T], np.float32(0.0)) + view.position
         high = np.maximum([axis.max() for axis in ends.T], np.float32(0.0)) + view.position

@@ -46,8 +46,12 @@ def concatenate(*batches: RayBatch) -> RayBatch:
 
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
     """Draw ``count`` pixels of one observation among those that were measured, of which there must be one."""
-    measured = np.flatnonzero(~np.isnan(observation.depth_m))
-    pixel = measured[rng.integers(len(measured), size=count)]
+    missing = np.isnan(observation.depth_m)
+    if missing.any():
+        measured = np.flatnonzero(~missing)
+        pixel = measured[rng.integers(len(measured), size=count)]
+    else:
+        pixel = rng.integers(missing.size, size=count)
     depth_m = observation.depth_m.reshape(-1)[pixel]
     return rays_of_pixels(
         pixel,

@@ -115,4 +115,4 @@ class AheadCamera(Camera):
 
 
 def _is_same_view(a: mujoco.MjData, b: mujoco.MjData) -> bool:
-    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in _READ)
+    return all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in _READ)

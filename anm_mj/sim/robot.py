@@ -91,7 +91,8 @@ class SimRobot:
         self._odometry = NoisyOdometry(self._sensor_config, seed)
         self._faults = SensorFaults(sensor or SensorConfig(), seed)
         self._motion = motion or MotionConfig()
-        self._true_depth_m: Float32[np.ndarray, "h w"] | None = None
+        self._looked: tuple[Observation, Float32[np.ndarray, "h w"], bool] | None = None
+        """The last observation, the exact depth at its time [m], and whether its image is an older one's."""
         self._step = 0
         self._coming: list[tuple[Action, mujoco.MjData]] = []
         """The next actions whose images were begun, and the state after each."""
@@ -114,9 +115,13 @@ class SimRobot:
         Raises:
             RobotError: before the first observation.
         """
-        if self._true_depth_m is None:
+        if self._looked is None:
             raise RobotError("There is no view yet; call observe first.")
-        return TrueView(self._drive.pose, self._camera.T_world_camera(self._data), self._true_depth_m)
+        given, exact_m, stale = self._looked
+        same = given.depth_m.shape == exact_m.shape and not stale
+        valued = np.isfinite(given.depth_m) & (given.depth_m > 0.0) if same else np.zeros(exact_m.shape, bool)
+        depth_m = np.where(valued, exact_m, np.float32(np.nan))
+        return TrueView(self._drive.pose, self._camera.T_world_camera(self._data), depth_m)
 
     @property
     def camera_kind(self) -> str:
@@ -174,9 +179,7 @@ class SimRobot:
             range_m=self._sensor.range_m,
         )
         given = self._faults.put_on(seen)
-        same = given.depth_m.shape == exact_m.shape and not self._faults.is_stale(seen)
-        valued = np.isfinite(given.depth_m) & (given.depth_m > 0.0) if same else np.zeros(exact_m.shape, bool)
-        self._true_depth_m = np.where(valued, exact_m, np.float32(np.nan))
+        self._looked = given, exact_m, self._faults.is_stale(seen)
         return given
 
     def _update_poses(self, data: mujoco.MjData) -> None:

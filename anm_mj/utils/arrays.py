@@ -17,8 +17,10 @@ def embed(
         start: index of the smaller one's first cell in the larger one.
         fill: value of all other cells.
     """
-    widths = [(int(a), n - int(a) - old) for a, n, old in zip(start, shape, array.shape, strict=True)]
-    return np.pad(array, widths, constant_values=fill)
+    # np.pad does the same and takes several times as long.
+    larger = np.full(shape, fill, array.dtype)
+    larger[tuple(slice(int(a), int(a) + n) for a, n in zip(start, array.shape, strict=True))] = array
+    return larger
 
 
 def dilate_mask(mask: Bool[np.ndarray, "*cells"], first_axis: int = 0) -> Bool[np.ndarray, "*cells"]:

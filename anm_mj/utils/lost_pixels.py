@@ -24,7 +24,10 @@ def lost_squares(depth_m: Float32[np.ndarray, "h w"]) -> Bool[np.ndarray, "rows 
     Args:
         depth_m: planar depth [m]; NaN where nothing was measured.
     """
-    return np.isnan(_squares(depth_m)).mean(axis=(1, 3)) >= MISSING_SHARE
+    missing = np.isnan(_squares(depth_m))
+    if not missing.any():
+        return np.zeros((missing.shape[0], missing.shape[2]), bool)
+    return missing.mean(axis=(1, 3)) >= MISSING_SHARE
 
 
 def vouched_depth(depth_m: Float32[np.ndarray, "h w"], range_m: float) -> Float32[np.ndarray, "h w"]:

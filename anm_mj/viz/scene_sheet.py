@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from scipy.spatial import KDTree
 
 from anm_mj.errors import SceneError
 from anm_mj.types import Pose2
@@ -165,8 +166,10 @@ def _label_place(
 ) -> Float[np.ndarray, "2"]:
     """The cell of a room nearest to its middle, which may lie outside of a corridor, and clear of what is there."""
     from_middle = np.linalg.norm(cells_m - cells_m.mean(axis=0), axis=1)
-    from_taken = np.linalg.norm(cells_m[:, None] - taken_m, axis=2).min(axis=1, initial=apart_m)
-    return cells_m[np.argmin(from_middle + 2.0 * (apart_m - from_taken))]
+    if len(taken_m):
+        from_taken = KDTree(taken_m).query(cells_m, distance_upper_bound=apart_m)[0]
+        from_middle += 2.0 * (apart_m - np.minimum(from_taken, apart_m))
+    return cells_m[np.argmin(from_middle)]
 
 
 def _mark_view(axes: Axes, number: int, pose: Pose2, tip_m: Float[np.ndarray, "2"]) -> None:

@@ -7,13 +7,13 @@ that bilinear filtering shows exactly what was painted. One texel of margin keep
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
 from anm_mj.scene.generation.light import to_linear, to_srgb
-from anm_mj.scene.generation.quads import Quads
+from anm_mj.scene.generation.quads import Material, Quads
 from anm_mj.scene.generation.voxel_light import VoxelLighting
 from anm_mj.scene.submesh import Submesh
 
@@ -53,11 +53,13 @@ def paint(
 
     image = np.zeros((image_size[1], image_size[0], 3), np.uint8)
     sizes, light = _light_on(surface, lighting, light_spacing_m)
+    numbers = {material: number for number, material in enumerate(dict.fromkeys(surface.materials))}
+    number_of = np.array([numbers[material] for material in surface.materials], np.int64)
     # A part at a time: the halls of large buildings have tens of millions of texels.
     for quad, col, row in _cells(size_px + 2 * _MARGIN_PX, _TEXELS_TOGETHER):
         s = np.clip((col - _MARGIN_PX) / (size_px[quad, 0] - 1), 0.0, 1.0)
         t = np.clip((row - _MARGIN_PX) / (size_px[quad, 1] - 1), 0.0, 1.0)
-        colour = _pattern(surface, quad, _bilinear(surface.uv_m[quad], s, t))
+        colour = _pattern(list(numbers), number_of[quad], _bilinear(surface.uv_m[quad], s, t))
         colour = to_srgb(to_linear(colour) * _between(sizes, light, quad, s, t))
         shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
         image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
@@ -124,19 +126,18 @@ def _bilinear(
     corners: Float64[np.ndarray, "k 4 d"], s: Float64[np.ndarray, " k"], t: Float64[np.ndarray, " k"]
 ) -> Float64[np.ndarray, "k d"]:
     """Values between those of four corners."""
-    weights = np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=1)
-    return (weights[:, :, None] * corners).sum(axis=1)
+    weights = (1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t
+    a, b, c, d = (weight[:, None] * corners[:, index] for index, weight in enumerate(weights))
+    return a + b + c + d
 
 
 def _pattern(
-    surface: Quads, quad: Int64[np.ndarray, " k"], uv_m: Float64[np.ndarray, "k 2"]
+    materials: Sequence[Material], number: Int64[np.ndarray, " k"], uv_m: Float64[np.ndarray, "k 2"]
 ) -> Float64[np.ndarray, "k 3"]:
-    """The materials' own colours, sRGB."""
-    distinct = list(dict.fromkeys(surface.materials))
-    which = np.array([distinct.index(material) for material in surface.materials])[quad]
-    colour = np.zeros((len(quad), 3))
-    for index, material in enumerate(distinct):
-        texels = which == index
+    """The materials' own colours, sRGB, of texels given by the number of their material."""
+    colour = np.zeros((len(number), 3))
+    for index, material in enumerate(materials):
+        texels = number == index
         colour[texels] = material.colour(uv_m[texels])
     return colour
 

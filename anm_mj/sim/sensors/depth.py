@@ -32,7 +32,7 @@ def measure_depth(
         generator: draws this frame's noise.
     """
     hit = np.isfinite(depth_m) & (depth_m > 0.0)
-    exact = np.where(hit, depth_m, np.float32(np.inf))
+    exact = depth_m if hit.all() else np.where(hit, depth_m, np.float32(np.inf))
     if config.depth == "exact":
         return _in_range(exact, exact, config, np.float32(np.inf))
     sampled = _jittered(exact, config.lateral_sigma_px, generator)
@@ -145,9 +145,14 @@ def _in_range(
     beyond: np.float32,
 ) -> Float32[np.ndarray, "h w"]:
     """The measurement within the sensor's range; beyond it what the sensor says there, nearer nothing."""
-    out = measured_m.copy()
-    out[~np.isfinite(looked_at_m)] = beyond
+    far = ~np.isfinite(looked_at_m)
     if config.max_range_m:
-        out[(looked_at_m > config.max_range_m) | (measured_m > config.max_range_m)] = beyond
-    out[(looked_at_m < config.min_range_m) | (measured_m <= config.min_range_m)] = np.nan
+        far |= (looked_at_m > config.max_range_m) | (measured_m > config.max_range_m)
+    near = (looked_at_m < config.min_range_m) | (measured_m <= config.min_range_m)
+    out = measured_m.copy()
+    # Indoors most frames of an exact camera hold neither, and to find no pixel of a mask takes as long as the mask.
+    if far.any():
+        out[far] = beyond
+    if near.any():
+        out[near] = np.nan
     return out
