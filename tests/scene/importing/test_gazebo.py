@@ -310,6 +310,20 @@ def test_a_model_that_includes_itself_is_refused(tmp_path):
         import_scene(src, tmp_path / "out")
 
 
+def test_a_world_that_includes_itself_is_refused(tmp_path):
+    content = GROUND + ROOM + "<include><uri>w.world</uri></include>"
+    src = _world(tmp_path / "w.world", content)
+    with pytest.raises(SceneError, match="includes itself"):
+        import_scene(src, tmp_path / "out")
+
+
+def test_models_that_a_saved_state_has_deleted_are_left_out(tmp_path):
+    deleted = "<state world_name='w'><deletions><name>gone</name></deletions></state>"
+    kept = _box("kept", "<pose>5 0 0 0 0 0</pose>")
+    parts, _ = _read(_world(tmp_path / "w.world", _box("gone") + kept + deleted))
+    assert np.allclose([part.vertices_m.mean(axis=0) for part in parts], [[5, 0, 0]])
+
+
 @pytest.mark.parametrize("name", ["gone", "x" * 5000])
 def test_a_model_path_that_is_no_folder_is_refused(tmp_path, name):
     src = _world(tmp_path / "w.world", GROUND + ROOM)

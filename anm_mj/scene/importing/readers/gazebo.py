@@ -89,6 +89,8 @@ class _Reader:
         """Names of the model folders that were used."""
         self.joints: dict[str, Joint] = {}
         """How links can move, by the name of their part."""
+        self._file: Path | None = None
+        """The file that is read."""
         self._places = places
         self._report = report
         self._budget = budget
@@ -99,6 +101,7 @@ class _Reader:
 
     def read(self, file: Path) -> list[Submesh]:
         """Everything that can be drawn of a file's world, in world coordinates [m]."""
+        self._file = file
         root = _parse(file)
         if root.tag != "sdf":
             raise SceneError(f"{file} is no SDF file: it begins with <{root.tag}>, not <sdf>.")
@@ -108,6 +111,9 @@ class _Reader:
         for other in root.findall("world")[1:]:
             self._report.add(_NO_WORLD, other.get("name", "without a name"))
         world.extend(deepcopy(list(world.findall("state/insertions/model"))))
+        gone = {(name.text or "").strip() for name in world.findall("state/deletions/name")}
+        for model in [model for model in world.findall("model") if model.get("name") in gone]:
+            world.remove(model)
         for child in list(world):
             self._expand(world, child, file.absolute().parent, 0)
         for scaled in world.findall("state//model"):
@@ -147,6 +153,8 @@ class _Reader:
             elif name != "sun":
                 self._report.add(_NO_MODEL, name)
             return
+        if self._file is not None and file.samefile(self._file):
+            raise SceneError(f"{file} includes itself: remove that <include>.")
         root = _parse(file)
         model = next((root.find(tag) for tag in ("model", "world/model") if root.find(tag) is not None), None)
         if model is None:
