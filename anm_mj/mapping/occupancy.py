@@ -212,14 +212,14 @@ class OccupancyGrid:
         return self._log_odds
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Copies of all arrays by name."""
+        """All arrays by name; views, as copies would take as much memory as the grid."""
         return {
-            "corner": self._corner.copy(),
-            "log_odds": self._log_odds.copy(),
-            "state": self._state.copy(),
-            "seen_range_m": self._seen_range_m.copy(),
-            "num_hits": self._num_hits.copy(),
-            "block_stamp": self._block_stamp.copy(),
+            "corner": self._corner,
+            "log_odds": self._log_odds,
+            "state": self._state,
+            "seen_range_m": self._seen_range_m,
+            "num_hits": self._num_hits,
+            "block_stamp": self._block_stamp,
             "num_frames": np.array(self._num_frames),
             "depth_noise": self._noise.get_state(),
         }
