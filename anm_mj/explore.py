@@ -160,7 +160,9 @@ def explore(
             state.step = step
             return outcome(StopReason.SENSOR_FAULT)
         with watch.stage("observe"):
-            coming = _coming_actions(state.follower, seen.pose, action) if ahead is not None else []
+            # A policy that gives single actions may want another one next.
+            done = None if result.collided or plan.actions else action
+            coming = _coming_actions(state.follower, seen.pose, done) if ahead is not None else []
             if ahead is not None:
                 ahead.anticipate(*coming[:1])
             observation = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
@@ -169,7 +171,7 @@ def explore(
             with watch.stage("observe"):
                 # One more than the next: it is drawn while the run records, decides and moves, on one core.
                 if observation.pose != seen.pose:
-                    coming = _coming_actions(state.follower, observation.pose, action)
+                    coming = _coming_actions(state.follower, observation.pose, done)
                 ahead.anticipate(*coming)
         with watch.stage("view"):
             viewer.show(observation, mapper, plan)
@@ -203,16 +205,17 @@ def _observe(robot: Robot) -> Observation | None:
         return None
 
 
-def _coming_actions(follower: Follower, pose: Pose2, done: Action) -> list[Action]:
+def _coming_actions(follower: Follower, pose: Pose2, done: Action | None) -> list[Action]:
     """The next two actions from a pose, as far as they can be told; for who begins with what will be seen after them.
 
-    Where the plan ends, a decision follows, and most begin with what the robot did last: to go on, or to turn on. A
-    pose that is not finite says nothing; the monitor tells of it.
+    Where a path ends, a decision follows, and most begin with what the robot did last (``done``; None = no guess): to go
+    on, or to turn on. A pose that is not finite says nothing; the monitor tells of it.
     """
     if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
         return []
     coming = follower.coming_actions(pose, 2)
-    return coming if len(coming) == 2 else [*coming, coming[-1] if coming else done]
+    guess = coming[-1] if coming else done
+    return coming if len(coming) == 2 or guess is None else [*coming, guess]
 
 
 def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:

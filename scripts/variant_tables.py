@@ -40,13 +40,15 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], reference: str | Non
         comparison: Output folder of ``anm-mj bench``.
         reference: Variant that the others are compared with, as the tables name it; the first one, if not given.
     """
-    for policy, runs in _by_policy(comparison).items():
-        variants = list(dict.fromkeys(key[0] for key in runs))
-        against = variants[0] if reference is None else reference
-        if against not in variants:
-            raise AnmError(f"{comparison} holds no variant {against!r} of {policy}, but {', '.join(variants)}.")
+    found = _by_policy(comparison)
+    variants_of = {policy: list(dict.fromkeys(key[0] for key in runs)) for policy, runs in found.items()}
+    for policy, variants in variants_of.items():
+        if reference is not None and reference not in variants:
+            raise AnmError(f"{comparison} holds no variant {reference!r} of {policy}, but {', '.join(variants)}.")
+    for policy, runs in found.items():
+        variants = variants_of[policy]
         _print_finals(policy, runs, variants)
-        _print_differences(runs, variants, against)
+        _print_differences(runs, variants, variants[0] if reference is None else reference)
         for variant in variants:
             print(f"{policy}, {variant}: {_told([runs[key] for key in runs if key[0] == variant])}")
         print()
@@ -56,14 +58,17 @@ def _by_policy(comparison: Path) -> dict[str, Runs]:
     """All runs of a comparison.
 
     Raises:
-        AnmError: There is none.
+        AnmError: There is none, or two of one kind.
     """
     found: dict[str, Runs] = defaultdict(dict)
     for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
         result = read_result(path.parent)
         job = result.job
         variant = result.variant.removeprefix(job["policy"]).strip(" ()") or USUAL
-        found[job["policy"]][variant, job["scene_name"], job["start"], job["seed"]] = result
+        key = variant, job["scene_name"], job["start"], job["seed"]
+        if key in found[job["policy"]]:
+            raise AnmError(f"{comparison} holds two runs of {job['policy']} with {key}; their scenes have one name.")
+        found[job["policy"]][key] = result
     if not found:
         raise AnmError(f"{comparison} holds no finished run; make them by anm-mj bench.")
     # The usual variant first, then those with the shortest names.

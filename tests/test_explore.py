@@ -92,6 +92,19 @@ def test_a_robot_is_told_what_comes_next_only_from_a_pose_that_is_finite():
     assert robot.expected.count(ahead[:1]) == 5
 
 
+def expected_images(plan, num_steps):
+    robot = Anticipating(seen_room(), Pose2(1.0, 1.5, 0.0))
+    explore(robot, robot.world, Scripted(plan), num_steps=num_steps, recorder=ListRecorder(), viewer=NullViewer())
+    return robot.expected
+
+
+def test_where_a_path_ends_the_last_action_is_expected_again_and_after_given_actions_none():
+    # Before and after the map learns.
+    assert expected_images(straight_to(1.1, 1.5), 1) == [(Action.MOVE_FORWARD,)] * 2
+    turn = (Action.TURN_LEFT,)
+    assert expected_images(Plan("turn", np.zeros((0, 2)), actions=turn * 2), 2) == [turn, turn, (), ()]
+
+
 def test_a_request_to_stop_ends_the_run_as_interrupted():
     turns = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
     asked = iter([False, False, True])

@@ -28,9 +28,11 @@ MAX_DEPTH_M = 10.0
 
 @lru_cache(maxsize=8)
 def kept_pixels(size_px: int) -> Int[np.ndarray, " n"]:
-    """Indices of the rows (or columns) of an image of ``size_px`` rows that reduction keeps; not to be changed."""
+    """Indices of the rows (or columns) of an image of ``size_px`` rows that reduction keeps; read-only."""
     kept = min(size_px, EVALUATION_SIDE_PX)
-    return np.arange(kept) * size_px // kept
+    indices = np.arange(kept) * size_px // kept
+    indices.setflags(write=False)
+    return indices
 
 
 def reduce_depth(depth_m: Float32[np.ndarray, "h w"]) -> UInt16[np.ndarray, "rows cols"]:

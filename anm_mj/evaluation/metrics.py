@@ -46,7 +46,7 @@ class RunSummary:
     evaluation_s: float | None = None
     """Time that the thread which records spent on the completion curve [s]."""
     peak_rss_mib: float | None = None
-    """Peak resident memory of the process until the end of the loop [MiB]."""
+    """Peak resident memory of the process until map and mesh are written [MiB]; evaluation is not counted."""
     return_steps: int | None = None
     """Steps of the way back to the start; None where the robot was not to go back, or did not come to it."""
     return_distance_m: float | None = None

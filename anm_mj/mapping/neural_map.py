@@ -430,8 +430,6 @@ class NeuralMap:
 
     def _take_engine(self, config: MappingConfig, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
         """Go on with a new engine of another configuration, from given parameters."""
-        # Its memory is free before the new one takes as much.
-        del self.backend
         self.backend = make_backend(config, seed=self.seed, device=self._device)
         self.backend.set_state(state)
 

@@ -219,11 +219,18 @@ def test_the_ground_is_left_out_of_the_way_of_a_floor(tmp_path):
     assert np.allclose(parts[-1].vertices_m[:, 2], -0.02)
 
 
-def test_models_that_a_saved_state_has_deleted_are_left_out(tmp_path):
-    deleted = "<state world_name='w'><deletions><name>gone</name></deletions></state>"
-    kept = box("kept", "<pose>5 0 0 0 0 0</pose>")
-    parts, _ = read_parts(write_world(tmp_path / "w.world", box("gone") + kept + deleted))
-    assert np.allclose([part.vertices_m.mean(axis=0) for part in parts], [[5, 0, 0]])
+def test_models_that_a_saved_state_has_deleted_are_left_out_and_stay_frames_of_others(tmp_path):
+    write_model(tmp_path / "models", "thing", "<link name='l'/>" + box("inner"))
+    included = "<include><uri>model://thing</uri><name>also_gone</name></include>"
+    deleted = (
+        "<state world_name='w'><model name='gone'><scale>2 2 2</scale></model>"
+        "<deletions><name>gone</name><name>also_gone</name></deletions></state>"
+    )
+    kept = box("kept", "<pose relative_to='gone'>5 0 0 0 0 0</pose>")
+    src = write_world(tmp_path / "w.world", box("gone", "<pose>0 1 0 0 0 0</pose>") + included + kept + deleted)
+    parts, said = read_parts(src)
+    assert np.allclose([part.vertices_m.mean(axis=0) for part in parts], [[5, 1, 0]])
+    assert not said
 
 
 def test_all_outlines_of_a_polyline_count_and_the_inner_is_a_hole(tmp_path):

@@ -91,6 +91,8 @@ class _Reader:
         """How links can move, by the name of their part."""
         self._file: Path | None = None
         """The file that is read."""
+        self._deleted: set[str] = set()
+        """Names of the world's models that its saved state has deleted."""
         self._places = places
         self._report = report
         self._budget = budget
@@ -111,13 +113,12 @@ class _Reader:
         for other in root.findall("world")[1:]:
             self._report.add(_NO_WORLD, other.get("name", "without a name"))
         world.extend(deepcopy(list(world.findall("state/insertions/model"))))
-        gone = {(name.text or "").strip() for name in world.findall("state/deletions/name")}
-        for model in [model for model in world.findall("model") if model.get("name") in gone]:
-            world.remove(model)
+        self._deleted = {(name.text or "").strip() for name in world.findall("state/deletions/name")}
         for child in list(world):
             self._expand(world, child, file.absolute().parent, 0)
         for scaled in world.findall("state//model"):
-            if numbers(scaled.find("scale"), 3, (1.0, 1.0, 1.0)) != (1.0, 1.0, 1.0):
+            scale = numbers(scaled.find("scale"), 3, (1.0, 1.0, 1.0))
+            if scale != (1.0, 1.0, 1.0) and scaled.get("name") not in self._deleted:
                 self._report.add(_SCALED, scaled.get("name", "a model"))
         # A file with a model instead of a world holds one part.
         self._read_scope(Scope(world, np.eye(4), state_poses(world), ""), "")
@@ -180,6 +181,9 @@ class _Reader:
         """Gather the submeshes of a world or model, and of the models in it."""
         for child in scope.element:
             if child.tag == "model":
+                # Poses may still be relative to it.
+                if not part and child.get("name") in self._deleted:
+                    continue
                 inner = scope.inner(child)
                 if np.abs(inner.T_world_scope[:3, 3]).max() > _FAR_M:
                     self._report.add(_FALLEN, child.get("name", "a model"))
