@@ -208,14 +208,15 @@ def _observe(robot: Robot) -> Observation | None:
 def _coming_actions(follower: Follower, pose: Pose2, done: Action | None) -> list[Action]:
     """The next two actions from a pose, as far as they can be told; for who begins with what will be seen after them.
 
-    Where a path ends, a decision follows, and most begin with what the robot did last (``done``; None = no guess): to go
-    on, or to turn on. A pose that is not finite says nothing; the monitor tells of it.
+    Where a path ends, a decision follows, and most begin with what the robot did last (``done``; None = no guess): to
+    go on, or to turn on. A pose that is not finite says nothing; the monitor tells of it.
     """
     if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
         return []
     coming = follower.coming_actions(pose, 2)
-    guess = coming[-1] if coming else done
-    return coming if len(coming) == 2 or guess is None else [*coming, guess]
+    if len(coming) < 2 and done is not None:
+        coming.append(coming[-1] if coming else done)
+    return coming
 
 
 def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:
