@@ -64,7 +64,7 @@ def read_floorplan(src: Path) -> tuple[str, Building, dict[str, Any]]:
         if matches(plan):
             try:
                 building = read(plan)
-            except (KeyError, IndexError, TypeError, ValueError, ArithmeticError, ShapelyError) as err:
+            except (KeyError, IndexError, TypeError, AttributeError, ValueError, ArithmeticError, ShapelyError) as err:
                 raise SceneError(
                     f"{src} is a damaged {form} floor plan ({type(err).__name__}: {err}): fix or replace it."
                 ) from err

@@ -254,6 +254,7 @@ def test_what_is_no_building_is_refused_before_it_is_built(tmp_path, text, said)
         ("{}", "no floor plan of a known format"),
         ('{"schema": "plan-1"}', "damaged plan-1"),
         ('{"verts": [], "room_category": {}}', "damaged HouseExpo"),
+        ('{"verts": [[0, 0], [4, 0], [4, 4], [0, 4]], "room_category": 7}', "damaged HouseExpo"),
         (json.dumps({"proceduralParameters": {}, "rooms": [_ROOM], "walls": [], "doors": []}), "it has no walls"),
         ('{"verts": [[0, 0], [9000, 0], [0, 9000]], "room_category": {}}', "larger than 500 m"),
         ('{"verts": [[0, 0], [NaN, 0], [0, 9]], "room_category": {}}', "it holds NaN"),
