@@ -236,6 +236,7 @@ def run_loop(
     left = _what_is_left(config, robot, mapper, recorder, outcome)
     # The renderer's memory is needed for the mesh and its comparison with the truth.
     robot.close()
+    malloc_trim()
     back = None
     if isinstance(parts.policy, Returning):
         back = WayBack.of(recorder.poses, None if interrupted else parts.policy.explored_steps)

@@ -13,7 +13,6 @@ A second table says where the rest of the run's wall time goes: setting up, and 
 """
 
 import functools
-import importlib
 import json
 import os
 import tempfile
@@ -60,6 +59,7 @@ AROUND = {
     "completion": "without its cap",
     "mesh quality": "against the true surface",
     "pictures": "curve and top-down map, matplotlib",
+    "waiting": "for the thread that searches, draws and writes",
     "other": "everything else",
 }
 """Parts of a run in the order of the second table, and what each is."""
@@ -124,6 +124,8 @@ class Budget:
     floor_ms: dict[str, float]
     around_s: dict[str, float]
     """Parts of the run [s]."""
+    around_beside_s: dict[str, float]
+    """In other threads meanwhile [s]."""
     peak_rss_mib: float
 
 
@@ -169,26 +171,23 @@ def watched(watch: Watch) -> None:
 
 def watched_around(watch: Watch) -> None:
     """Put another watch on the parts of a run."""
-    import anm_mj.evaluation.evaluate
     import anm_mj.io.recorder
     import anm_mj.run
     from anm_mj.io.recorder import RunRecorder
     from anm_mj.mapping.neural_map import NeuralMap
 
-    # A run imports matplotlib when it draws its first picture.
-    plots = watch.run("pictures", lambda: importlib.import_module("anm_mj.viz.plots"))
     watch.over(anm_mj.run, "run_loop", "other")
     watch.over(anm_mj.run, "explore", "explore")
     watch.over(NeuralMap, "finish", "settle")
     watch.over(anm_mj.run, "_what_is_left", "survey")
     watch.over(RunRecorder, "finish", "other")
+    watch.over(RunRecorder, "flush", "waiting")
     watch.over(NeuralMap, "save", "map file")
     watch.over(NeuralMap, "mesh", "mesh")
     watch.over(anm_mj.io.recorder, "write_mesh", "mesh")
-    watch.over(anm_mj.evaluation.evaluate, "uncapped_completion_cm", "completion")
-    watch.over(anm_mj.evaluation.evaluate, "mesh_quality", "mesh quality")
-    for name in ("draw_curve", "draw_topdown"):
-        watch.over(plots, name, "pictures")
+    watch.over(anm_mj.io.recorder, "without_cap_cm", "completion")
+    watch.over(anm_mj.io.recorder, "quality_of_mesh", "mesh quality")
+    watch.over(RunRecorder, "_draw", "pictures")
     watch.over(anm_mj.run, "run", "set up")
 
 
@@ -238,6 +237,7 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
         beside_ms,
         floor_ms,
         {name: around.seconds.get(name, 0.0) for name in AROUND},
+        {name: around.beside.get(name, 0.0) for name in AROUND},
         metrics.peak_rss_mib or 0.0,
     )
 
@@ -310,9 +310,12 @@ def print_budget(budget: Budget, console: Console) -> None:
     )
     console.print(table)
     whole = sum(budget.around_s.values()) or 1.0
-    parts = Table("part of the run", "what", "s", "share")
+    parts = Table("part of the run", "what", "s", "share", "beside it, s")
     for part, what in AROUND.items():
-        parts.add_row(part, what, f"{budget.around_s[part]:.1f}", f"{100.0 * budget.around_s[part] / whole:.0f} %")
+        seconds, beside = budget.around_s[part], budget.around_beside_s[part]
+        parts.add_row(
+            part, what, f"{seconds:.1f}", f"{100.0 * seconds / whole:.0f} %", f"{beside:.1f}" if beside else ""
+        )
     console.print(parts)
 
 

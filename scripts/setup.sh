@@ -140,6 +140,17 @@ prepare_compiler() {
     [ -f "$include/Python.h" ] || apt_install "python$version-dev" || true
 }
 
+# Where Python may write no bytecode (PYTHONDONTWRITEBYTECODE, as images of containers have it), every command would
+# compile again all that it imports: three seconds of a run.
+compile_packages() {
+    local site
+    [ -n "${PYTHONDONTWRITEBYTECODE:-}" ] || return 0
+    site=$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+    for name in numpy scipy matplotlib trimesh networkx skimage PIL mujoco mink OpenGL shapely rich torch; do
+        echo "$site/$name"
+    done | xargs "$python" -m compileall -q -j 0 >/dev/null 2>&1 || true
+}
+
 # Says which engine trains maps. The package installs without the native one too, and silently.
 report_engine() {
     if "$python" -c 'import anm_mj.mapping.backends._native' 2>>"$log"; then
@@ -178,6 +189,7 @@ apt_log=$log
 SECONDS=0
 prepare_compiler
 install_packages
+compile_packages
 report_engine
 prepare_graphics
 [ -z "$torch_backend" ] || echo "$torch_backend" >"$venv/torch-backend"

@@ -17,13 +17,14 @@ from anm_mj.evaluation.covered_before import read_covered_before
 from anm_mj.evaluation.depth import back_project_reduced, halved_intrinsics
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
-from anm_mj.evaluation.mesh import mesh_quality
+from anm_mj.evaluation.mesh import MeshQuality, mesh_quality
 from anm_mj.evaluation.metrics import (
     FIXED,
     NOVEL,
     EpisodeStatistics,
     Metrics,
     RunSummary,
+    headline,
     read_metrics,
     summarise,
     view_metrics,
@@ -100,15 +101,39 @@ def write_results(
         RunFolderError: A file of the run is damaged, or cannot be written.
     """
     curve.last()
-    before_m = _covered_before(folder, truth)
-    uncapped_cm = uncapped_completion_cm(truth.samples, curve.distance_m, _clouds(read_run(folder.path)), before_m)
-    covered = curve.distance_m < COVERED_M
-    mesh = mesh_quality(*read_mesh(folder.mesh), truth, covered) if folder.mesh.is_file() else None
+    uncapped_cm = without_cap_cm(folder, truth, curve)
+    write_curve(folder, curve, statistics)
+    mesh = quality_of_mesh(folder, truth, curve)
     views = novel_views, fixed_views
-    before = curve.before
-    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, *views, before)
+    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, *views, curve.before)
+    write_json(folder.metrics, metrics)
+    return metrics
+
+
+def without_cap_cm(folder: RunFolder, truth: GroundTruth, curve: CompletionCurve) -> float | None:
+    """Completion of a run without the cap at 1 m [cm], from its depth images; None without any depth point.
+
+    Args:
+        folder: The run folder.
+        truth: The true surface.
+        curve: Its completion curve, finished.
+
+    Raises:
+        RunFolderError: A file of the run is damaged.
+    """
+    clouds = _clouds(read_run(folder.path))
+    return uncapped_completion_cm(truth.samples, curve.distance_m, clouds, _covered_before(folder, truth))
+
+
+def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeStatistics) -> None:
+    """Write ``curve.csv`` and ``curve.png`` of a finished curve.
+
+    Raises:
+        RunFolderError: The manifest is damaged, or a file cannot be written.
+    """
     from anm_mj.viz.plots import draw_curve  # No run waits for matplotlib before its first step.
 
+    before = curve.before
     with writing(folder.path):
         lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
         write_text(folder.curve, "\n".join(lines) + "\n")
@@ -119,11 +144,22 @@ def write_results(
             # None becomes NaN.
             np.array([row.observable_ratio for row in curve.rows], dtype=np.float64),
             np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
-            title=titled(folder, vars(metrics)),
+            title=titled(folder, headline(curve, statistics)),
             before_ratio=None if before is None else before.ratio_percent,
         )
-    write_json(folder.metrics, metrics)
-    return metrics
+
+
+def quality_of_mesh(
+    folder: RunFolder, truth: GroundTruth, curve: CompletionCurve
+) -> tuple[MeshQuality, MeshQuality | None] | None:
+    """Quality of a run's mesh as a whole, and culled to what a finished curve covered; None where there is no mesh.
+
+    Raises:
+        RunFolderError: The mesh is damaged.
+    """
+    if not folder.mesh.is_file():
+        return None
+    return mesh_quality(*read_mesh(folder.mesh), truth, curve.distance_m < COVERED_M)
 
 
 def completion_with_halved_intrinsics(path: Path) -> Completion:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.evaluation.completion import Completion
-from anm_mj.evaluation.completion_curve import CurveRow
+from anm_mj.evaluation.completion_curve import CompletionCurve, CurveRow
 from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import MeshQuality
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
@@ -229,6 +229,17 @@ def summarise(
         stage_hz=statistics.stage_hz,
         **vars(summary),
     )
+
+
+def headline(curve: CompletionCurve, statistics: EpisodeStatistics) -> dict[str, Any]:
+    """Those of a run's metrics that its pictures name, by the keys of ``metrics.json``."""
+    last = curve.rows[-1] if curve.rows else None
+    return {
+        "observable_ratio": last.observable_ratio if last else None,
+        "completion_ratio": last.completion_ratio if last else None,
+        "steps": statistics.steps,
+        "path_m": curve.path_m,
+    }
 
 
 def _mesh_metrics(quality: MeshQuality | None, prefix: str) -> dict[str, Any]:

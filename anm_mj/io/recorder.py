@@ -7,12 +7,13 @@ depends on the curve.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import math
 import resource
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
@@ -23,9 +24,9 @@ from jaxtyping import Float, Float32
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.covered_before import write_covered_before
 from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.evaluate import write_results
+from anm_mj.evaluation.evaluate import quality_of_mesh, without_cap_cm, write_curve
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary
+from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary, headline, summarise
 from anm_mj.io.changes_file import write_changes
 from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.jsonl import LineWriter
@@ -257,10 +258,11 @@ class RunRecorder:
         self._background.submit(lambda: self._log.plan(step, plan))
 
     def prepare_results(self) -> None:
-        """Wait until everything is written, and begin to load what :meth:`finish` draws pictures with."""
+        """Wait until everything is written, and begin to load what :meth:`finish` writes pictures and mesh with."""
         self.flush()
-        # No run waits for matplotlib before its first step.
-        self._background.submit(lambda: importlib.import_module("anm_mj.viz.plots"))
+        # No run waits for these before its first step.
+        for name in ("anm_mj.viz.plots", "trimesh"):
+            self._background.submit(functools.partial(importlib.import_module, name))
 
     def finish(
         self,
@@ -295,7 +297,7 @@ class RunRecorder:
             return_steps=back and back.steps,
             return_distance_m=back and back.distance_m,
         )
-        self.close()
+        self._close_logs()
         # What cannot be recomputed comes first, then what takes long: a run killed in between loses nothing.
         write_json(self._folder.metrics, summary)
         with writing(self._folder.map), atomic_write(self._folder.map) as partial:
@@ -306,6 +308,10 @@ class RunRecorder:
         if changes is not None:
             write_changes(self._folder.changes, self._folder.changed_voxels, changes)
         write_plan(self._folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
+        # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
+        self._curve.last()
+        uncapped_cm: list[float | None] = []
+        self._background.submit(lambda: uncapped_cm.append(without_cap_cm(self._folder, self._truth, self._curve)))
         if finished.is_trained:
             write_mesh(self._folder.mesh, finished.mesh(MESH_RESOLUTION_M))
         # Its memory is needed for the comparison with the truth.
@@ -313,21 +319,33 @@ class RunRecorder:
         malloc_trim()
         # Map and mesh took memory too, since the summary was first written.
         summary = replace(summary, peak_rss_mib=peak_rss_mib())
-        metrics = write_results(self._folder, self._truth, self._curve, self._statistics, summary)
+        self._background.submit(lambda: self._draw(survey, changes or ()))
+        mesh = quality_of_mesh(self._folder, self._truth, self._curve)
+        self.flush()
+        curve = self._curve
+        metrics = summarise(
+            self._statistics, curve.rows, curve.path_m, uncapped_cm[0], self._truth, mesh, summary, before=curve.before
+        )
+        write_json(self._folder.metrics, metrics)
+        self.close()
+        return metrics
+
+    def _draw(self, survey: Survey, changes: Sequence[SurfaceChange]) -> None:
+        """Draw the curve and the top-down map."""
         from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
 
+        write_curve(self._folder, self._curve, self._statistics)
         with writing(self._folder.topdown_picture):
             draw_topdown(
                 self._folder.topdown_picture,
                 survey.topdown,
                 survey.graph,
                 survey.regions,
-                self.poses,
+                self._log.poses,
                 target_xy_m=self._log.last_target_xy_m,
-                title=titled(self._folder, vars(metrics)),
-                changes=changes or (),
+                title=titled(self._folder, headline(self._curve, self._statistics)),
+                changes=changes,
             )
-        return metrics
 
     def _write_explored(self, finished: FinishedMap, memory: dict[str, np.ndarray]) -> None:
         """Write what a run that goes on from this one needs beside the map."""
@@ -342,6 +360,9 @@ class RunRecorder:
     def close(self) -> None:
         """Close all files when everything is written; a second time does nothing."""
         self._background.close()
+        self._close_logs()
+
+    def _close_logs(self) -> None:
         self._log.close()
         self._curve_file.close()
 

@@ -430,8 +430,7 @@ class NeuralMap:
 
     def _take_engine(self, config: MappingConfig, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
         """Go on with a new engine of another configuration, from given parameters."""
-        self.backend = make_backend(config, seed=self.seed, device=self._device)
-        self.backend.set_state(state)
+        self.backend = make_backend(config, seed=self.seed, device=self._device, state=state)
 
     def _train(self, observation: Observation, count: int, *, first: bool) -> Iterator[float]:
         """Train on rays of the keyframes and, after the first frame, of the one at hand; the loss of each iteration.

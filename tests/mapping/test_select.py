@@ -4,6 +4,7 @@ import logging
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
@@ -136,3 +137,15 @@ def test_native_that_does_not_load(monkeypatch):
 def test_engine_name(tiny_config):
     neural_map = NeuralMap(replace(tiny_config, engine="torch"), seed=0, device="cpu")
     assert neural_map.engine_name == "torch"
+
+
+@pytest.mark.parametrize("engine", ["native", "torch"])
+def test_an_engine_starts_from_given_parameters(tiny_config, engine):
+    if engine == "native":
+        pytest.importorskip("anm_mj.mapping.backends._native")
+    config = replace(tiny_config, engine=engine)
+    given = make_backend(config, seed=1, device="cpu").get_state()
+    state = make_backend(config, seed=0, device="cpu", state=given).get_state()
+    own = make_backend(config, seed=0, device="cpu").get_state()
+    assert all(np.array_equal(state[name], array) for name, array in given.items())
+    assert not all(np.array_equal(own[name], array) for name, array in given.items())

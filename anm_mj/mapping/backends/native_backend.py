@@ -46,8 +46,16 @@ class NativeBackend(MapperBackend):
 
     device = "cpu"
 
-    def __init__(self, config: MappingConfig, *, seed: int, num_threads: int | None = None, kernel: str = "") -> None:
-        """Start from the parameters that ``seed`` gives.
+    def __init__(
+        self,
+        config: MappingConfig,
+        *,
+        seed: int,
+        num_threads: int | None = None,
+        kernel: str = "",
+        state: dict[str, Float32[np.ndarray, "..."]] | None = None,
+    ) -> None:
+        """Start from given parameters, or from those that ``seed`` gives.
 
         Args:
             config: The mapping configuration.
@@ -55,6 +63,7 @@ class NativeBackend(MapperBackend):
             num_threads: Threads to compute with; None for OMP_NUM_THREADS, or one per core that
                 the process may use.
             kernel: Instruction set to use, as in :func:`kernel_names`; empty for the best of this processor.
+            state: Parameters by name to start from; None = the start values.
 
         Raises:
             MapError: If a layer or a ray's samples are too many for the engine.
@@ -83,7 +92,7 @@ class NativeBackend(MapperBackend):
         self.kernel: str = self._engine.kernel
         """The instruction set in use: "v2", "v3" or "v4" (levels of x86-64) or "generic"."""
         self.name = f"native-{self.kernel}"
-        self.set_state(initial_parameters(field, seed))
+        self.set_state(initial_parameters(field, seed) if state is None else state)
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the base class."""

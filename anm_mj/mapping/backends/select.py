@@ -13,8 +13,12 @@ import logging
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
@@ -103,8 +107,20 @@ def choose_engine(engine: str = "auto", device: str = "auto") -> EngineChoice:
     return EngineChoice(engine, "asked for")
 
 
-def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> MapperBackend:
-    """The engine that ``config.engine`` and ``device`` ask for, with start values drawn from ``seed``.
+def make_backend(
+    config: MappingConfig,
+    *,
+    seed: int,
+    device: str = "auto",
+    state: dict[str, Float32[np.ndarray, "..."]] | None = None,
+) -> MapperBackend:
+    """The engine that ``config.engine`` and ``device`` ask for.
+
+    Args:
+        config: The mapping configuration.
+        seed: What the start values are drawn from.
+        device: ``auto``, ``cpu`` or ``cuda``.
+        state: Parameters by name to start with; None = the start values.
 
     Raises:
         MapError: see :func:`choose_engine`.
@@ -112,22 +128,29 @@ def make_backend(config: MappingConfig, *, seed: int, device: str = "auto") -> M
     choice = choose_engine(config.engine, device)
     if choice.instead_of is not None:
         _LOG.warning("The map is trained by torch, slower than by %s, because %s.", choice.instead_of, choice.reason)
-    # The first two import torch, the other two cannot be imported everywhere.
-    if choice.name == "torch":
+    if choice.name == "native":
+        from anm_mj.mapping.backends.native_backend import NativeBackend  # It cannot be imported everywhere.
+
+        return NativeBackend(config, seed=seed, state=state)
+    backend = _torch_backend(choice.name)(config, seed=seed, device=device)
+    if state is not None:
+        backend.set_state(state)
+    return backend
+
+
+def _torch_backend(name: str) -> Callable[..., MapperBackend]:
+    """The class of an engine that imports torch; Triton's cannot be imported everywhere."""
+    if name == "torch":
         from anm_mj.mapping.backends.torch_backend import TorchBackend
 
-        return TorchBackend(config, seed=seed, device=device)
-    if choice.name == "mlp":
+        return TorchBackend
+    if name == "mlp":
         from anm_mj.mapping.backends.mlp_backend import MlpBackend
 
-        return MlpBackend(config, seed=seed, device=device)
-    if choice.name == "triton":
-        from anm_mj.mapping.backends.triton.backend import TritonBackend
+        return MlpBackend
+    from anm_mj.mapping.backends.triton.backend import TritonBackend
 
-        return TritonBackend(config, seed=seed, device=device)
-    from anm_mj.mapping.backends.native_backend import NativeBackend
-
-    return NativeBackend(config, seed=seed)
+    return TritonBackend
 
 
 def with_available_engine(config: MappingConfig) -> MappingConfig:
