@@ -231,12 +231,12 @@ def run_loop(
     recorder.prepare_results()
     wall_s = time.perf_counter() - begin
     watched.on_end(outcome)
+    # What the renderer took is needed for the final training, the mesh and its comparison with the truth.
+    robot.close()
+    malloc_trim()
     if config.goal != "coverage" and not interrupted:
         mapper.finish()
     left = _what_is_left(config, robot, mapper, recorder, outcome)
-    # The renderer's memory is needed for the mesh and its comparison with the truth.
-    robot.close()
-    malloc_trim()
     back = None
     if isinstance(parts.policy, Returning):
         back = WayBack.of(recorder.poses, None if interrupted else parts.policy.explored_steps)
