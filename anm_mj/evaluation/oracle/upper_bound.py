@@ -59,7 +59,8 @@ def earliest_steps(
 def coverage_bound(
     bits: UInt64[np.ndarray, "p yaws words"], earliest: Int[np.ndarray, "p yaws"], budget: int
 ) -> Int[np.ndarray, " steps"]:
-    """Most samples that a tour can have covered after each step, from 0 to the budget.
+    """Most samples that a tour can have covered after each step, from 0 to the budget; those that no frame covers from
+    the start.
 
     Args:
         bits: What the frame at every place and heading covers, a bit for each sample.
@@ -69,7 +70,8 @@ def coverage_bound(
     order = np.argsort(earliest, axis=None, kind="stable")
     steps = earliest.reshape(-1)[order]
     views = bits.reshape(-1, bits.shape[2])
-    seen = np.zeros(bits.shape[2], np.uint64)
+    # What no pose covers may be seen from between them: nothing bounds when.
+    seen = ~np.bitwise_or.reduce(views, axis=0)
     bound = np.zeros(budget + 1, np.int64)
     first = 0
     for step in range(budget + 1):

@@ -11,15 +11,17 @@ Deviations:
   chooses anew every 10 steps of 25 cm. With steps of 6.5 cm the robot would turn back and forth between two frontiers
   for ever, because the nearer one stops counting a metre before it.
 - Dijkstra's algorithm finds paths on the grid, with this project's clearance, instead of a learned point navigator.
-- The robot gives a frontier up when it looked at it and it stays, or when no path comes near (Yamauchi's list of
-  inaccessible frontiers): at first as a whole, and when no other is left only where it was tried. Then the run ends as
-  complete instead of driving backwards for ever.
+- The robot gives a frontier up when it looked at it and it stays, when no path comes near (Yamauchi's list of
+  inaccessible frontiers), or when it takes more than twice the steps that the path and a look around need: at first as
+  a whole, and when no other is left only where it was tried. Then the run ends as complete instead of driving
+  backwards for ever.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -28,6 +30,7 @@ from scipy.spatial import KDTree
 from skimage.graph import MCP
 
 from anm_mj.frames import cell_to_world, world_to_cell, wrap_angle
+from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import remembered
@@ -51,6 +54,11 @@ from anm_mj.types import (
 from anm_mj.utils.stopwatch import Stopwatch
 
 EIGHT = np.ones((3, 3), bool)
+NEARER_M = 0.1
+"""A place to see the frontier from is taken instead of the one before where it is nearer to it by this [m]. Which cells
+beside the robot can be reached depends on where it stands, so that two places could take turns for ever."""
+PATIENCE = 2.0
+"""A frontier is given up after this many times the steps that it should take."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,15 @@ class _Frontier:
     """Cells between it and the robot."""
 
 
+class _Goal(NamedTuple):
+    contact_xy_m: Float[np.ndarray, "2"]
+    """The chosen frontier [m]."""
+    place_xy_m: Float[np.ndarray, "2"]
+    """Where to see it from [m]."""
+    last_step: int
+    """The frontier is given up after this step."""
+
+
 class Frontier(ScanPolicy):
     """Goes to the nearest frontier that is not too near."""
 
@@ -71,8 +88,7 @@ class Frontier(ScanPolicy):
         """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
         self.config = context.settings
         super().__init__(context, self.config.range_m)
-        self._goal: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None = None
-        """The chosen frontier and the place to see it from [m]."""
+        self._goal: _Goal | None = None
         self._given_up_xy_m = np.zeros((0, 2))
 
     def memory(self) -> dict[str, np.ndarray]:
@@ -97,7 +113,7 @@ class Frontier(ScanPolicy):
             found = _connected(topdown, hops)
         with watch.stage("paths"):
             routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m)
-            kept = self._keep(topdown, hops, routes)
+            kept = self._keep(topdown, hops, routes, observation.step)
             left = self._within_reach(found, routes)
             if kept is None and not left:
                 # One frontier may run around the whole known area; giving part of it up leaves the rest.
@@ -110,7 +126,8 @@ class Frontier(ScanPolicy):
             return Plan(reason, np.zeros((0, 2)), stop=StopReason.COMPLETE, topdown=topdown, stage_ms=watch.ms)
         away = [math.dist(f.contact_xy_m, pose.xy_m) >= self.config.min_distance_m for f, _ in left]
         frontier, place = left[away.index(True) if any(away) else -1]
-        self._goal = frontier.contact_xy_m, place
+        needed = routes.cost_at(place) / FORWARD_STEP_M + NUM_HEADINGS
+        self._goal = _Goal(frontier.contact_xy_m, place, observation.step + math.ceil(PATIENCE * needed))
         reason = (
             f"nearest of {len(left)} frontiers at least {self.config.min_distance_m:g} m away: "
             f"{frontier.num_cells} cells, {frontier.hops * topdown.resolution_m:.1f} m off"
@@ -118,28 +135,32 @@ class Frontier(ScanPolicy):
         return self._go(reason, routes, left, watch)
 
     def _keep(
-        self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"], routes: GridRoutes
-    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
+        self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"], routes: GridRoutes, step: int
+    ) -> _Goal | None:
         """The present frontier and where to see it from; None when it is gone or the robot gives it up."""
         goal, self._goal = self._goal, None
         if goal is None:
             return None
-        contact = goal[0]
+        contact, place = goal.contact_xy_m, goal.place_xy_m
         border = cell_to_world(np.argwhere(np.isfinite(hops)), topdown.origin_xy_m, topdown.resolution_m)
         if not (np.linalg.norm(border - contact, axis=1) < self.config.given_up_m).any():
             return None
-        place = routes.nearest(contact)
-        if _is_looked_at(contact, place, routes.pose) or math.dist(contact, place) >= self.config.max_gap_m:
+        nearest = routes.nearest(contact)
+        is_nearer = math.dist(contact, nearest) < math.dist(contact, place) - NEARER_M
+        if is_nearer or not math.isfinite(routes.cost_at(place)):
+            place = nearest
+        is_far = math.dist(contact, place) >= self.config.max_gap_m
+        if is_far or step > goal.last_step or _is_looked_at(contact, place, routes.pose):
             self._given_up_xy_m = np.concatenate([self._given_up_xy_m, contact[None]])
             return None
-        return contact, place
+        return goal._replace(place_xy_m=place)
 
     def _go(
         self, reason: str, routes: GridRoutes, left: list[tuple[_Frontier, Float[np.ndarray, "2"]]], watch: Stopwatch
     ) -> Plan:
         """The path to the present goal and a look at it."""
         assert self._goal is not None  # Both callers have just set it.
-        contact, place = self._goal
+        contact, place = self._goal.contact_xy_m, self._goal.place_xy_m
         towards = contact - place
         return Plan(
             reason,

@@ -114,7 +114,11 @@ class Upen(ScanPolicy):
         xy = topdown.origin_xy_m + (np.stack([cols, rows], axis=-1) + 0.5) * RESOLUTION_M
         near = np.hypot(*np.moveaxis(xy - pose.xy_m, -1, 0)) < NEAR_ROBOT_M
         window = (np.abs(xy - pose.xy_m) < CROP_CELLS * CELL_M / 2).all(axis=-1)
-        passable = window & (topdown.clearance_m >= np.where(near, 0.0, self._safe_m - self._slack_m))
+        start = world_to_cell(pose.xy_m[None], topdown.origin_xy_m, topdown.resolution_m)[0]
+        # In a tight spot the clearance that the robot has now is enough, as for all policies.
+        least_m = self._safe_m - self._slack_m
+        here_m = min(least_m, float(topdown.clearance_m[tuple(start)]))
+        passable = window & (topdown.clearance_m >= np.where(near, here_m, least_m))
         guessed = passable & (topdown.state == UNKNOWN)
         passable[guessed] = value_along(occupied, xy[guessed], pose) < self.config.max_occupied_probability
         return grow_tree(

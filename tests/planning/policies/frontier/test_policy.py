@@ -103,6 +103,36 @@ def test_a_frontier_is_kept_when_nearer_than_a_choice_would_allow_and_given_up_o
     assert other.path_xy_m[-1][0] > 4.0
 
 
+def test_two_places_about_as_near_to_a_frontier_do_not_take_turns(monkeypatch):
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
+    topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9)])
+    monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
+    world = BoxWorld((1.0, 1.0), [])
+    first = policy.plan(world, look(Pose2(1.0, 1.5, 0.0))).path_xy_m[-1]
+    for farther_m, stays in ((0.05, True), (0.5, False)):
+        before = first - [farther_m, 0.0]
+        assert policy._goal is not None
+        monkeypatch.setattr(policy, "_goal", policy._goal._replace(place_xy_m=before))
+        kept = policy.plan(world, look(Pose2(1.5, 1.5, 0.0))).path_xy_m[-1]
+        np.testing.assert_allclose(kept, before if stays else first, atol=0.03)
+
+
+def test_a_frontier_that_is_not_looked_at_in_time_is_given_up(monkeypatch):
+    policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
+    topdown = hall(unknown=[(4.5, 0.1, 5.9, 2.9), (0.1, 0.1, 0.5, 1.1)])
+    monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
+    world = BoxWorld((1.0, 1.0), [])
+    pose = Pose2(2.0, 0.8, 0.0)
+    chosen = policy.plan(world, observe(0, pose))
+    needed = np.linalg.norm(np.diff(chosen.path_xy_m, axis=0), axis=1).sum() / 0.065 + 36
+
+    assert policy.plan(world, observe(round(1.5 * needed), pose)).reason == "the same frontier as before"
+    other = policy.plan(world, observe(round(4.5 * needed), pose))
+
+    assert other.stop is None
+    assert other.path_xy_m[-1][0] > 4.0
+
+
 def test_of_the_only_frontier_no_more_is_given_up_than_was_tried(monkeypatch):
     policy = Frontier(PolicyContext(FOOTPRINT, FrontierConfig()))
     topdown = hall(unknown=[(0.1, 0.1, 5.9, 0.8), (4.5, 0.1, 5.9, 2.9)])

@@ -25,7 +25,7 @@ from anm_mj.planning.policies.upen.policy import WEIGHTS, Upen, egocentric_crop,
 from anm_mj.planning.rrt import grow_tree
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap
 from scripts.train_upen import logits
-from tests.planning.policies.frontier.test_policy import look
+from tests.planning.policies.frontier.test_policy import hall, look
 from tests.planning.worlds import BoxWorld
 
 FOOTPRINT = Footprint(0.18, 0.05, 1.35)
@@ -147,3 +147,16 @@ def test_the_path_taken_is_clear_and_the_same_for_the_same_seed():
     assert plans[0].topdown is not None
     assert clearance_at(plans[0].topdown, plans[0].path_xy_m).min() > FOOTPRINT.radius_m
     assert plans[0].valid_steps == 38
+
+
+def test_beside_an_obstacle_the_tree_needs_the_clearance_that_the_robot_has():
+    policy = Upen(PolicyContext(FOOTPRINT, UpenConfig()))
+    topdown = hall(occupied=[(2.2, 1.0, 2.6, 2.0)])
+    pose = Pose2(2.0, 1.5, 0.0)
+    here_m = clearance_at(topdown, pose.xy_m[None])[0]
+
+    tree = policy._tree(topdown, pose, np.zeros((CROP_CELLS, CROP_CELLS), np.float32))
+
+    assert here_m < FOOTPRINT.radius_m + 0.04
+    assert len(tree.xy_m) > 20
+    assert clearance_at(topdown, tree.xy_m).min() >= here_m - 0.036
