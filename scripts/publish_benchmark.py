@@ -25,7 +25,12 @@ COLOURS = 256
 PICTURES = {
     r"## Mean over .*, budget by (\w+)": (("overview_{}", "Mean coverage over scenes, and performance profiles"),),
     r"## Mean over [^,]*": (("overview", "Mean coverage over scenes, and performance profiles"),),
-    r"## (\S+)": (("curves_{}", "Coverage against steps"), ("scene_{}", "Run of median AUC of each policy")),
+    r"## (\S+)": (
+        ("curves_{}", "Coverage against steps"),
+        ("curves_{}_area", "Coverage against steps, budget by area"),
+        ("curves_{}_rooms", "Coverage against steps, budget by rooms"),
+        ("scene_{}", "Run of median AUC of each policy"),
+    ),
 }
 """Pictures below each kind of heading of the tables, and what they show."""
 

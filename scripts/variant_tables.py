@@ -62,10 +62,12 @@ def _by_policy(comparison: Path) -> dict[str, Runs]:
     """
     found: dict[str, Runs] = defaultdict(dict)
     for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
-        result = read_result(path.parent)
+        # A run with several budgets counts at the first one.
+        result = read_result(path.parent).at_budgets()[0]
         job = result.job
         variant = result.variant.removeprefix(job["policy"]).strip(" ()") or USUAL
-        key = variant, job["scene_name"], job["start"], job["seed"]
+        scene = f"{job['scene_name']}, by {result.budget_by}" if result.budget_by else job["scene_name"]
+        key = variant, scene, job["start"], job["seed"]
         if key in found[job["policy"]]:
             raise AnmError(f"{comparison} holds two runs of {job['policy']} with {key}; their scenes have one name.")
         found[job["policy"]][key] = result

@@ -21,7 +21,7 @@ from anm_mj.bench.job import Job
 from anm_mj.bench.overview import draw_overview
 from anm_mj.bench.page import BADGE, CARD, badge_svg, data_card, headline, write_page
 from anm_mj.bench.report import markdown
-from anm_mj.bench.result import Result, finished, read_result, revision_text
+from anm_mj.bench.result import Result, by_budget, finished, read_result, revision_text
 from anm_mj.bench.results_table import tidy_rows, write_csv
 from anm_mj.bench.scene_picture import draw_scene
 from anm_mj.bench.sweep import BenchError, read_jobs
@@ -232,7 +232,7 @@ def _write_results(
 ) -> None:
     rows = tidy_rows(results)
     write_csv(out / "results.csv", rows)
-    table = markdown(rows, command)
+    table = markdown(rows, command, len(jobs))
     write_text(out / "table.md", table)
     folders = {job.scene_name: job.scene for job in jobs}
     pictures: dict[str, list[Path]] = {}
@@ -240,9 +240,15 @@ def _write_results(
         here = [result for result in results if result.job["scene_name"] == name]
         # A scene may call itself anything.
         own = file_name(name)
-        pictures[name] = [draw_curves(out / f"curves_{own}.png", name, here, kinds)[0]]
+        cuts = by_budget(here)
+        pictures[name] = [
+            draw_curves(out / f"curves_{own}{'_' * bool(by)}{by}.png", name, runs, kinds)[0]
+            for by, runs in cuts.items()
+        ]
         if kinds == KINDS:
-            pictures[name] += draw_scene(out / f"scene_{own}.png", load_scene(folders[name]), here)
+            # At the first budget, which all variants have.
+            runs = next(iter(cuts.values()))
+            pictures[name] += draw_scene(out / f"scene_{own}.png", load_scene(folders[name]), runs)
     if kinds == KINDS:
         _write_report(out, rows, results, table, command, pictures)
 
@@ -256,11 +262,10 @@ def _write_report(
     pictures: dict[str, list[Path]],
 ) -> None:
     """The page of all runs, with data card and badge."""
-    cuts = [cut for result in results for cut in result.at_budgets()]
     pictures[""] = []
-    for by in dict.fromkeys(cut.budget_by for cut in cuts):
+    for by, cuts in by_budget(results).items():
         path = out / f"overview{'_' * bool(by)}{by}.png"
-        pictures[""] += draw_overview(path, [cut for cut in cuts if cut.budget_by == by])
+        pictures[""] += draw_overview(path, cuts)
     title = f"Comparison {out.resolve().name}"
     card = data_card(rows, title, command)
     write_text(out / CARD, card)

@@ -19,12 +19,12 @@ MARKS_PER_CURVE = 7
 def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
     """Draw the completion ratio against steps for every variant: the mean over its runs, with a band of one deviation.
 
-    The ratio of the observable surface, where all runs know it.
+    The ratio of the observable surface, where all runs know it. A run that ends early keeps its last value.
 
     Args:
         path: The file; its ending is replaced by each kind.
         scene: Name of the scene.
-        results: Its runs.
+        results: Its runs, all at one budget.
         kinds: ``png``, ``pdf``, ``svg``.
 
     Returns:
@@ -57,11 +57,9 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
             axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0.0)
             # Where bands overlap, only their edges tell them apart.
             axes.plot(steps, np.stack([low, high], axis=1), ls=line, lw=0.6, color=colour, alpha=0.6)
-    for name, steps_cut in sorted({(name, cut) for r in results for name, cut in r.job.get("cuts") or ()}):
-        axes.axvline(steps_cut, color="0.5", lw=0.8, ls=":")
-        axes.annotate(f"budget by {name}", (steps_cut, 2.0), rotation=90, ha="right", fontsize=7, color="0.35")
     axes.set(xlabel="step", ylabel=label, xlim=(0.0, budget), ylim=(0.0, 100.0))
-    axes.set_title(plain(_title(scene, counts)))
+    by = results[0].budget_by
+    axes.set_title(plain(_title(scene, counts)) + (f"; budget by {by}" if by else ""))
     axes.grid(alpha=0.3)
     # Beside the curves: ten names with settings would hide half of the picture.
     figure.legend(loc="outside right upper", frameon=False, handlelength=3.5)

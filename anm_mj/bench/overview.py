@@ -24,12 +24,14 @@ from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 LEVEL = 90.0
 """Level of the observable ratio that the profile counts steps to [%]."""
 LARGEST_FACTOR = 5.0
+FEWEST_RUNS = 0.9
+"""A variant is drawn that has this share of the runs of the one with the most; a run or two may have failed."""
 SHARES = np.linspace(0.0, 1.0, 101)
 """Shares of the budget at which curves are averaged over scenes."""
 
 
 def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
-    """Draw curves and profiles of runs at one budget each.
+    """Draw curves and profiles of the variants that ran in all scenes and from all starts, at one budget.
 
     Args:
         path: The file; its ending is replaced by each kind.
@@ -44,8 +46,9 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     """
     figure = Figure(figsize=(11.0, 4.4), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2)
-    names = list(dict.fromkeys(result.variant for result in results))
     fewest = _fewest(results)
+    results, count = _of_all_scenes(results)
+    names = list(dict.fromkeys(result.variant for result in results))
     for k, name in enumerate(names):
         runs = [result for result in results if result.variant == name]
         _draw_curve(left, runs, k, name)
@@ -55,9 +58,10 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
         share = np.concatenate([np.arange(len(factors) + 1), [len(factors)]]) / len(runs)
         right.step(at, 100.0 * share, where="post", lw=1.5, markevery=0.2, ms=5, mec="white", mew=0.6, **style(k))
     scenes = len({result.job["scene_name"] for result in results})
+    left_out = f"; without {count} variants of fewer runs" if count else ""
     band = "band: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
     left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100), ylim=(0, 100))
-    left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}, {band}", fontsize=9)
+    left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}, {band}{left_out}", fontsize=9)
     right.set(xlabel="steps / fewest steps from the same start", ylabel="runs [%]", ylim=(0, 102))
     right.set(xlim=(1.0, LARGEST_FACTOR))
     right.set_title(f"performance profile: runs that reach {LEVEL:.0f} % within so many times the fewest", fontsize=9)
@@ -67,6 +71,17 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
         axes.grid(alpha=0.3)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return save_figure(figure, path, kinds)
+
+
+def _of_all_scenes(results: Sequence[Result]) -> tuple[list[Result], int]:
+    """The runs of those variants that have about as many as any, and how many variants have not.
+
+    Means over other scenes, or from fewer starts, do not compare.
+    """
+    names = [result.variant for result in results]
+    counts = {name: names.count(name) for name in names}
+    least = FEWEST_RUNS * max(counts.values())
+    return [result for result in results if counts[result.variant] >= least], sum(n < least for n in counts.values())
 
 
 def _fewest(results: Sequence[Result]) -> dict[tuple[object, ...], float]:

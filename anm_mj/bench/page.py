@@ -83,7 +83,7 @@ def data_card(rows: Sequence[Mapping[str, Any]], title: str, command: str) -> st
         "",
         f"Made by `{command}`. Each row of `results.csv` is one run of one policy from one start at one budget.",
         "",
-        "| scene | hash | starts | budgets [steps] |",
+        "| scene | hash | starts, at most | budgets [steps] |",
         "|---|---|---:|---|",
     ]
     for name, row in scenes.items():
@@ -120,9 +120,11 @@ def data_card(rows: Sequence[Mapping[str, Any]], title: str, command: str) -> st
 def headline(rows: Sequence[Mapping[str, Any]]) -> tuple[str, float] | None:
     """The variant that a comparison is about, and its area under the curve as a share of the best known [%].
 
-    That is a policy of the user's own where there is one, else the default one; None where no oracle has run.
+    That is a policy of the user's own where there is one, else the default one; None where no oracle has run. Of
+    several budgets the first one counts.
     """
     known = [row for row in rows if np.isfinite(row["share_of_best_auc"]) and not needs_truth(row["policy"])]
+    known = [row for row in known if row["budget_by"] == known[0]["budget_by"]]
     own = [row for row in known if ":" in row["policy"]] or [row for row in known if row["policy"] == DEFAULT_POLICY]
     if not own:
         return None

@@ -10,24 +10,31 @@ from jaxtyping import Float
 
 from anm_mj.bench.best_known import BEST
 from anm_mj.bench.result import USUAL, variant
-from anm_mj.bench.statistics import LEAST_SCENES, PairedDifference, bootstrap_interval, paired_difference
+from anm_mj.bench.statistics import (
+    APPARATUS,
+    LEAST_SCENES,
+    TASK,
+    PairedDifference,
+    bootstrap_interval,
+    holm,
+    paired_difference,
+)
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 
 COLUMNS = (
     ("observable_ratio_auc", "AUC, observable [%]", 1),
-    ("share_of_best_auc", "AUC of the best known [%]", 1),
-    ("completion_ratio", "final ratio [%]", 1),
+    ("share_of_best_auc", "AUC as a share of the best known [%]", 1),
+    ("completion_ratio", "final ratio, all surface [%]", 1),
     ("completion_cm", "final completion [cm]", 2),
     ("observable_ratio", "final ratio, observable [%]", 1),
-    ("completion_ratio_auc", "AUC [%]", 1),
+    ("completion_ratio_auc", "AUC, all surface [%]", 1),
     ("restricted_steps_to_90", "steps to 90 %, at most the budget", 0),
-    ("path_m_to_90", "path to 90 % [m], at most the budget's", 1),
+    ("restricted_share_to_90", "the same, of the budget [%]", 0),
+    ("path_m_to_90", "path to 90 % [m], at most what the budget allows", 1),
     ("steps_to_90", "steps to 90 % where reached", 0),
-    ("restricted_steps_to_95", "steps to 95 %, at most the budget", 0),
     ("steps_to_95", "steps to 95 % where reached", 0),
     ("steps_to_99", "steps to 99 % where reached", 0),
-    ("oracle_ratio_90", "x oracle, 90 %", 2),
-    ("oracle_ratio_95", "x oracle, 95 %", 2),
+    ("times_fewest_90", "times the fewest steps known to 90 %", 2),
     ("steps", "steps", 0),
     ("path_m", "path [m]", 1),
     ("turns", "turns", 0),
@@ -42,21 +49,24 @@ COLUMNS = (
     ("hz", "steps/s", 1),
 )
 """Column of the results table, heading, decimals."""
+WHERE_REACHED = ("steps_to_90", "steps_to_95", "steps_to_99", "times_fewest_90")
+"""Columns whose mean is over those runs or scenes that have a number, which are counted."""
 DIFFERENCES = (
     ("observable_ratio_auc", "AUC, observable [points]", 1),
     ("observable_ratio", "final ratio, observable [points]", 1),
     ("restricted_steps_to_90", "steps to 90 %", 0),
+    ("restricted_share_to_90", "the same, of the budget [points]", 0),
     ("path_m_to_90", "path to 90 % [m]", 1),
     ("path_m", "path [m]", 1),
 )
 """Columns of the table of paired differences."""
 _LEGEND = (
     "Numbers of a scene are mean ± standard deviation over starts and seeds; means over scenes have the 95 % interval "
-    "of a bootstrap over scenes (three at least). (n/m): only n of m runs have it."
+    f"of a bootstrap over scenes ({LEAST_SCENES} at least). (n/m): only n of a scene's m runs have it, or of m scenes."
 )
 
 
-def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
+def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None = None) -> str:
     """Tables of means over scenes, of paired differences, and one per scene; each for every budget of the comparison.
 
     Entries of a scene are mean ± standard deviation over starts and seeds; means over scenes have the 95 % interval of
@@ -66,8 +76,11 @@ def markdown(rows: Sequence[dict[str, Any]], command: str) -> str:
     Args:
         rows: Of :func:`~anm_mj.bench.results_table.tidy_rows`.
         command: The command that made them.
+        num_jobs: Runs that the comparison asks for; None = as many as there are.
     """
-    parts = [f"Made by `{command}`, revision {_revisions(rows)}, from {_num_runs(rows)} runs. {_LEGEND}"]
+    count = len(_unique(rows, "run"))
+    runs = f"{count} runs" if num_jobs in (None, count) else f"**{count} of {num_jobs}** runs"
+    parts = [f"Made by `{command}`, revision {_revisions(rows)}, from {runs}. {_LEGEND}"]
     parts += [part for by in _budgets(rows) for part in _overall([row for row in rows if row["budget_by"] == by], by)]
     parts += [part for scene in _unique(rows, "scene") for part in _scene([r for r in rows if r["scene"] == scene])]
     return "\n\n".join(parts) + "\n"
@@ -80,12 +93,6 @@ def _unique(rows: Sequence[dict[str, Any]], key: str) -> list[Any]:
 def _budgets(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Names of the budgets; one empty name where there is one budget only."""
     return _unique(rows, "budget_by")
-
-
-def _num_runs(rows: Sequence[dict[str, Any]]) -> int:
-    """Number of runs; one that is cut at two budgets has two rows."""
-    keys = ("scene", "policy", "start", "seed", "revision", *USUAL, "settings")
-    return len({tuple(row[key] for key in keys) for row in rows})
 
 
 def _revisions(rows: Sequence[dict[str, Any]]) -> str:
@@ -116,10 +123,21 @@ def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
             parts += [_title(f"Mean over {len(ordered)} scenes", by), text, _table(groups, over_scenes=True)]
     if any(row["best_known_auc"] is not None for row in rows):
         parts.append(_bounds(rows, by))
-    if len(variants) > 1:
-        reference = next((name for name in variants if name == DEFAULT_POLICY), variants[0])
-        parts.append(_differences(rows, variants, reference, by))
-    return parts
+    reference = DEFAULT_POLICY if DEFAULT_POLICY in _unique(rows, "policy") else rows[0]["policy"]
+    own = [row for row in rows if row["policy"] == reference and variant({**row, **_usual_apparatus()}) == reference]
+    others = [row for row in rows if row["policy"] != reference]
+    text = f"{reference} minus the other, both with the same robot, drive, pose and sensor"
+    parts.append(_differences(own, others, (*TASK, *APPARATUS), f"{reference} against the others", text, by))
+    for policy in _unique(rows, "policy"):
+        plain = [row for row in rows if variant(row) == policy]
+        special = [row for row in rows if row["policy"] == policy and variant(row) != policy]
+        text = f"{policy} as it usually is, minus the variant"
+        parts.append(_differences(plain, special, TASK, f"{policy} against its variants", text, by))
+    return [part for part in parts if part]
+
+
+def _usual_apparatus() -> dict[str, str]:
+    return {key: USUAL[key] for key in APPARATUS}
 
 
 def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
@@ -127,12 +145,13 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
     lines = [
         _title("What is possible", by),
         "",
-        "Share of the observable surface: the best of all runs from the same start, the oracle's among them, and what "
-        "no tour can exceed. Means over starts; in how many of them a policy's run was better than the oracle's tours.",
+        "Share of the observable surface: the best of all runs from the same start, the oracle's among them, and a "
+        "relaxation that estimates what no tour exceeds. Means over starts; in how many of them a policy's run was "
+        "better than the oracle's tours; and the most by which any run was above the relaxation at some step.",
         "",
-        "| scene | AUC, best known [%] | AUC, at most [%] | by a policy | final, best known [%] | final, at most [%] | "
-        "by a policy |",
-        "|---|---:|---:|---:|---:|---:|---:|",
+        "| scene | AUC, best known [%] | AUC, relaxed [%] | by a policy | final, best known [%] | final, relaxed [%] | "
+        "by a policy | above the relaxation [points] |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for scene in _unique(rows, "scene"):
         known = [row for row in rows if row["scene"] == scene and row["best_known_auc"] is not None]
@@ -144,9 +163,11 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
             continue
         cells = [scene]
         for name in BEST:
-            best, most = (_numbers(here, f"{kind}_{name}") for kind in ("best_known", "upper_bound"))
+            best, most = (_numbers(here, f"{kind}_{name}") for kind in ("best_known", "relaxed"))
             by_policy = sum(not needs_truth(row[f"best_known_{name}_by"].partition(" ")[0]) for row in here)
             cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
+        exceeded = _numbers(here, "relaxed_exceeded")
+        cells.append(f"{exceeded.max():.1f}" if len(exceeded) else "–")
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -164,27 +185,61 @@ def _scene(rows: Sequence[dict[str, Any]]) -> list[str]:
     return parts
 
 
-def _differences(rows: Sequence[dict[str, Any]], variants: Sequence[str], reference: str, by: str) -> str:
-    """How much larger the numbers of one variant are than those of every other, pair by pair."""
-    lines = [
-        _title(f"{reference} against the others", by),
-        "",
-        f"{reference} minus the other, over pairs of runs with the same scene, start, seed and budget: means of each "
-        "scene's mean, with the 95 % interval of a bootstrap over scenes (three at least). A run that never reaches "
-        "90 % counts with its budget.",
-        "",
-        "| against | scenes | pairs | " + " | ".join(heading for _, heading, _ in DIFFERENCES) + " |",
-        "|---|---:|---:|" + "---:|" * len(DIFFERENCES),
-    ]
-    own = [row for row in rows if variant(row) == reference]
+def _differences(
+    own: Sequence[dict[str, Any]],
+    others: Sequence[dict[str, Any]],
+    same: Sequence[str],
+    title: str,
+    text: str,
+    by: str,
+) -> str:
+    """How much larger the numbers of one policy are than those of variants, pair by pair; empty without a pair.
+
+    Args:
+        own: Rows of the policy.
+        others: Rows of the variants.
+        same: Columns in which the runs of a pair agree.
+        title: Of the table.
+        text: What is subtracted from what.
+        by: Name of the budget.
+    """
+    variants = list(dict.fromkeys(variant(row) for row in others))
+    found = {}
     for name in variants:
-        other = [row for row in rows if variant(row) == name]
-        found = [(paired_difference(own, other, column), decimals) for column, _, decimals in DIFFERENCES]
-        first = next((difference for difference, _ in found if difference is not None), None)
-        if name != reference and first is not None:
-            cells = " | ".join(_difference(difference, decimals) for difference, decimals in found)
-            lines.append(f"| {name} | {first.num_scenes} | {first.num_pairs} | {cells} |")
+        other = [row for row in others if variant(row) == name]
+        differences = [paired_difference(own, other, column, same) for column, _, _ in DIFFERENCES]
+        if differences[0] is not None:
+            found[name] = differences
+    if not found:
+        return ""
+    lines = [
+        _title(title, by),
+        "",
+        f"{text}, over pairs of runs of the same scene, start, seed and budget: means of each scene's mean, with the "
+        f"95 % interval of a bootstrap over scenes ({LEAST_SCENES} at least). A run that never reaches 90 % counts "
+        "with its budget, and with the path that it allows. Of the AUC also: scenes in which it is ahead, the least "
+        "and the largest mean without any one scene, and the p value of Wilcoxon's signed-rank test over scenes, after "
+        "Holm's correction for the rows of the table.",
+        "",
+        "| against | scenes | pairs | ahead | without one | p | "
+        + " | ".join(heading for _, heading, _ in DIFFERENCES)
+        + " |",
+        "|---|---:|---:|---:|---:|---:|" + "---:|" * len(DIFFERENCES),
+    ]
+    areas = [differences[0] for differences in found.values()]
+    p_values = holm([None if area is None else area.p_value for area in areas])
+    for (name, differences), area, p_value in zip(found.items(), areas, p_values, strict=True):
+        assert area is not None  # Those without a pair were left out above.
+        ahead = f"{int((area.by_scene > 0.0).sum())}/{len(area.by_scene)}"
+        one = "–" if area.without_one is None else "{:+.1f} to {:+.1f}".format(*area.without_one)
+        cells = [name, str(len(area.by_scene)), str(area.num_pairs), ahead, one, _p_value(p_value)]
+        cells += [_difference(found, each[2]) for found, each in zip(differences, DIFFERENCES, strict=True)]
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def _p_value(p_value: float | None) -> str:
+    return "–" if p_value is None else "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
 def _difference(difference: PairedDifference | None, decimals: int) -> str:
@@ -208,20 +263,38 @@ def _mean_row(rows: Sequence[dict[str, Any]], scene: str, name: str) -> dict[str
 
 def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]], over_scenes: bool = False) -> str:
     """A row for each group; entries are means with deviations, or with intervals over scenes."""
-    used = [column for column in COLUMNS if any(len(_numbers(rows, column[0])) for _, rows in groups)]
+    used = [column for column in COLUMNS if any(_shows(rows, column[0], over_scenes) for _, rows in groups)]
     lines = [
         "| policy | " + " | ".join(heading for _, heading, _ in used) + " |",
         "|---|" + "---:|" * len(used),
     ]
     for name, rows in groups:
         if rows:
-            cells = [_cell(_numbers(rows, column), len(rows), decimals, over_scenes) for column, _, decimals in used]
+            cells = [
+                _cell(_numbers(rows, column), len(rows), decimals, over_scenes, column in WHERE_REACHED)
+                for column, _, decimals in used
+            ]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int, over_scenes: bool) -> str:
-    if len(values) == 0:
+def _shows(rows: Sequence[dict[str, Any]], column: str, over_scenes: bool) -> bool:
+    """Whether a row of a table has something to say in a column."""
+    count = len(_numbers(rows, column))
+    return count == len(rows) > 0 if over_scenes and column not in WHERE_REACHED else count > 0
+
+
+def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int, over_scenes: bool, counted: bool) -> str:
+    """A number of a table.
+
+    Args:
+        values: Of the runs of a scene, or of the means of scenes.
+        num_runs: How many there would be.
+        decimals: Of the text.
+        over_scenes: Whether they are means of scenes.
+        counted: Whether the mean of some scenes means something; else there is none where not all have a number.
+    """
+    if len(values) == 0 or (over_scenes and len(values) < num_runs and not counted):
         return "–"
     text = f"{values.mean():.{decimals}f}"
     if over_scenes and len(values) >= LEAST_SCENES:

@@ -17,7 +17,6 @@ from msgspec.structs import asdict
 
 from anm_mj.bench.engine import RESULT
 from anm_mj.bench.job import Job
-from anm_mj.bench.statistics import restricted_steps
 from anm_mj.bench.sweep import BenchError
 from anm_mj.bench.worker import BOUND
 from anm_mj.errors import RunFolderError
@@ -28,7 +27,7 @@ from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Count, Number
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.types import Action
+from anm_mj.types import FORWARD_STEP_M, Action
 from anm_mj.utils.read_file import convert, read_text
 from anm_mj.utils.settings import of_type
 
@@ -134,8 +133,14 @@ class Result:
         return float(self.curve[reached[0], 0]) if len(reached) else float("nan")
 
     def path_m_to(self, level: float) -> float:
-        """Distance driven until then [m]; where the level is never reached, all of it (restricted to the budget)."""
-        return float(np.interp(restricted_steps(self.steps_to(level), self.budget), *self.curve[:, [0, PATH]].T))
+        """Distance driven until then [m]; where the level is never reached, as much as the budget allows.
+
+        The limit is the same for all, else a robot that stands still would come first.
+        """
+        steps = self.steps_to(level)
+        if not np.isfinite(steps):
+            return FORWARD_STEP_M * self.budget
+        return float(np.interp(steps, *self.curve[:, [0, PATH]].T))
 
     def area_under_curve(self, column: int) -> float:
         """Mean of a column of the curve over the budget; a run that ends early keeps its final value."""
@@ -196,6 +201,19 @@ class Result:
             **{key: getattr(log, key) for key in ("forwards", "turns", "blocked", "full_rotations", "collisions")},
         }
         return replace(self, job=job, metrics=metrics, curve=curve, budget_by=name)
+
+
+def by_budget(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """Runs by the name of the budget that they are cut at; a run that has several budgets stands under each.
+
+    Raises:
+        RunFolderError: The log of a run's steps is damaged.
+    """
+    found: dict[str, list[Result]] = {}
+    for result in results:
+        for cut in result.at_budgets():
+            found.setdefault(cut.budget_by, []).append(cut)
+    return found
 
 
 def variant(row: Mapping[str, Any]) -> str:

@@ -35,6 +35,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             "revision": result.revision,
             **result.apparatus,
             "settings": " ".join(job["settings"]),
+            "run": result.folder.name,
             "budget": result.budget,
             "budget_by": result.budget_by,
             **metrics,
@@ -46,11 +47,13 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             row[f"steps_to_{level}"] = steps
             row[f"restricted_steps_to_{level}"] = restricted = restricted_steps(steps, result.budget)
             row[f"path_m_to_{level}"] = result.path_m_to(level)
-            row[f"oracle_ratio_{level}"] = restricted / best.get(f"steps_to_{level}", np.nan)
+            row[f"restricted_share_to_{level}"] = 100.0 * restricted / result.budget
+            row[f"times_fewest_{level}"] = restricted / best.get(f"steps_to_{level}", np.nan)
         for key in BEST:
             row[f"best_known_{key}"] = best.get(key)
             row[f"best_known_{key}_by"] = best.get(f"{key}_by")
-            row[f"upper_bound_{key}"] = best.get(f"bound_{key}")
+            row[f"relaxed_{key}"] = best.get(f"bound_{key}")
+        row["relaxed_exceeded"] = best.get("bound_exceeded")
         row["share_of_best_auc"] = 100.0 * row["observable_ratio_auc"] / best.get("auc", np.nan)
         row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
         rows.append(row)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.bench.overview import draw_overview
+from anm_mj.bench.overview import _of_all_scenes, draw_overview
 from anm_mj.bench.page import badge_svg, headline
 from anm_mj.bench.results_table import tidy_rows
 from anm_mj.bench.scene_picture import median_run
@@ -31,6 +31,21 @@ def test_a_comparison_is_about_the_users_own_policy():
     assert share == pytest.approx(rows[1]["share_of_best_auc"])
     assert (headline([row for row in rows if ":" not in row["policy"]]) or ("",))[0] == "gvg"
     assert headline(tidy_rows(runs_in("a", {"gvg": RISE}))) is None
+
+
+def test_the_badge_is_of_the_first_budget():
+    # Both end before the shorter budget.
+    cuts = {"cuts": [["area", 70], ["rooms", 100]]}
+    rows = tidy_rows([result("gvg", RISE[:6], **cuts), result("oracle", [*RISE[:4], 95.0], **cuts)])
+    assert headline(rows) == ("gvg", pytest.approx(rows[0]["share_of_best_auc"]))
+    assert rows[0]["share_of_best_auc"] != pytest.approx(rows[1]["share_of_best_auc"])
+
+
+def test_variants_of_fewer_runs_are_not_drawn_beside_the_others():
+    runs = [run for scene in ("a", "b", "c") for run in runs_in(scene, {"gvg": RISE, "random": RISE[:2]})]
+    drawn, count = _of_all_scenes([*runs, *runs_in("a", {"anm": RISE})])
+    assert drawn == runs
+    assert count == 1
 
 
 def test_a_badge_holds_its_words():
