@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result
-from anm_mj.bench.style import style
+from anm_mj.bench.style import legend_name, style
 from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 
 CURVE_POINTS = 201
@@ -51,7 +51,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
         every = CURVE_POINTS // MARKS_PER_CURVE
         at = (round(every * (k + 0.5) / len(names)), every)
         axes.plot(steps, mean, ls=line, lw=1.5, color=colour, marker=mark, markevery=at, ms=5.5, mec="white", mew=0.6,
-                  label=plain(name), zorder=3)  # fmt: skip
+                  label=legend_name(name), zorder=3)  # fmt: skip
         if len(runs) > 1:
             low, high = np.clip([mean - deviation, mean + deviation], 0.0, 100.0)
             axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0.0)

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from anm_mj.bench.best_known import situation
 from anm_mj.bench.result import OBSERVABLE, Result
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
-from anm_mj.bench.style import style
-from anm_mj.viz.figure_file import PICTURE, plain, save_figure
+from anm_mj.bench.style import legend_name, style
+from anm_mj.viz.figure_file import PICTURE, save_figure
 
 LEVEL = 90.0
 """Level of the observable ratio that the profile counts steps to [%]."""
@@ -102,7 +102,7 @@ def _draw_curve(axes: Axes, runs: Sequence[Result], k: int, name: str) -> None:
         per_scene.setdefault(run.job["scene_name"], []).append(values)
     means = np.array([np.mean(curves, axis=0) for curves in per_scene.values()])
     axes.plot(100.0 * SHARES, means.mean(axis=0), lw=1.5, markevery=(5 * k % 20, 20), ms=5, mec="white", mew=0.6,
-              label=plain(name), **style(k))  # fmt: skip
+              label=legend_name(name), **style(k))  # fmt: skip
     if len(means) >= LEAST_SCENES:
         low, high = np.array([bootstrap_interval(column) for column in means.T]).T
         axes.fill_between(100.0 * SHARES, low, high, color=style(k)["color"], alpha=0.12, lw=0.0)

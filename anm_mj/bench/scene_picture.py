@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from anm_mj.bench.result import OBSERVABLE, Result
-from anm_mj.bench.style import style
+from anm_mj.bench.style import legend_name, style
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
 from anm_mj.viz.figure_file import PICTURE, plain, save_figure
@@ -54,7 +54,9 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
     for k, name in enumerate(dict.fromkeys(result.variant for result in results)):
         run = median_run([result for result in results if result.variant == name])
         xy_m = run.trajectory_xy_m()
-        axes.plot(*xy_m.T, lw=1.3, markevery=0.25, ms=4, mec="white", mew=0.5, label=plain(name), alpha=0.9, **style(k))
+        axes.plot(
+            *xy_m.T, lw=1.3, markevery=0.25, ms=4, mec="white", mew=0.5, label=legend_name(name), alpha=0.9, **style(k)
+        )
         axes.plot(*xy_m[0], "o", ms=6, mfc="white", mec=style(k)["color"], zorder=4)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.set_title(f"{plain(scene.name)}: the run of median AUC of each policy (ring: its start)", fontsize=9)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 from PIL import Image
 
@@ -44,3 +46,10 @@ def test_a_band_has_an_edge(tmp_path):
     lines = np.split(dark, np.flatnonzero(np.diff(dark) > 3) + 1)
     # Its two edges and the mean.
     assert len(lines) == 3
+
+
+def test_long_names_leave_room_for_the_curves(tmp_path, recwarn):
+    settings = [f"mapping.schedule.something_number_{k}=0" for k in range(12)]
+    runs = [replace(run, job={**run.job, "settings": settings}) for run in results(3, 1)]
+    draw_curves(tmp_path / "one.png", "room", runs)
+    assert not [str(warning.message) for warning in recwarn if "layout" in str(warning.message)]
