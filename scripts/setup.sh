@@ -143,12 +143,16 @@ prepare_compiler() {
 # Where Python may write no bytecode (PYTHONDONTWRITEBYTECODE, as images of containers have it), every command would
 # compile again all that it imports: three seconds of a run.
 compile_packages() {
-    local site
+    local site name
+    local -a folders=("$PWD/anm_mj")
     [ -n "${PYTHONDONTWRITEBYTECODE:-}" ] || return 0
     site=$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-    for name in numpy scipy matplotlib trimesh networkx skimage PIL mujoco mink OpenGL shapely rich torch; do
-        echo "$site/$name"
-    done | xargs "$python" -m compileall -q -j 0 >/dev/null 2>&1 || true
+    for name in numpy scipy matplotlib mpl_toolkits pyparsing dateutil fontTools trimesh networkx skimage PIL mujoco mink \
+        OpenGL shapely jaxtyping msgspec rich torch; do
+        folders+=("$site/$name")
+    done
+    # Files that are no Python of this version, which packages hold for others, do not compile.
+    "$python" -m compileall -q -j 0 "${folders[@]}" >/dev/null 2>&1 || true
 }
 
 # Says which engine trains maps. The package installs without the native one too, and silently.

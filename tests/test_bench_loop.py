@@ -46,10 +46,14 @@ def test_other_threads_have_a_sum_of_their_own():
 def test_every_stage_has_a_line():
     console = Console(record=True, width=120)
     ones, around = dict.fromkeys(STAGES, 1.0), dict.fromkeys(AROUND, 2.0)
-    print_budget(Budget("home", 10, 50.0, 60.0, ones, {"renderer": 3.25}, {"train": 0.5}, around, 700.0), console)
+    beside = {**dict.fromkeys(AROUND, 0.0), "pictures": 4.75}
+    print_budget(
+        Budget("home", 10, 50.0, 60.0, ones, {"renderer": 3.25}, {"train": 0.5}, around, beside, 700.0), console
+    )
     text = console.export_text()
     assert all(name in text for name in (*STAGES, *AROUND))
     assert "3.25" in text
+    assert "4.8" in text
     assert "60.0 without recording" in text
     assert "2.0" in text
     assert "50.0 a second" in text

@@ -1,4 +1,4 @@
-"""The best that is known to be possible, and what is known to be impossible, from each start of a comparison.
+"""The best that is known to be possible, and an estimate of what is impossible, from each start of a comparison.
 
 The oracle's tours are good, not optimal. What counts as possible is therefore the best of all runs from the same start
 with the same robot: no row beats it. A relaxation (:mod:`anm_mj.evaluation.oracle.upper_bound`) estimates what no tour

@@ -24,14 +24,14 @@ from anm_mj.viz.figure_file import PICTURE, save_figure
 LEVEL = 90.0
 """Level of the observable ratio that the profile counts steps to [%]."""
 LARGEST_FACTOR = 5.0
-FEWEST_RUNS = 0.9
-"""A variant is drawn that has this share of the runs of the one with the most; a run or two may have failed."""
+LEAST_STARTS = 0.9
+"""A variant is drawn that ran from this share of all starts; a run or two may have failed."""
 SHARES = np.linspace(0.0, 1.0, 101)
 """Shares of the budget at which curves are averaged over scenes."""
 
 
 def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
-    """Draw curves and profiles of the variants that ran in all scenes and from all starts, at one budget.
+    """Draw curves and profiles of the variants that ran from about all starts of all scenes, at one budget.
 
     Args:
         path: The file; its ending is replaced by each kind.
@@ -47,18 +47,18 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     figure = Figure(figsize=(11.0, 4.4), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2)
     fewest = _fewest(results)
-    results, count = _of_all_scenes(results)
+    results, count = _of_all_starts(results)
     names = list(dict.fromkeys(result.variant for result in results))
     for k, name in enumerate(names):
         runs = [result for result in results if result.variant == name]
         _draw_curve(left, runs, k, name)
-        factors = np.sort([run.steps_to(LEVEL) / fewest[situation(run)] for run in runs])
+        factors = np.sort([max(run.steps_to(LEVEL), 1.0) / fewest[situation(run)] for run in runs])
         factors = factors[np.isfinite(factors)]
         at = np.concatenate([[1.0], factors, [LARGEST_FACTOR]])
         share = np.concatenate([np.arange(len(factors) + 1), [len(factors)]]) / len(runs)
         right.step(at, 100.0 * share, where="post", lw=1.5, markevery=0.2, ms=5, mec="white", mew=0.6, **style(k))
     scenes = len({result.job["scene_name"] for result in results})
-    left_out = f"; left out for having fewer runs: {count}" if count else ""
+    left_out = f"; left out for having fewer starts: {count}" if count else ""
     band = "band: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
     left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100), ylim=(0, 100))
     left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}{left_out}\n{band}", fontsize=9)
@@ -73,15 +73,19 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     return save_figure(figure, path, kinds)
 
 
-def _of_all_scenes(results: Sequence[Result]) -> tuple[list[Result], int]:
-    """The runs of those variants that have about as many as any, and how many variants have not.
+def _of_all_starts(results: Sequence[Result]) -> tuple[list[Result], int]:
+    """The runs of those variants that ran from about all starts of all scenes, and how many variants did not.
 
     Means over other scenes, or from fewer starts, do not compare.
     """
-    names = [result.variant for result in results]
-    counts = {name: names.count(name) for name in names}
-    least = FEWEST_RUNS * max(counts.values())
-    return [result for result in results if counts[result.variant] >= least], sum(n < least for n in counts.values())
+    starts: dict[str, set[tuple[str, int]]] = {}
+    for result in results:
+        starts.setdefault(result.variant, set()).add((result.job["scene_name"], result.job["start"]))
+    least = LEAST_STARTS * len(set().union(*starts.values()))
+    drawn = {name for name, own in starts.items() if len(own) >= least}
+    # Where none ran everywhere, all are drawn.
+    drawn = drawn or set(starts)
+    return [result for result in results if result.variant in drawn], len(starts) - len(drawn)
 
 
 def _fewest(results: Sequence[Result]) -> dict[tuple[object, ...], float]:

@@ -79,7 +79,7 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None 
         num_jobs: Runs that the comparison asks for; None = as many as there are.
     """
     count = len(_unique(rows, "run"))
-    runs = f"{count} runs" if num_jobs in (None, count) else f"**{count} of {num_jobs}** runs"
+    runs = f"{count} run{'s' * (count != 1)}" if num_jobs in (None, count) else f"**{count} of {num_jobs}** runs"
     parts = [f"Made by `{command}`, revision {_revisions(rows)}, from {runs}. {_LEGEND}"]
     parts += [part for by in _budgets(rows) for part in _overall([row for row in rows if row["budget_by"] == by], by)]
     parts += [part for scene in _unique(rows, "scene") for part in _scene([r for r in rows if r["scene"] == scene])]
@@ -124,20 +124,32 @@ def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
     if any(row["best_known_auc"] is not None for row in rows):
         parts.append(_bounds(rows, by))
     reference = DEFAULT_POLICY if DEFAULT_POLICY in _unique(rows, "policy") else rows[0]["policy"]
-    own = [row for row in rows if row["policy"] == reference and variant({**row, **_usual_apparatus()}) == reference]
+    plainest = _plainest(rows, reference)
+    own = [row for row in rows if _with_apparatus(row, plainest) == variant(plainest)]
     others = [row for row in rows if row["policy"] != reference]
-    text = f"{reference} minus the other, both with the same robot, drive, pose and sensor"
-    parts.append(_differences(own, others, (*TASK, *APPARATUS), f"{reference} against the others", text, by))
+    text = f"{variant(plainest)} minus the other, both with the same robot, drive, pose and sensor"
+    parts.append(_differences(own, others, (*TASK, *APPARATUS), f"{variant(plainest)} against the others", text, by))
     for policy in _unique(rows, "policy"):
-        plain = [row for row in rows if variant(row) == policy]
-        special = [row for row in rows if row["policy"] == policy and variant(row) != policy]
-        text = f"{policy} as it usually is, minus the variant"
-        parts.append(_differences(plain, special, TASK, f"{policy} against its variants", text, by))
+        name = variant(_plainest(rows, policy))
+        plain = [row for row in rows if variant(row) == name]
+        special = [row for row in rows if row["policy"] == policy and variant(row) != name]
+        text = f"{name} minus the variant"
+        parts.append(_differences(plain, special, TASK, f"{name} against its variants", text, by))
     return [part for part in parts if part]
 
 
-def _usual_apparatus() -> dict[str, str]:
-    return {key: USUAL[key] for key in APPARATUS}
+def _plainest(rows: Sequence[dict[str, Any]], policy: str) -> dict[str, Any]:
+    """A row of the policy's first variant of those with the fewest settings and the least that is unusual."""
+
+    def unusual(row: dict[str, Any]) -> tuple[int, int]:
+        return len(row["settings"].split()), sum(row[key] != usual for key, usual in USUAL.items())
+
+    return min((row for row in rows if row["policy"] == policy), key=unusual)
+
+
+def _with_apparatus(row: dict[str, Any], other: dict[str, Any]) -> str:
+    """Name of the variant that a row would have with the apparatus of another one."""
+    return variant({**row, **{key: other[key] for key in APPARATUS}})
 
 
 def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
@@ -166,7 +178,7 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
             best, most = (_numbers(here, f"{kind}_{name}") for kind in ("best_known", "relaxed"))
             by_policy = sum(not needs_truth(row[f"best_known_{name}_by"].partition(" ")[0]) for row in here)
             cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
-        exceeded = _numbers(here, "relaxed_exceeded")
+        exceeded = _numbers(here, "relaxed_exceeded_points")
         cells.append(f"{exceeded.max():.1f}" if len(exceeded) else "–")
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
@@ -231,9 +243,9 @@ def _differences(
     for (name, differences), area, p_value in zip(found.items(), areas, p_values, strict=True):
         assert area is not None  # Those without a pair were left out above.
         ahead = f"{int((area.by_scene > 0.0).sum())}/{len(area.by_scene)}"
-        one = "–" if area.without_one is None else "{:+.1f} to {:+.1f}".format(*area.without_one)
-        cells = [name, str(len(area.by_scene)), str(area.num_pairs), ahead, one, _p_value(p_value)]
-        cells += [_difference(found, each[2]) for found, each in zip(differences, DIFFERENCES, strict=True)]
+        without = "–" if area.without_one is None else "{:+.1f} to {:+.1f}".format(*area.without_one)
+        cells = [name, str(len(area.by_scene)), str(area.num_pairs), ahead, without, _p_value(p_value)]
+        cells += [_difference(one, decimals) for one, (_, _, decimals) in zip(differences, DIFFERENCES, strict=True)]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -160,7 +161,7 @@ class Result:
         return np.array([(x_m, y_m), *((place.x_m, place.y_m) for place in places)])
 
     def bound(self) -> Float[np.ndarray, "n 2"] | None:
-        """Step, and the most that any tour can have covered by then [%]; None for runs that no oracle made."""
+        """Step, and what the relaxation has covered by then [%]; None for runs that no oracle made."""
         path = self.folder / BOUND
         if not path.exists():
             return None
@@ -176,8 +177,11 @@ class Result:
         Raises:
             RunFolderError: The log of its steps is damaged.
         """
-        cuts = self.job.get("cuts") or ()
-        return [self._cut(name, steps) for name, steps in cuts] or [self]
+        return self._cuts
+
+    @functools.cached_property
+    def _cuts(self) -> list[Result]:
+        return [self._cut(name, steps) for name, steps in self.job.get("cuts") or ()] or [self]
 
     def _cut(self, name: str, steps: int) -> Result:
         """The run as if it had ended after so many steps; what only its end tells is left out."""

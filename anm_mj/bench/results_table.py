@@ -48,12 +48,12 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             row[f"restricted_steps_to_{level}"] = restricted = restricted_steps(steps, result.budget)
             row[f"path_m_to_{level}"] = result.path_m_to(level)
             row[f"restricted_share_to_{level}"] = 100.0 * restricted / result.budget
-            row[f"times_fewest_{level}"] = restricted / best.get(f"steps_to_{level}", np.nan)
+            row[f"times_fewest_{level}"] = max(restricted, 1.0) / best.get(f"steps_to_{level}", np.nan)
         for key in BEST:
             row[f"best_known_{key}"] = best.get(key)
             row[f"best_known_{key}_by"] = best.get(f"{key}_by")
             row[f"relaxed_{key}"] = best.get(f"bound_{key}")
-        row["relaxed_exceeded"] = best.get("bound_exceeded")
+        row["relaxed_exceeded_points"] = best.get("bound_exceeded")
         row["share_of_best_auc"] = 100.0 * row["observable_ratio_auc"] / best.get("auc", np.nan)
         row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
         rows.append(row)

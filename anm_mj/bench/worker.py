@@ -21,7 +21,7 @@ from anm_mj.planning.policies.registry import needs_truth
 EXPLORE = "anm_mj.bench.worker:explore"
 """Default function that makes a run."""
 BOUND = "upper_bound.csv"
-"""File of an oracle's run: ``step,observable_ratio``, the most that a tour can have covered by then [%]."""
+"""File of an oracle's run: ``step,observable_ratio``, what the relaxation has covered by then [%]."""
 KEPT = (
     "config.json",
     "curve.csv",

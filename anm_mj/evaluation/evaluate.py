@@ -24,7 +24,7 @@ from anm_mj.evaluation.metrics import (
     EpisodeStatistics,
     Metrics,
     RunSummary,
-    headline,
+    pictured,
     read_metrics,
     summarise,
     view_metrics,
@@ -144,7 +144,7 @@ def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeSt
             # None becomes NaN.
             np.array([row.observable_ratio for row in curve.rows], dtype=np.float64),
             np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
-            title=titled(folder, headline(curve, statistics)),
+            title=titled(folder, pictured(curve, statistics)),
             before_ratio=None if before is None else before.ratio_percent,
         )
 

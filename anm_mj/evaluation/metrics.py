@@ -231,7 +231,7 @@ def summarise(
     )
 
 
-def headline(curve: CompletionCurve, statistics: EpisodeStatistics) -> dict[str, Any]:
+def pictured(curve: CompletionCurve, statistics: EpisodeStatistics) -> dict[str, Any]:
     """Those of a run's metrics that its pictures name, by the keys of ``metrics.json``."""
     last = curve.rows[-1] if curve.rows else None
     return {

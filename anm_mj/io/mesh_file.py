@@ -56,11 +56,13 @@ def read_coloured_mesh(
     Raises:
         RunFolderError: as :func:`read_mesh`.
     """
+    from trimesh.visual.color import to_rgba  # No run waits for it before its first step.
+
     vertices, faces, rgba = _read(path)
     if rgba is None:
         return vertices, faces, np.full(vertices.shape, GREY, np.uint8)
     try:
-        rgb = np.asarray(rgba, np.uint8)[:, :3]
+        rgb = to_rgba(rgba)[:, :3]
         if rgb.shape != vertices.shape:
             raise ValueError(f"{len(rgb)} colours for {len(vertices)} vertices")
     except Exception as err:
@@ -70,12 +72,14 @@ def read_coloured_mesh(
 
 def _read(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], Any]:
     """Vertices, faces, and the vertices' colours as the file has them; None where it has none."""
-    from trimesh.exchange.ply import load_ply  # No run waits for it before its first step.
+    # No run waits for these before its first step.
+    from trimesh.exchange.ply import load_ply
+    from trimesh.geometry import triangulate_quads
 
     try:
         # As arrays: a Trimesh and a scene about it take a hundred times as long.
         mesh = load_ply(io.BytesIO(read_bytes(path)))
-        vertices, faces = checked_triangles(mesh["vertices"], mesh["faces"])
+        vertices, faces = checked_triangles(mesh["vertices"], triangulate_quads(mesh["faces"]))
     except Exception as err:
         # Readers of trimesh raise whatever the damaged bytes lead them to.
         raise _no_mesh(path, err) from err

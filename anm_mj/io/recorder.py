@@ -26,7 +26,7 @@ from anm_mj.evaluation.covered_before import write_covered_before
 from anm_mj.evaluation.depth import reduce_depth
 from anm_mj.evaluation.evaluate import quality_of_mesh, without_cap_cm, write_curve
 from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary, headline, summarise
+from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary, pictured, summarise
 from anm_mj.io.changes_file import write_changes
 from anm_mj.io.explored_file import Explored, write_explored
 from anm_mj.io.jsonl import LineWriter
@@ -319,14 +319,16 @@ class RunRecorder:
         malloc_trim()
         # Map and mesh took memory too, since the summary was first written.
         summary = replace(summary, peak_rss_mib=peak_rss_mib())
+        self.flush()
         self._background.submit(lambda: self._draw(survey, changes or ()))
         mesh = quality_of_mesh(self._folder, self._truth, self._curve)
-        self.flush()
         curve = self._curve
         metrics = summarise(
             self._statistics, curve.rows, curve.path_m, uncapped_cm[0], self._truth, mesh, summary, before=curve.before
         )
+        # Before the pictures, which may find no room.
         write_json(self._folder.metrics, metrics)
+        self.flush()
         self.close()
         return metrics
 
@@ -343,7 +345,7 @@ class RunRecorder:
                 survey.regions,
                 self._log.poses,
                 target_xy_m=self._log.last_target_xy_m,
-                title=titled(self._folder, headline(self._curve, self._statistics)),
+                title=titled(self._folder, pictured(self._curve, self._statistics)),
                 changes=changes,
             )
 

@@ -82,9 +82,24 @@ def test_variants_are_compared_with_their_own_policy_and_sensor():
     assert ours.startswith("anm-s against its variants")
 
 
+def test_where_all_variants_are_unusual_the_plainest_is_the_reference():
+    policies = ("gvg", "random")
+    runs = [result(name, RISE[: 6 + k], goal="coverage") for k, name in enumerate(policies)]
+    runs += [result(name, RISE[:5], goal="coverage", settings=["a=1"]) for name in policies]
+    text = markdown(tidy_rows(runs), "x")
+    assert "## gvg (coverage) against the others" in text
+    assert "| random (coverage a=1) | 1 | 1 |" in text
+    assert "## random (coverage) against its variants" in text
+
+
+def test_where_the_first_view_reaches_a_level_nobody_needs_less_than_once_the_fewest():
+    rows = tidy_rows([result("gvg", [95.0, 96.0]), result("oracle", RISE)])
+    assert [row["times_fewest_90"] for row in rows] == [1.0, 50.0]
+
+
 def test_an_unfinished_comparison_says_so():
     rows = tidy_rows([result("gvg", RISE)])
-    assert "from 1 runs" in markdown(rows, "x", 1)
+    assert "from 1 run." in markdown(rows, "x", 1)
     assert "from **1 of 3** runs" in markdown(rows, "x", 3)
 
 

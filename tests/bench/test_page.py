@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.bench.overview import _of_all_scenes, draw_overview
+from anm_mj.bench.overview import _of_all_starts, draw_overview
 from anm_mj.bench.page import badge_svg, headline
 from anm_mj.bench.results_table import tidy_rows
 from anm_mj.bench.scene_picture import median_run
@@ -41,11 +41,13 @@ def test_the_badge_is_of_the_first_budget():
     assert rows[0]["share_of_best_auc"] != pytest.approx(rows[1]["share_of_best_auc"])
 
 
-def test_variants_of_fewer_runs_are_not_drawn_beside_the_others():
+def test_variants_of_fewer_starts_are_not_drawn_beside_the_others():
     runs = [run for scene in ("a", "b", "c") for run in runs_in(scene, {"gvg": RISE, "random": RISE[:2]})]
-    drawn, count = _of_all_scenes([*runs, *runs_in("a", {"anm": RISE})])
-    assert drawn == runs
+    seeds = [result("gvg", RISE, scene_name=scene, seed=k) for scene in ("a", "b", "c") for k in (1, 2)]
+    drawn, count = _of_all_starts([*runs, *seeds, *runs_in("a", {"anm": RISE})])
+    assert drawn == [*runs, *seeds]
     assert count == 1
+    assert _of_all_starts([*runs_in("a", {"gvg": RISE}), *runs_in("b", {"anm": RISE})])[1] == 0
 
 
 def test_a_badge_holds_its_words():

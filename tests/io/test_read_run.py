@@ -113,6 +113,18 @@ def test_a_mesh_that_cannot_be_is_one_sentence(tmp_path, x, face):
         read_coloured_mesh(tmp_path / "mesh.ply")
 
 
+def test_a_mesh_of_quads_and_of_colours_as_shares_is_read(tmp_path):
+    (tmp_path / "mesh.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        "property float red\nproperty float green\nproperty float blue\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0 1 0.5 0\n1 0 0 1 0.5 0\n1 1 0 1 0.5 0\n0 1 0 1 0.5 0\n4 0 1 2 3\n"
+    )
+    vertices, faces, rgb = read_coloured_mesh(tmp_path / "mesh.ply")
+    assert (len(vertices), len(faces)) == (4, 2)
+    assert rgb[0].tolist() == [255, 128, 0]
+
+
 def edit(path, change):
     """Let a function change the lines of a log."""
     lines = [json.loads(line) for line in path.read_text().splitlines()]

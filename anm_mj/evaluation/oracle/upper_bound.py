@@ -1,9 +1,9 @@
-"""An upper bound on what any tour can cover: the time to see many things is left out, the way to each is not.
+"""A relaxation, which estimates what no tour exceeds: the time to see many things is left out, the way to each is not.
 
 A sample counts from the first step at which the robot could see it if it drove straight to where it is seen from and
 turned to it by the shorter side. So the bound at a step is the number of samples that some pose within so many actions
-sees. It holds at every step, and so for the area under the curve and for the value at the end. It is loose where much
-is to be seen in many places, because it is in all of them at the same time.
+sees. It is loose where much is to be seen in many places, because it is in all of them at the same time. It is an
+estimate, because the poses and the samples are chosen ones: a sample may be seen earlier from between the places.
 
 Poses are those of the tour search: places at most a spacing apart, whose views stand for those about them. Travel is
 bounded from below by that slack and by how much a path over a grid is longer than a straight one.

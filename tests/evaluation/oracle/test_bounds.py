@@ -63,6 +63,15 @@ def test_the_search_makes_its_measure_better_within_the_budget(bounded, name):
     assert at_end > 0.6 * bound[-1]
 
 
+def test_what_no_frame_covers_counts_from_the_start():
+    bits = np.zeros((2, 36, 1), np.uint64)
+    bits[0, 3], bits[1, 5] = 0b1, 0b11
+    earliest = np.full((2, 36), 10)
+    earliest[1] = 20
+    bound = coverage_bound(bits, earliest, 30)
+    assert bound[[0, 9, 10, 19, 20, 30]].tolist() == [62, 62, 63, 63, 64, 64]
+
+
 def test_each_measure_prefers_its_own_tour():
     early, late = (np.array([10, 90]), np.array([80, 80])), (np.array([60, 90]), np.array([10, 100]))
     auc, end = (Measure(name, 100, 100) for name in MEASURES)

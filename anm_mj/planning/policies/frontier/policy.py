@@ -12,7 +12,7 @@ Deviations:
   for ever, because the nearer one stops counting a metre before it.
 - Dijkstra's algorithm finds paths on the grid, with this project's clearance, instead of a learned point navigator.
 - The robot gives a frontier up when it looked at it and it stays, when no path comes near (Yamauchi's list of
-  inaccessible frontiers), or when it takes more than twice the steps that the path and a look around need: at first as
+  inaccessible frontiers), or when it takes more than twice the steps of the path's cost and a look around: at first as
   a whole, and when no other is left only where it was tried. Then the run ends as complete instead of driving
   backwards for ever.
 """
@@ -57,8 +57,9 @@ EIGHT = np.ones((3, 3), bool)
 NEARER_M = 0.1
 """A place to see the frontier from is taken instead of the one before where it is nearer to it by this [m]. Which cells
 beside the robot can be reached depends on where it stands, so that two places could take turns for ever."""
-PATIENCE = 2.0
-"""A frontier is given up after this many times the steps that it should take."""
+OVERTIME = 2.0
+"""A frontier is given up after this many times the steps that its path, its crowded parts counted up to twice, and a
+look around take."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Frontier(ScanPolicy):
         """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
         self.config = context.settings
         super().__init__(context, self.config.range_m)
-        self._goal: _Goal | None = None
+        self._chosen: _Goal | None = None
         self._given_up_xy_m = np.zeros((0, 2))
 
     def memory(self) -> dict[str, np.ndarray]:
@@ -119,7 +120,7 @@ class Frontier(ScanPolicy):
                 # One frontier may run around the whole known area; giving part of it up leaves the rest.
                 left = self._within_reach(_connected(topdown, self._without_given_up(topdown, hops)), routes)
         if kept is not None:
-            self._goal = kept
+            self._chosen = kept
             return self._go("the same frontier as before", routes, left, watch)
         if not left:
             reason = f"none of {len(found)} frontiers can be reached" if found else "no frontier is left"
@@ -127,7 +128,7 @@ class Frontier(ScanPolicy):
         away = [math.dist(f.contact_xy_m, pose.xy_m) >= self.config.min_distance_m for f, _ in left]
         frontier, place = left[away.index(True) if any(away) else -1]
         needed = routes.cost_at(place) / FORWARD_STEP_M + NUM_HEADINGS
-        self._goal = _Goal(frontier.contact_xy_m, place, observation.step + math.ceil(PATIENCE * needed))
+        self._chosen = _Goal(frontier.contact_xy_m, place, observation.step + math.ceil(OVERTIME * needed))
         reason = (
             f"nearest of {len(left)} frontiers at least {self.config.min_distance_m:g} m away: "
             f"{frontier.num_cells} cells, {frontier.hops * topdown.resolution_m:.1f} m off"
@@ -138,7 +139,7 @@ class Frontier(ScanPolicy):
         self, topdown: TopDownMap, hops: Float[np.ndarray, "rows cols"], routes: GridRoutes, step: int
     ) -> _Goal | None:
         """The present frontier and where to see it from; None when it is gone or the robot gives it up."""
-        goal, self._goal = self._goal, None
+        goal, self._chosen = self._chosen, None
         if goal is None:
             return None
         contact, place = goal.contact_xy_m, goal.place_xy_m
@@ -159,8 +160,8 @@ class Frontier(ScanPolicy):
         self, reason: str, routes: GridRoutes, left: list[tuple[_Frontier, Float[np.ndarray, "2"]]], watch: Stopwatch
     ) -> Plan:
         """The path to the present goal and a look at it."""
-        assert self._goal is not None  # Both callers have just set it.
-        contact, place = self._goal.contact_xy_m, self._goal.place_xy_m
+        assert self._chosen is not None  # Both callers have just set it.
+        contact, place = self._chosen.contact_xy_m, self._chosen.place_xy_m
         towards = contact - place
         return Plan(
             reason,

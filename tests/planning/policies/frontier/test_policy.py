@@ -111,8 +111,8 @@ def test_two_places_about_as_near_to_a_frontier_do_not_take_turns(monkeypatch):
     first = policy.plan(world, look(Pose2(1.0, 1.5, 0.0))).path_xy_m[-1]
     for farther_m, stays in ((0.05, True), (0.5, False)):
         before = first - [farther_m, 0.0]
-        assert policy._goal is not None
-        monkeypatch.setattr(policy, "_goal", policy._goal._replace(place_xy_m=before))
+        assert policy._chosen is not None
+        monkeypatch.setattr(policy, "_chosen", policy._chosen._replace(place_xy_m=before))
         kept = policy.plan(world, look(Pose2(1.5, 1.5, 0.0))).path_xy_m[-1]
         np.testing.assert_allclose(kept, before if stays else first, atol=0.03)
 
@@ -139,13 +139,13 @@ def test_of_the_only_frontier_no_more_is_given_up_than_was_tried(monkeypatch):
     monkeypatch.setattr(policy.grid, "topdown", lambda: topdown)
     world = BoxWorld((1.0, 1.0), [])
     near = policy.plan(world, look(Pose2(1.0, 1.8, 0.0)))
-    assert policy._goal is not None
-    tried_m = policy._goal[0]
+    assert policy._chosen is not None
+    tried_m = policy._chosen[0]
 
     again = policy.plan(world, look(Pose2(*near.path_xy_m[-1].tolist(), near.headings_rad[0])))
 
     assert again.stop is None
-    assert math.dist(policy._goal[0], tried_m) >= 0.3
+    assert math.dist(policy._chosen[0], tried_m) >= 0.3
 
 
 def test_a_room_seen_to_the_last_corner_is_complete():
