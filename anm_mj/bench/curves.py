@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result
+from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result, of_all_starts
 from anm_mj.bench.style import legend_name, style
 from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 
@@ -17,9 +17,10 @@ MARKS_PER_CURVE = 7
 
 
 def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
-    """Draw the completion ratio against steps for every variant: the mean over its runs, with a band of one deviation.
+    """Draw the completion ratio against steps: the mean over a variant's runs, with a band of one deviation.
 
-    The ratio of the observable surface, where all runs know it. A run that ends early keeps its last value.
+    The ratio of the observable surface, where all runs know it. A run that ends early keeps its last value. Variants
+    of fewer starts than others are left out.
 
     Args:
         path: The file; its ending is replaced by each kind.
@@ -33,6 +34,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
     Raises:
         OSError: A file cannot be written.
     """
+    results, left_out = of_all_starts(results)
     budget = max(result.job["steps"] for result in results)
     steps = np.linspace(0.0, budget, CURVE_POINTS)
     known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
@@ -45,7 +47,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
         runs = [result.curve for result in results if result.variant == name]
         counts.add(len(runs))
         values = np.stack([np.interp(steps, curve[:, 0], curve[:, column]) for curve in runs])
-        mean, deviation = values.mean(axis=0), values.std(axis=0)
+        mean = values.mean(axis=0)
         colour, line, mark = (style(k)[key] for key in ("color", "ls", "marker"))
         # The marks of one curve stand between those of the others.
         every = CURVE_POINTS // MARKS_PER_CURVE
@@ -53,13 +55,15 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
         axes.plot(steps, mean, ls=line, lw=1.5, color=colour, marker=mark, markevery=at, ms=5.5, mec="white", mew=0.6,
                   label=legend_name(name), zorder=3)  # fmt: skip
         if len(runs) > 1:
+            deviation = values.std(axis=0, ddof=1)
             low, high = np.clip([mean - deviation, mean + deviation], 0.0, 100.0)
             axes.fill_between(steps, low, high, color=colour, alpha=0.12, lw=0.0)
             # Where bands overlap, only their edges tell them apart.
             axes.plot(steps, np.stack([low, high], axis=1), ls=line, lw=0.6, color=colour, alpha=0.6)
     axes.set(xlabel="step", ylabel=label, xlim=(0.0, budget), ylim=(0.0, 100.0))
     by = results[0].budget_by
-    axes.set_title(plain(_title(scene, counts)) + (f"; budget by {by}" if by else ""))
+    fewer = f"\nleft out for having fewer starts: {left_out}" if left_out else ""
+    axes.set_title(plain(_title(scene, counts)) + (f"; budget by {by}" if by else "") + fewer)
     axes.grid(alpha=0.3)
     # Beside the curves: ten names with settings would hide half of the picture.
     figure.legend(loc="outside right upper", frameon=False, handlelength=3.5)

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from anm_mj.bench.best_known import situation
-from anm_mj.bench.result import OBSERVABLE, Result
+from anm_mj.bench.result import OBSERVABLE, Result, of_all_starts
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
 from anm_mj.bench.style import legend_name, style
 from anm_mj.viz.figure_file import PICTURE, save_figure
@@ -24,8 +24,6 @@ from anm_mj.viz.figure_file import PICTURE, save_figure
 LEVEL = 90.0
 """Level of the observable ratio that the profile counts steps to [%]."""
 LARGEST_FACTOR = 5.0
-LEAST_STARTS = 0.9
-"""A variant is drawn that ran from this share of all starts; a run or two may have failed."""
 SHARES = np.linspace(0.0, 1.0, 101)
 """Shares of the budget at which curves are averaged over scenes."""
 
@@ -47,7 +45,7 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
     figure = Figure(figsize=(11.0, 4.4), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2)
     fewest = _fewest(results)
-    results, count = _of_all_starts(results)
+    results, count = of_all_starts(results)
     names = list(dict.fromkeys(result.variant for result in results))
     for k, name in enumerate(names):
         runs = [result for result in results if result.variant == name]
@@ -71,21 +69,6 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
         axes.grid(alpha=0.3)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     return save_figure(figure, path, kinds)
-
-
-def _of_all_starts(results: Sequence[Result]) -> tuple[list[Result], int]:
-    """The runs of those variants that ran from about all starts of all scenes, and how many variants did not.
-
-    Means over other scenes, or from fewer starts, do not compare.
-    """
-    starts: dict[str, set[tuple[str, int]]] = {}
-    for result in results:
-        starts.setdefault(result.variant, set()).add((result.job["scene_name"], result.job["start"]))
-    least = LEAST_STARTS * len(set().union(*starts.values()))
-    drawn = {name for name, own in starts.items() if len(own) >= least}
-    # Where none ran everywhere, all are drawn.
-    drawn = drawn or set(starts)
-    return [result for result in results if result.variant in drawn], len(starts) - len(drawn)
 
 
 def _fewest(results: Sequence[Result]) -> dict[tuple[object, ...], float]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections import Counter
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,29 +17,22 @@ from anm_mj.bench.statistics import (
     LEAST_SCENES,
     TASK,
     PairedDifference,
-    bootstrap_interval,
     holm,
     paired_difference,
 )
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 
-COLUMNS = (
+MEANS = (
     ("observable_ratio_auc", "AUC, observable [%]", 1),
     ("share_of_best_auc", "AUC as a share of the best known [%]", 1),
-    ("completion_ratio", "final ratio, all surface [%]", 1),
-    ("completion_cm", "final completion [cm]", 2),
     ("observable_ratio", "final ratio, observable [%]", 1),
-    ("completion_ratio_auc", "AUC, all surface [%]", 1),
+    ("completion_ratio", "final ratio, all surface [%]", 1),
+    ("completion_cm", "final completion, each distance at most 1 m [cm]", 1),
+    ("reached_90", "runs that reach 90 % [%]", 0),
     ("restricted_steps_to_90", "steps to 90 %, at most the budget", 0),
-    ("restricted_share_to_90", "the same, of the budget [%]", 0),
-    ("path_m_to_90", "path to 90 % [m], at most what the budget allows", 1),
-    ("steps_to_90", "steps to 90 % where reached", 0),
-    ("steps_to_95", "steps to 95 % where reached", 0),
-    ("steps_to_99", "steps to 99 % where reached", 0),
-    ("times_fewest_90", "times the fewest steps known to 90 %", 2),
-    ("steps", "steps", 0),
-    ("path_m", "path [m]", 1),
-    ("turns", "turns", 0),
+    ("path_m_to_90", "path to 90 % [m], at most what the budget allows", 0),
+    ("times_fewest_90", "times the fewest steps known to 90 %, at least", 2),
+    ("path_m", "path [m]", 0),
     ("collisions", "collisions", 1),
     ("observed_f_score", "mesh F-score, observed [%]", 1),
     ("novel_view_psnr_db", "novel-view PSNR [dB]", 1),
@@ -46,32 +41,43 @@ COLUMNS = (
     ("fixed_view_psnr_db", "fixed-view PSNR [dB]", 1),
     ("fixed_view_ssim", "fixed-view SSIM", 3),
     ("fixed_view_depth_error_cm", "fixed-view depth error [cm]", 2),
+)
+"""Column of the results table, heading, decimals, of the means over scenes."""
+OF_ONE_SCENE = (
+    ("steps_to_95", "steps to 95 % where reached", 0),
+    ("steps_to_99", "steps to 99 % where reached", 0),
+    ("completion_ratio_auc", "AUC, all surface [%]", 1),
+    ("steps", "steps", 0),
+    ("turns", "turns", 0),
     ("hz", "steps/s", 1),
 )
-"""Column of the results table, heading, decimals."""
-WHERE_REACHED = ("steps_to_90", "steps_to_95", "steps_to_99", "times_fewest_90")
+"""Further columns of the tables of one scene."""
+WHERE_REACHED = ("steps_to_95", "steps_to_99", "times_fewest_90")
 """Columns whose mean is over those runs or scenes that have a number, which are counted."""
 DIFFERENCES = (
     ("observable_ratio_auc", "AUC, observable [points]", 1),
     ("observable_ratio", "final ratio, observable [points]", 1),
     ("restricted_steps_to_90", "steps to 90 %", 0),
-    ("restricted_share_to_90", "the same, of the budget [points]", 0),
-    ("path_m_to_90", "path to 90 % [m]", 1),
-    ("path_m", "path [m]", 1),
+    ("restricted_share_to_90", "steps to 90 %, of the budget [points]", 0),
+    ("path_m_to_90", "path to 90 % [m]", 0),
 )
 """Columns of the table of paired differences."""
-_LEGEND = (
-    "Numbers of a scene are mean ± standard deviation over starts and seeds; means over scenes have the 95 % interval "
-    f"of a bootstrap over scenes ({LEAST_SCENES} at least). (n/m): only n of a scene's m runs have it, or of m scenes."
-)
+_LEGEND = f"""\
+Means over scenes are of each scene's mean, over the runs that all rows of a table have in common. Numbers of one scene
+are mean ± standard deviation over starts and seeds. (n/m): only n of m runs or scenes have the number. A run that never
+reaches 90 % counts with its budget, and with the path that it allows.
+
+Differences are over pairs of runs of the same scene, start, seed and budget: means of each scene's mean, with the 95 %
+interval of a bootstrap over scenes ({LEAST_SCENES} at least). Of the AUC also: scenes in which the first is ahead, the
+least and the largest mean without any one scene, and for the policies as they come, the oracle aside, the p value of
+Wilcoxon's signed-rank test over scenes after Holm's correction for as many tests as the table shows."""
 
 
 def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None = None) -> str:
     """Tables of means over scenes, of paired differences, and one per scene; each for every budget of the comparison.
 
-    Entries of a scene are mean ± standard deviation over starts and seeds; means over scenes have the 95 % interval of
-    a bootstrap over them. (n/m) marks entries that only n of m runs have, such as the steps to a ratio that not all
-    runs reached.
+    Entries of a scene are mean ± standard deviation over starts and seeds. (n/m) marks entries that only n of m runs
+    have, such as the steps to a ratio that not all runs reached.
 
     Args:
         rows: Of :func:`~anm_mj.bench.results_table.tidy_rows`.
@@ -80,6 +86,7 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None 
     """
     count = len(_unique(rows, "run"))
     runs = f"{count} run{'s' * (count != 1)}" if num_jobs in (None, count) else f"**{count} of {num_jobs}** runs"
+    rows = [{**row, "reached_90": 100.0 * math.isfinite(row["steps_to_90"])} for row in rows]
     parts = [f"Made by `{command}`, revision {_revisions(rows)}, from {runs}. {_LEGEND}"]
     parts += [part for by in _budgets(rows) for part in _overall([row for row in rows if row["budget_by"] == by], by)]
     parts += [part for scene in _unique(rows, "scene") for part in _scene([r for r in rows if r["scene"] == scene])]
@@ -108,34 +115,41 @@ def _title(text: str, by: str) -> str:
 
 
 def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
-    """Means over the scenes that variants have in common, and the differences between variants."""
-    variants = list(dict.fromkeys(variant(row) for row in rows))
-    scenes = {name: frozenset(row["scene"] for row in rows if variant(row) == name) for name in variants}
+    """Means over the runs that variants have in common, and the differences between variants."""
+    cases: dict[str, set[tuple[Any, ...]]] = {}
+    for row in rows:
+        cases.setdefault(variant(row), set()).add(_case(row))
     parts = []
-    # One table for every set of scenes that some variant has run in: the more variants, the fewer scenes they share.
-    for common in sorted(dict.fromkeys(scenes.values()), key=lambda some: -len(some)):
-        names = [name for name in variants if scenes[name] >= common]
-        if len(common) > 1:
-            # The mean over scenes of each scene's mean, as in the paper's tables.
-            ordered = [scene for scene in _unique(rows, "scene") if scene in common]
-            groups = [(name, [_mean_row(rows, scene, name) for scene in ordered]) for name in names]
-            text = f"Over {', '.join(ordered)}."
-            parts += [_title(f"Mean over {len(ordered)} scenes", by), text, _table(groups, over_scenes=True)]
+    # One table for every set of starts that some variant has run from: the more variants, the fewer they share.
+    for common in sorted(dict.fromkeys(map(frozenset, cases.values())), key=lambda some: -len(some)):
+        names = [name for name, own in cases.items() if own >= common]
+        shared = [row for row in rows if _case(row) in common]
+        scenes = _unique(shared, "scene")
+        if len(scenes) > 1:
+            text = f"Mean over {len(scenes)} scenes, {len(common)} run{'s' * (len(common) > 1)} each"
+            parts += [_title(text, by), f"Over {', '.join(scenes)}.", _means(shared, scenes, names)]
     if any(row["best_known_auc"] is not None for row in rows):
         parts.append(_bounds(rows, by))
     reference = DEFAULT_POLICY if DEFAULT_POLICY in _unique(rows, "policy") else rows[0]["policy"]
-    plainest = _plainest(rows, reference)
-    own = [row for row in rows if _with_apparatus(row, plainest) == variant(plainest)]
+    plainest = {policy: _plainest(rows, policy) for policy in _unique(rows, "policy")}
+    name = variant(plainest[reference])
+    own = [row for row in rows if _with_apparatus(row, plainest[reference]) == name]
     others = [row for row in rows if row["policy"] != reference]
-    text = f"{variant(plainest)} minus the other, both with the same robot, drive, pose and sensor"
-    parts.append(_differences(own, others, (*TASK, *APPARATUS), f"{variant(plainest)} against the others", text, by))
-    for policy in _unique(rows, "policy"):
-        name = variant(_plainest(rows, policy))
+    text = f"{name} minus the other, both with the same robot, drive, pose and sensor."
+    tested = {variant(row) for policy, row in plainest.items() if not needs_truth(policy)}
+    parts.append(_differences(own, others, (*TASK, *APPARATUS), f"{name} against the others", text, by, tested))
+    for policy, row in plainest.items():
+        name = variant(row)
         plain = [row for row in rows if variant(row) == name]
         special = [row for row in rows if row["policy"] == policy and variant(row) != name]
-        text = f"{name} minus the variant"
-        parts.append(_differences(plain, special, TASK, f"{name} against its variants", text, by))
+        title, text = f"{name} against its variants", f"{name} minus the variant."
+        parts.append(_differences(plain, special, TASK, title, text, by))
     return [part for part in parts if part]
+
+
+def _case(row: dict[str, Any]) -> tuple[Any, ...]:
+    """What the runs of two variants share that compare."""
+    return row["scene"], row["start"], row["seed"]
 
 
 def _plainest(rows: Sequence[dict[str, Any]], policy: str) -> dict[str, Any]:
@@ -158,11 +172,12 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
         _title("What is possible", by),
         "",
         "Share of the observable surface: the best of all runs from the same start, the oracle's among them, and a "
-        "relaxation that estimates what no tour exceeds. Means over starts; in how many of them a policy's run was "
-        "better than the oracle's tours; and the most by which any run was above the relaxation at some step.",
+        "relaxation that estimates an upper limit. Means over starts; from how many of them a policy found the best; "
+        "and the most by which any run was above the relaxation at some step. The best known is that of these runs: "
+        "shares of it do not compare with those of another comparison.",
         "",
-        "| scene | AUC, best known [%] | AUC, relaxed [%] | by a policy | final, best known [%] | final, relaxed [%] | "
-        "by a policy | above the relaxation [points] |",
+        "| scene | AUC, best known [%] | AUC, relaxed [%] | AUC, best by a policy | final, best known [%] | "
+        "final, relaxed [%] | final, best by a policy | above the relaxation [points] |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for scene in _unique(rows, "scene"):
@@ -180,7 +195,7 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
             cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
         exceeded = _numbers(here, "relaxed_exceeded_points")
         cells.append(f"{exceeded.max():.1f}" if len(exceeded) else "–")
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(_line(cells))
     return "\n".join(lines)
 
 
@@ -204,6 +219,7 @@ def _differences(
     title: str,
     text: str,
     by: str,
+    tested: Collection[str] = (),
 ) -> str:
     """How much larger the numbers of one policy are than those of variants, pair by pair; empty without a pair.
 
@@ -214,40 +230,41 @@ def _differences(
         title: Of the table.
         text: What is subtracted from what.
         by: Name of the budget.
+        tested: Variants whose difference is tested.
     """
-    variants = list(dict.fromkeys(variant(row) for row in others))
     found = {}
-    for name in variants:
+    for name in dict.fromkeys(variant(row) for row in others):
         other = [row for row in others if variant(row) == name]
         differences = [paired_difference(own, other, column, same) for column, _, _ in DIFFERENCES]
         if differences[0] is not None:
             found[name] = differences
     if not found:
         return ""
-    lines = [
-        _title(title, by),
-        "",
-        f"{text}, over pairs of runs of the same scene, start, seed and budget: means of each scene's mean, with the "
-        f"95 % interval of a bootstrap over scenes ({LEAST_SCENES} at least). A run that never reaches 90 % counts "
-        "with its budget, and with the path that it allows. Of the AUC also: scenes in which it is ahead, the least "
-        "and the largest mean without any one scene, and the p value of Wilcoxon's signed-rank test over scenes, after "
-        "Holm's correction for the rows of the table.",
-        "",
-        "| against | scenes | pairs | ahead | without one | p | "
-        + " | ".join(heading for _, heading, _ in DIFFERENCES)
-        + " |",
-        "|---|---:|---:|---:|---:|---:|" + "---:|" * len(DIFFERENCES),
-    ]
-    areas = [differences[0] for differences in found.values()]
-    p_values = holm([None if area is None else area.p_value for area in areas])
-    for (name, differences), area, p_value in zip(found.items(), areas, p_values, strict=True):
-        assert area is not None  # Those without a pair were left out above.
-        ahead = f"{int((area.by_scene > 0.0).sum())}/{len(area.by_scene)}"
+    p_values = holm([differences[0].p_value if name in tested else None for name, differences in found.items()])
+    headings = ["against", "scenes", "pairs", "ahead", "without one", "p", *(heading for _, heading, _ in DIFFERENCES)]
+    table = []
+    for (name, differences), p_value in zip(found.items(), p_values, strict=True):
+        area = differences[0]
         without = "–" if area.without_one is None else "{:+.1f} to {:+.1f}".format(*area.without_one)
-        cells = [name, str(len(area.by_scene)), str(area.num_pairs), ahead, without, _p_value(p_value)]
+        cells = [name, str(len(area.by_scene)), str(area.num_pairs), _ahead(area), without, _p_value(p_value)]
         cells += [_difference(one, decimals) for one, (_, _, decimals) in zip(differences, DIFFERENCES, strict=True)]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        table.append(cells)
+    if not tested:
+        del headings[5]
+        for cells in table:
+            del cells[5]
+    lines = [_title(title, by), "", text, "", _line(headings), "|---|" + "---:|" * (len(headings) - 1)]
+    return "\n".join(lines + [_line(cells) for cells in table])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _ahead(area: PairedDifference) -> str:
+    """In how many scenes the first variant is ahead, and in how many both are level."""
+    tied = int((area.by_scene == 0.0).sum())
+    return f"{int((area.by_scene > 0.0).sum())}/{len(area.by_scene)}" + f", {tied} tied" * bool(tied)
 
 
 def _p_value(p_value: float | None) -> str:
@@ -264,55 +281,59 @@ def _difference(difference: PairedDifference | None, decimals: int) -> str:
     return f"{text} [{low:+.{decimals}f}, {high:+.{decimals}f}]"
 
 
-def _mean_row(rows: Sequence[dict[str, Any]], scene: str, name: str) -> dict[str, Any]:
-    here = [row for row in rows if row["scene"] == scene and variant(row) == name]
-    means = {}
-    for column, _, _ in COLUMNS:
-        values = _numbers(here, column)
-        means[column] = float(values.mean()) if len(values) else None
-    return means
-
-
-def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]], over_scenes: bool = False) -> str:
-    """A row for each group; entries are means with deviations, or with intervals over scenes."""
-    used = [column for column in COLUMNS if any(_shows(rows, column[0], over_scenes) for _, rows in groups)]
-    lines = [
-        "| policy | " + " | ".join(heading for _, heading, _ in used) + " |",
-        "|---|" + "---:|" * len(used),
+def _means(rows: Sequence[dict[str, Any]], scenes: Sequence[str], names: Sequence[str]) -> str:
+    """The table of means over scenes of each scene's mean, and why runs ended."""
+    groups = []
+    for name in names:
+        own = [row for row in rows if variant(row) == name]
+        per_scene = [[row for row in own if row["scene"] == scene] for scene in scenes]
+        groups.append((name, own, [{column: _mean(here, column) for column, _, _ in MEANS} for here in per_scene]))
+    used = [
+        column
+        for column in MEANS
+        if any(len(_numbers(means, column[0])) >= _least(means, column[0]) for _, _, means in groups)
     ]
-    for name, rows in groups:
-        if rows:
-            cells = [
-                _cell(_numbers(rows, column), len(rows), decimals, over_scenes, column in WHERE_REACHED)
-                for column, _, decimals in used
-            ]
-            lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    headings = ["policy", *(heading for _, heading, _ in used), "ended by"]
+    lines = [_line(headings), "|---|" + "---:|" * len(used) + "---|"]
+    for name, own, means in groups:
+        cells = []
+        for column, _, decimals in used:
+            values = _numbers(means, column)
+            enough = len(values) >= _least(means, column)
+            count = f" ({len(values)}/{len(means)})" * (len(values) < len(means))
+            cells.append(f"{values.mean():.{decimals}f}{count}" if enough else "–")
+        reasons = Counter(row["stop_reason"] for row in own if row.get("stop_reason")).most_common()
+        lines.append(_line([name, *cells, ", ".join(f"{reason} {count}" for reason, count in reasons)]))
     return "\n".join(lines)
 
 
-def _shows(rows: Sequence[dict[str, Any]], column: str, over_scenes: bool) -> bool:
-    """Whether a row of a table has something to say in a column."""
-    count = len(_numbers(rows, column))
-    return count == len(rows) > 0 if over_scenes and column not in WHERE_REACHED else count > 0
+def _mean(rows: Sequence[dict[str, Any]], column: str) -> float | None:
+    values = _numbers(rows, column)
+    return float(values.mean()) if len(values) else None
 
 
-def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int, over_scenes: bool, counted: bool) -> str:
-    """A number of a table.
+def _least(means: Sequence[dict[str, Any]], column: str) -> int:
+    """How many scenes must have a number for their mean to say something: all, but for those that are counted."""
+    return 1 if column in WHERE_REACHED else len(means)
 
-    Args:
-        values: Of the runs of a scene, or of the means of scenes.
-        num_runs: How many there would be.
-        decimals: Of the text.
-        over_scenes: Whether they are means of scenes.
-        counted: Whether the mean of some scenes means something; else there is none where not all have a number.
-    """
-    if len(values) == 0 or (over_scenes and len(values) < num_runs and not counted):
+
+def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]]) -> str:
+    """A row for each variant's runs in one scene; entries are means with deviations."""
+    used = [column for column in (*MEANS, *OF_ONE_SCENE) if any(len(_numbers(rows, column[0])) for _, rows in groups)]
+    lines = [_line(["policy", *(heading for _, heading, _ in used)]), "|---|" + "---:|" * len(used)]
+    for name, rows in groups:
+        if rows:
+            cells = [_cell(_numbers(rows, column), len(rows), decimals) for column, _, decimals in used]
+            lines.append(_line([name, *cells]))
+    return "\n".join(lines)
+
+
+def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int) -> str:
+    """Mean and deviation over the runs of a scene that have a number."""
+    if len(values) == 0:
         return "–"
     text = f"{values.mean():.{decimals}f}"
-    if over_scenes and len(values) >= LEAST_SCENES:
-        low, high = bootstrap_interval(values)
-        text += f" [{low:.{decimals}f}, {high:.{decimals}f}]"
-    elif not over_scenes and len(values) > 1:
+    if len(values) > 1:
         text += f" ± {values.std(ddof=1):.{decimals}f}"
     return text if len(values) == num_runs else f"{text} ({len(values)}/{num_runs})"
 

@@ -44,6 +44,8 @@ USUAL = {
 COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
 UNKNOWN_REVISION = "unknown"
+LEAST_STARTS = 0.9
+"""A variant is drawn that ran from this share of all starts; a run or two may have failed."""
 _METRICS = {field.name for field in fields(Metrics)}
 _PER_CENT = ("_ratio", "_ratio_25mm", "_share", "_percent", "f_score")
 _ANY_SIGN = ("_db", "_ssim")
@@ -218,6 +220,21 @@ def by_budget(results: Sequence[Result]) -> dict[str, list[Result]]:
         for cut in result.at_budgets():
             found.setdefault(cut.budget_by, []).append(cut)
     return found
+
+
+def of_all_starts(results: Sequence[Result]) -> tuple[list[Result], int]:
+    """The runs of those variants that ran from about all starts of all scenes, and how many variants did not.
+
+    Means over other scenes, or from fewer starts, do not compare.
+    """
+    starts: dict[str, set[tuple[str, int]]] = {}
+    for result in results:
+        starts.setdefault(result.variant, set()).add((result.job["scene_name"], result.job["start"]))
+    least = LEAST_STARTS * len(set().union(*starts.values()))
+    drawn = {name for name, own in starts.items() if len(own) >= least}
+    # Where none ran everywhere, all are drawn.
+    drawn = drawn or set(starts)
+    return [result for result in results if result.variant in drawn], len(starts) - len(drawn)
 
 
 def variant(row: Mapping[str, Any]) -> str:

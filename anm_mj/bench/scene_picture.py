@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from anm_mj.bench.result import OBSERVABLE, Result
+from anm_mj.bench.result import OBSERVABLE, Result, of_all_starts
 from anm_mj.bench.style import legend_name, style
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
@@ -25,7 +25,7 @@ def median_run(runs: Sequence[Result]) -> Result:
 
 
 def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Sequence[str] = (PICTURE,)) -> list[Path]:
-    """Draw the plan of a scene with the trajectory of each variant's median run.
+    """Draw the plan of a scene with the trajectory of the median run of each variant that ran from all starts.
 
     Args:
         path: The file; its ending is replaced by each kind.
@@ -40,6 +40,7 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
         OSError: A file cannot be written.
         RunFolderError: The log of a run is damaged.
     """
+    results, _ = of_all_starts(results)
     area = scene_area(scene, DEFAULT_FOOTPRINT)
     shade = np.where(area.component == 1, FLOOR, np.where(area.clearance_m > 0.0, UNREACHED, WALL))
     low = area.grid.origin_xy_m

@@ -59,11 +59,9 @@ class PairedDifference:
 
     @property
     def p_value(self) -> float | None:
-        """Of Wilcoxon's signed-rank test over scenes, two-sided; None with too few of them."""
-        if len(self.by_scene) < LEAST_SCENES:
+        """Of Wilcoxon's signed-rank test over scenes, two-sided; None with too few of them that are not level."""
+        if np.count_nonzero(self.by_scene) < LEAST_SCENES:
             return None
-        if not self.by_scene.any():
-            return 1.0
         from scipy.stats import wilcoxon  # It takes half a second to import.
 
         found: Any = wilcoxon(self.by_scene)

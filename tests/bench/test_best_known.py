@@ -82,6 +82,46 @@ def test_variants_are_compared_with_their_own_policy_and_sensor():
     assert ours.startswith("anm-s against its variants")
 
 
+def test_means_are_over_the_runs_that_all_rows_have():
+    starts = [(scene, start) for scene in ("a", "b") for start in (0, 1)]
+    runs = [result("gvg", RISE[: 6 + 4 * start], scene_name=scene, start=start) for scene, start in starts]
+    runs += [result("gvg", RISE[:3], scene_name=scene, settings=["a=1"]) for scene in ("a", "b")]
+    runs[0].metrics["stop_reason"], runs[1].metrics["stop_reason"] = "COMPLETE", "STUCK"
+    rows = tidy_rows(runs)
+    _, whole, first = markdown(rows, "x").split("\n## ")[:3]
+    assert whole.startswith("Mean over 2 scenes, 4 runs each\n")
+    assert first.startswith("Mean over 2 scenes, 2 runs each\n")
+    auc = [row["observable_ratio_auc"] for row in rows]
+    assert f"| gvg | {np.mean(auc[:4]):.1f} |" in whole
+    assert "a=1" not in whole
+    assert f"| gvg | {auc[0]:.1f} |" in first
+    assert f"| gvg (a=1) | {auc[4]:.1f} |" in first
+    assert whole.rstrip().endswith("| COMPLETE 1, STUCK 1 |")
+    # RISE reaches 90 % at its sixth row; with the first three it does not.
+    reached = whole.splitlines()[4].split("|").index(" runs that reach 90 % [%] ")
+    assert [line.split("|")[reached].strip() for line in first.splitlines()[6:8]] == ["100", "0"]
+
+
+def test_only_policies_as_they_come_are_tested():
+    runs = [result("gvg", RISE[: 4 + k], scene_name=str(k)) for k in range(7)]
+    runs += [result("anm-s", RISE[: 3 + k], scene_name=str(k)) for k in range(7)]
+    runs += [result("anm-s", RISE[: 3 + k], scene_name=str(k), sensor="d435i") for k in range(7)]
+    runs += [result("gvg", RISE[: 4 + k], scene_name=str(k), sensor="d435i") for k in range(7)]
+    runs += [result("oracle", RISE, scene_name=str(k)) for k in range(7)]
+    sections = {part.splitlines()[0]: part for part in markdown(tidy_rows(runs), "x").split("\n## ")}
+    cells = {
+        line.split(" | ")[0][2:]: line.split(" | ")
+        for line in sections["gvg against the others"].splitlines()
+        if line.startswith("| ")
+    }
+    p = cells["against"].index("p")
+    assert (cells["anm-s"][p], cells["anm-s (d435i)"][p], cells["oracle"][p]) == ("0.016", "–", "–")
+    # The same runs with another name: level everywhere.
+    assert cells["against"][p - 2] == "ahead"
+    assert "| gvg (d435i) | 7 | 7 | 0/7, 7 tied |" in sections["gvg against its variants"]
+    assert " | p | " not in sections["gvg against its variants"]
+
+
 def test_where_all_variants_are_unusual_the_plainest_is_the_reference():
     policies = ("gvg", "random")
     runs = [result(name, RISE[: 6 + k], goal="coverage") for k, name in enumerate(policies)]

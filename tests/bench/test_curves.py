@@ -15,7 +15,7 @@ def results(num_policies, num_runs):
     for k in range(num_policies):
         for run in range(num_runs):
             ratio = 90.0 * (1.0 - np.exp(-steps * 0.01 * (1 + k + 0.8 * run)))
-            job = {"steps": 200, "settings": [], "policy": f"policy-{k}", "scene_name": "room"}
+            job = {"steps": 200, "settings": [], "policy": f"policy-{k}", "scene_name": "room", "start": run}
             found.append(
                 Result(job, {}, "x", np.stack([steps, ratio, 100.0 - ratio, ratio + 5.0, 0.04 * steps], axis=1))
             )
@@ -53,3 +53,12 @@ def test_long_names_leave_room_for_the_curves(tmp_path, recwarn):
     runs = [replace(run, job={**run.job, "settings": settings}) for run in results(3, 1)]
     draw_curves(tmp_path / "one.png", "room", runs)
     assert not [str(warning.message) for warning in recwarn if "layout" in str(warning.message)]
+
+
+def test_variants_of_fewer_starts_are_left_out(tmp_path):
+    runs = results(2, 3)
+    few = replace(runs[0], job={**runs[0].job, "policy": "another"})
+    draw_curves(tmp_path / "with.svg", "room", [*runs, few], ("svg",))
+    draw_curves(tmp_path / "without.svg", "room", runs, ("svg",))
+    lines = [(tmp_path / f"{name}.svg").read_text().count('id="line2d_') for name in ("with", "without")]
+    assert lines[0] == lines[1]

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from anm_mj.bench.overview import _of_all_starts, draw_overview
+from anm_mj.bench.overview import draw_overview
 from anm_mj.bench.page import badge_svg, headline
+from anm_mj.bench.result import of_all_starts
 from anm_mj.bench.results_table import tidy_rows
 from anm_mj.bench.scene_picture import median_run
 from anm_mj.viz.figure_file import KINDS
@@ -44,10 +45,10 @@ def test_the_badge_is_of_the_first_budget():
 def test_variants_of_fewer_starts_are_not_drawn_beside_the_others():
     runs = [run for scene in ("a", "b", "c") for run in runs_in(scene, {"gvg": RISE, "random": RISE[:2]})]
     seeds = [result("gvg", RISE, scene_name=scene, seed=k) for scene in ("a", "b", "c") for k in (1, 2)]
-    drawn, count = _of_all_starts([*runs, *seeds, *runs_in("a", {"anm": RISE})])
+    drawn, count = of_all_starts([*runs, *seeds, *runs_in("a", {"anm": RISE})])
     assert drawn == [*runs, *seeds]
     assert count == 1
-    assert _of_all_starts([*runs_in("a", {"gvg": RISE}), *runs_in("b", {"anm": RISE})])[1] == 0
+    assert of_all_starts([*runs_in("a", {"gvg": RISE}), *runs_in("b", {"anm": RISE})])[1] == 0
 
 
 def test_a_badge_holds_its_words():
