@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -62,6 +63,8 @@ DIFFERENCES = (
     ("path_m_to_90", "path to 90 % [m]", 0),
 )
 """Columns of the table of paired differences."""
+ROBOT_SETTINGS = "robot_settings"
+"""Name of the settings of body and sensors among a row's settings."""
 _LEGEND = f"""\
 Means over scenes are of each scene's mean, over the runs that all rows of a table have in common. Numbers of one scene
 are mean ± standard deviation over starts and seeds. (n/m): only n of m runs or scenes have the number. A run that never
@@ -86,7 +89,14 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None 
     """
     count = len(_unique(rows, "run"))
     runs = f"{count} run{'s' * (count != 1)}" if num_jobs in (None, count) else f"**{count} of {num_jobs}** runs"
-    rows = [{**row, "reached_90": 100.0 * math.isfinite(row["steps_to_90"])} for row in rows]
+    rows = [
+        {
+            **row,
+            "reached_90": 100.0 * math.isfinite(row["steps_to_90"]),
+            ROBOT_SETTINGS: _settings(row, of_robot=True),
+        }
+        for row in rows
+    ]
     parts = [f"Made by `{command}`, revision {_revisions(rows)}, from {runs}. {_LEGEND}"]
     parts += [part for by in _budgets(rows) for part in _overall([row for row in rows if row["budget_by"] == by], by)]
     parts += [part for scene in _unique(rows, "scene") for part in _scene([r for r in rows if r["scene"] == scene])]
@@ -133,11 +143,13 @@ def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
     reference = DEFAULT_POLICY if DEFAULT_POLICY in _unique(rows, "policy") else rows[0]["policy"]
     plainest = {policy: _plainest(rows, policy) for policy in _unique(rows, "policy")}
     name = variant(plainest[reference])
-    own = [row for row in rows if _with_apparatus(row, plainest[reference]) == name]
+    own = [row for row in rows if _same_but_for_apparatus(row, plainest[reference])]
     others = [row for row in rows if row["policy"] != reference]
     text = f"{name} minus the other, both with the same robot, drive, pose and sensor."
     tested = {variant(row) for policy, row in plainest.items() if not needs_truth(policy)}
-    parts.append(_differences(own, others, (*TASK, *APPARATUS), f"{name} against the others", text, by, tested))
+    parts.append(
+        _differences(own, others, (*TASK, *APPARATUS, ROBOT_SETTINGS), f"{name} against the others", text, by, tested)
+    )
     for policy, row in plainest.items():
         name = variant(row)
         plain = [row for row in rows if variant(row) == name]
@@ -161,9 +173,19 @@ def _plainest(rows: Sequence[dict[str, Any]], policy: str) -> dict[str, Any]:
     return min((row for row in rows if row["policy"] == policy), key=unusual)
 
 
-def _with_apparatus(row: dict[str, Any], other: dict[str, Any]) -> str:
-    """Name of the variant that a row would have with the apparatus of another one."""
-    return variant({**row, **{key: other[key] for key in APPARATUS}})
+def _settings(row: dict[str, Any], of_robot: bool) -> str:
+    """Those settings of a row that are of the robot's body and sensors, such as its encoders' noise, or the others."""
+    settings = re.split(r" (?=[\w.]+=)", row["settings"])
+    return " ".join(setting for setting in settings if setting.startswith(("model.", "sensor.")) == of_robot)
+
+
+def _same_but_for_apparatus(row: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two rows are of one variant, were they of the same robot, drive, pose and sensor."""
+
+    def name(of: dict[str, Any]) -> str:
+        return variant({**of, **{key: USUAL[key] for key in APPARATUS}, "settings": _settings(of, of_robot=False)})
+
+    return name(row) == name(other)
 
 
 def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:

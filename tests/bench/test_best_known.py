@@ -65,6 +65,8 @@ def test_variants_are_compared_with_their_own_policy_and_sensor():
         result("anm-s", RISE[:5], settings=["policy.target=random"]),
         result("anm-s", RISE[:6]),
         result("anm-s", RISE[:4], sensor="d435i"),
+        result("gvg", RISE[:7], pose="odometry", settings=["model.wheel_noise=0.02", "sensor.odometry_alpha=(0, 0)"]),
+        result("anm-s", RISE[:3], pose="odometry", settings=["model.wheel_noise=0.02", "sensor.odometry_alpha=(0, 0)"]),
     ]
     rows = tidy_rows(runs)
     _, against, own, ours = markdown(rows, "x").split("\n## ")[:4]
@@ -73,10 +75,12 @@ def test_variants_are_compared_with_their_own_policy_and_sensor():
         "| anm-s (policy.target=random)",
         "| anm-s",
         "| anm-s (d435i)",
+        "| anm-s (odometry model.wheel_noise=0.02 sensor.odometry_alpha=(0, 0))",
     ]
     auc = [row["observable_ratio_auc"] for row in rows]
     found = [float(line.split(" | ")[6]) for line in against.splitlines()[6:]]
-    assert found == pytest.approx([auc[0] - auc[2], auc[0] - auc[3], auc[1] - auc[4]], abs=0.06)
+    pairs = [(0, 2), (0, 3), (1, 4), (5, 6)]
+    assert found == pytest.approx([auc[k] - auc[other] for k, other in pairs], abs=0.06)
     assert own.startswith("gvg against its variants")
     assert "| gvg (d435i) | 1 | 1 | 1/1 |" in own
     assert ours.startswith("anm-s against its variants")
