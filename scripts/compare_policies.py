@@ -1,6 +1,6 @@
 """Compares two policies of a finished comparison, run by run.
 
-    python scripts/compare_policies.py bench/benchmark --policy gvg --other anm-s
+    python scripts/compare_policies.py bench/smoke --policy gvg --other anm-s
 
 Prints a Markdown table. For each start and seed it gives the completion ratio of the observable surface (final, and
 area under the curve), the steps to 90 % of the other policy's final ratio, and how the first policy's run ended. Below

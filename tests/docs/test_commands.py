@@ -244,14 +244,6 @@ def test_blocks(page):
                 pytest.fail(f"nothing here knows what to do with a block of {language}")
 
 
-def test_published_comparison():
-    sweeps, _ = read_sweeps(ROOT / "docs" / "benchmark.toml")
-    assert {scene for sweep in sweeps for scene in sweep.scenes} >= {"white_room", "aws_hospital"}
-    for sweep in sweeps:
-        for policy in sweep.policies:
-            make_config(sweep.preset, list(sweep.settings), scene="room", policy=policy)
-
-
 def test_folders_of_the_readme_are_those_of_the_package():
     table = {path.removeprefix("anm_mj/").strip("/") for _, path in files() if path.startswith("anm_mj/")}
     folders = {path.name for path in (ROOT / "anm_mj").iterdir() if (path / "__init__.py").is_file()}
