@@ -24,7 +24,7 @@ BEGIN, END = "<!-- results -->", "<!-- /results -->"
 COLOURS = 256
 PICTURES = {
     r"## Mean over .*, budget by (\w+)": (("overview_{}", "Mean coverage over scenes, and performance profiles"),),
-    r"## Mean over .* each": (("overview", "Mean coverage over scenes, and performance profiles"),),
+    r"## Mean over .* policy": (("overview", "Mean coverage over scenes, and performance profiles"),),
     r"## (\S+)": (
         ("curves_{}", "Coverage against steps"),
         ("curves_{}_area", "Coverage against steps, budget by area"),

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.bench.result import OBSERVABLE, Result
+from anm_mj.bench.result import OBSERVABLE, Result, split_settings
 from anm_mj.planning.policies.registry import needs_truth
 
 LEVELS = (90, 95, 99)
@@ -25,7 +25,8 @@ BEST = ("auc", "final")
 def situation(result: Result) -> tuple[Any, ...]:
     """What runs must share to be compared with one another's tours: all but what only concerns the map."""
     apparatus = (value for key, value in result.apparatus.items() if key not in ("preset", "goal"))
-    return result.job["scene_name"], result.job["start"], result.budget, *apparatus
+    robot, _ = split_settings(" ".join(result.job["settings"]))
+    return result.job["scene_name"], result.job["start"], result.budget, *apparatus, *robot
 
 
 def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, Any]]:

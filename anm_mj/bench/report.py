@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.bench.best_known import BEST
-from anm_mj.bench.result import USUAL, variant
+from anm_mj.bench.result import MOST_MISSING, USUAL, split_settings, variant
 from anm_mj.bench.statistics import (
     APPARATUS,
     LEAST_SCENES,
@@ -53,8 +52,10 @@ OF_ONE_SCENE = (
     ("hz", "steps/s", 1),
 )
 """Further columns of the tables of one scene."""
-WHERE_REACHED = ("steps_to_95", "steps_to_99", "times_fewest_90")
-"""Columns whose mean is over those runs or scenes that have a number, which are counted."""
+FEWEST = "times_fewest_90"
+"""Column whose mean over scenes is over those that have a number, which are counted."""
+FEW_RUNS = 4
+"""With fewer runs than this, a variant that lacks one of them stands in another table of means."""
 DIFFERENCES = (
     ("observable_ratio_auc", "AUC, observable [points]", 1),
     ("observable_ratio", "final ratio, observable [points]", 1),
@@ -92,8 +93,8 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None 
     rows = [
         {
             **row,
-            "reached_90": 100.0 * math.isfinite(row["steps_to_90"]),
-            ROBOT_SETTINGS: _settings(row, of_robot=True),
+            "reached_90": _reached(row.get("steps_to_90")),
+            ROBOT_SETTINGS: " ".join(split_settings(row["settings"])[0]),
         }
         for row in rows
     ]
@@ -101,6 +102,11 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None 
     parts += [part for by in _budgets(rows) for part in _overall([row for row in rows if row["budget_by"] == by], by)]
     parts += [part for scene in _unique(rows, "scene") for part in _scene([r for r in rows if r["scene"] == scene])]
     return "\n\n".join(parts) + "\n"
+
+
+def _reached(steps: float | None) -> float | None:
+    """Whether a run got to a level, in per cent, so that means are shares; None where it is unknown."""
+    return None if steps is None else 100.0 * math.isfinite(steps)
 
 
 def _unique(rows: Sequence[dict[str, Any]], key: str) -> list[Any]:
@@ -126,17 +132,12 @@ def _title(text: str, by: str) -> str:
 
 def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
     """Means over the runs that variants have in common, and the differences between variants."""
-    cases: dict[str, set[tuple[Any, ...]]] = {}
-    for row in rows:
-        cases.setdefault(variant(row), set()).add(_case(row))
     parts = []
-    # One table for every set of starts that some variant has run from: the more variants, the fewer they share.
-    for common in sorted(dict.fromkeys(map(frozenset, cases.values())), key=lambda some: -len(some)):
-        names = [name for name, own in cases.items() if own >= common]
+    for common, names in _groups(rows):
         shared = [row for row in rows if _case(row) in common]
         scenes = _unique(shared, "scene")
         if len(scenes) > 1:
-            text = f"Mean over {len(scenes)} scenes, {len(common)} run{'s' * (len(common) > 1)} each"
+            text = f"Mean over {len(scenes)} scenes, {len(common)} runs of each policy"
             parts += [_title(text, by), f"Over {', '.join(scenes)}.", _means(shared, scenes, names)]
     if any(row["best_known_auc"] is not None for row in rows):
         parts.append(_bounds(rows, by))
@@ -145,7 +146,7 @@ def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
     name = variant(plainest[reference])
     own = [row for row in rows if _same_but_for_apparatus(row, plainest[reference])]
     others = [row for row in rows if row["policy"] != reference]
-    text = f"{name} minus the other, both with the same robot, drive, pose and sensor."
+    text = f"{name} minus the other, both with the same robot, drive, pose, sensor and settings of these."
     tested = {variant(row) for policy, row in plainest.items() if not needs_truth(policy)}
     parts.append(
         _differences(own, others, (*TASK, *APPARATUS, ROBOT_SETTINGS), f"{name} against the others", text, by, tested)
@@ -161,31 +162,49 @@ def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
     return [part for part in parts if part]
 
 
+def _groups(rows: Sequence[dict[str, Any]]) -> list[tuple[set[tuple[Any, ...]], list[str]]]:
+    """The tables of means: runs, and the variants that have all of them.
+
+    The first table is of the variants that ran from about all starts, less those from which one of them failed; the
+    others add variants that ran from fewer.
+    """
+    cases: dict[str, set[tuple[Any, ...]]] = {}
+    for row in rows:
+        cases.setdefault(variant(row), set()).add(_case(row))
+    left = sorted(cases, key=lambda name: -len(cases[name]))
+    groups = []
+    while left:
+        most = cases[left[0]]
+        missing = max(MOST_MISSING * len(most), float(len(most) >= FEW_RUNS))
+        common = most.intersection(*(cases[name] for name in left if len(most - cases[name]) <= missing))
+        names = [name for name, own in cases.items() if own >= common]
+        left = [name for name in left if name not in names]
+        # A row alone compares with nothing.
+        if len(names) > 1 or len(cases) == 1:
+            groups.append((common, names))
+    return groups
+
+
 def _case(row: dict[str, Any]) -> tuple[Any, ...]:
     """What the runs of two variants share that compare."""
-    return row["scene"], row["start"], row["seed"]
+    return tuple(row[key] for key in TASK)
 
 
 def _plainest(rows: Sequence[dict[str, Any]], policy: str) -> dict[str, Any]:
     """A row of the policy's first variant of those with the fewest settings and the least that is unusual."""
 
     def unusual(row: dict[str, Any]) -> tuple[int, int]:
-        return len(row["settings"].split()), sum(row[key] != usual for key, usual in USUAL.items())
+        return sum(map(len, split_settings(row["settings"]))), sum(row[key] != usual for key, usual in USUAL.items())
 
     return min((row for row in rows if row["policy"] == policy), key=unusual)
-
-
-def _settings(row: dict[str, Any], of_robot: bool) -> str:
-    """Those settings of a row that are of the robot's body and sensors, such as its encoders' noise, or the others."""
-    settings = re.split(r" (?=[\w.]+=)", row["settings"])
-    return " ".join(setting for setting in settings if setting.startswith(("model.", "sensor.")) == of_robot)
 
 
 def _same_but_for_apparatus(row: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether two rows are of one variant, were they of the same robot, drive, pose and sensor."""
 
     def name(of: dict[str, Any]) -> str:
-        return variant({**of, **{key: USUAL[key] for key in APPARATUS}, "settings": _settings(of, of_robot=False)})
+        settings = " ".join(split_settings(of["settings"])[1])
+        return variant({**of, **{key: USUAL[key] for key in APPARATUS}, "settings": settings})
 
     return name(row) == name(other)
 
@@ -208,7 +227,7 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
         known = [row for row in rows if row["scene"] == scene and row["best_known_auc"] is not None]
         # One of the rows of every start and apparatus: all say the same about it.
         here = list(
-            {tuple(row[key] for key in ("start", "robot", "drive", "pose", "sensor")): row for row in known}.values()
+            {tuple(row[key] for key in ("start", "budget", *APPARATUS, ROBOT_SETTINGS)): row for row in known}.values()
         )
         if not here:
             continue
@@ -332,13 +351,15 @@ def _means(rows: Sequence[dict[str, Any]], scenes: Sequence[str], names: Sequenc
 
 
 def _mean(rows: Sequence[dict[str, Any]], column: str) -> float | None:
+    """Mean of the runs of a scene; None where one of them lacks the number."""
     values = _numbers(rows, column)
-    return float(values.mean()) if len(values) else None
+    enough = len(values) == len(rows) or (len(values) and column == FEWEST)
+    return float(values.mean()) if enough else None
 
 
 def _least(means: Sequence[dict[str, Any]], column: str) -> int:
-    """How many scenes must have a number for their mean to say something: all, but for those that are counted."""
-    return 1 if column in WHERE_REACHED else len(means)
+    """How many scenes must have a number for their mean to say something: all, unless they are counted."""
+    return 1 if column == FEWEST else len(means)
 
 
 def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -44,8 +45,10 @@ USUAL = {
 COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
 UNKNOWN_REVISION = "unknown"
-LEAST_STARTS = 0.9
-"""A variant is drawn that ran from this share of all starts; a run or two may have failed."""
+MOST_MISSING = 0.1
+"""A variant is drawn that lacks at most this share of all starts, or one: a run or two may have failed."""
+OF_THE_ROBOT = ("model.", "sensor.", "motion.")
+"""What the names of settings of the robot's body and sensors begin with."""
 _METRICS = {field.name for field in fields(Metrics)}
 _PER_CENT = ("_ratio", "_ratio_25mm", "_share", "_percent", "f_score")
 _ANY_SIGN = ("_db", "_ssim")
@@ -230,11 +233,22 @@ def of_all_starts(results: Sequence[Result]) -> tuple[list[Result], int]:
     starts: dict[str, set[tuple[str, int]]] = {}
     for result in results:
         starts.setdefault(result.variant, set()).add((result.job["scene_name"], result.job["start"]))
-    least = LEAST_STARTS * len(set().union(*starts.values()))
-    drawn = {name for name, own in starts.items() if len(own) >= least}
+    count = len(set().union(*starts.values()))
+    drawn = {name for name, own in starts.items() if count - len(own) <= max(1.0, MOST_MISSING * count)}
     # Where none ran everywhere, all are drawn.
     drawn = drawn or set(starts)
     return [result for result in results if result.variant in drawn], len(starts) - len(drawn)
+
+
+def split_settings(text: str) -> tuple[list[str], list[str]]:
+    """Settings of the robot's body and sensors, such as its encoders' noise, and the others.
+
+    Args:
+        text: Settings as one text, as in the results table; values may hold spaces.
+    """
+    settings = [setting for setting in re.split(r" (?=[\w.]+=)", text) if setting]
+    robot = [setting for setting in settings if setting.startswith(OF_THE_ROBOT)]
+    return robot, [setting for setting in settings if setting not in robot]
 
 
 def variant(row: Mapping[str, Any]) -> str:

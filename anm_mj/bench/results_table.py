@@ -42,7 +42,8 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             "observable_ratio_auc": result.area_under_curve(OBSERVABLE),
             "completion_ratio_auc": result.area_under_curve(COMPLETION),
         }
-        for level in LEVELS:
+        # Where the observable part is unknown, so is when it was covered.
+        for level in LEVELS if np.isfinite(row["observable_ratio_auc"]) else ():
             steps = result.steps_to(level)
             row[f"steps_to_{level}"] = steps
             row[f"restricted_steps_to_{level}"] = restricted = restricted_steps(steps, result.budget)

@@ -40,7 +40,7 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
         OSError: A file cannot be written.
         RunFolderError: The log of a run is damaged.
     """
-    results, _ = of_all_starts(results)
+    results, left_out = of_all_starts(results)
     area = scene_area(scene, DEFAULT_FOOTPRINT)
     shade = np.where(area.component == 1, FLOOR, np.where(area.clearance_m > 0.0, UNREACHED, WALL))
     low = area.grid.origin_xy_m
@@ -60,6 +60,7 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
         )
         axes.plot(*xy_m[0], "o", ms=6, mfc="white", mec=style(k)["color"], zorder=4)
     axes.set(xlabel="x [m]", ylabel="y [m]")
-    axes.set_title(f"{plain(scene.name)}: the run of median AUC of each policy (ring: its start)", fontsize=9)
+    fewer = f"\nleft out for having fewer starts: {left_out}" if left_out else ""
+    axes.set_title(f"{plain(scene.name)}: the run of median AUC of each policy (ring: its start){fewer}", fontsize=9)
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return save_figure(figure, path, kinds)

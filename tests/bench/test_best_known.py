@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.bench.best_known import best_known, situation
 from anm_mj.bench.report import markdown
-from anm_mj.bench.result import Result
+from anm_mj.bench.result import Result, split_settings
 from anm_mj.bench.results_table import tidy_rows
 from anm_mj.bench.worker import BOUND
 
@@ -90,20 +90,63 @@ def test_means_are_over_the_runs_that_all_rows_have():
     starts = [(scene, start) for scene in ("a", "b") for start in (0, 1)]
     runs = [result("gvg", RISE[: 6 + 4 * start], scene_name=scene, start=start) for scene, start in starts]
     runs += [result("gvg", RISE[:3], scene_name=scene, settings=["a=1"]) for scene in ("a", "b")]
+    runs += [result("anm-s", RISE[:7], scene_name=scene, start=start) for scene, start in starts]
     runs[0].metrics["stop_reason"], runs[1].metrics["stop_reason"] = "COMPLETE", "STUCK"
     rows = tidy_rows(runs)
     _, whole, first = markdown(rows, "x").split("\n## ")[:3]
-    assert whole.startswith("Mean over 2 scenes, 4 runs each\n")
-    assert first.startswith("Mean over 2 scenes, 2 runs each\n")
+    assert whole.startswith("Mean over 2 scenes, 4 runs of each policy\n")
+    assert first.startswith("Mean over 2 scenes, 2 runs of each policy\n")
     auc = [row["observable_ratio_auc"] for row in rows]
     assert f"| gvg | {np.mean(auc[:4]):.1f} |" in whole
     assert "a=1" not in whole
     assert f"| gvg | {auc[0]:.1f} |" in first
     assert f"| gvg (a=1) | {auc[4]:.1f} |" in first
-    assert whole.rstrip().endswith("| COMPLETE 1, STUCK 1 |")
+    assert "| COMPLETE 1, STUCK 1 |" in whole
     # RISE reaches 90 % at its sixth row; with the first three it does not.
     reached = whole.splitlines()[4].split("|").index(" runs that reach 90 % [%] ")
-    assert [line.split("|")[reached].strip() for line in first.splitlines()[6:8]] == ["100", "0"]
+    assert [line.split("|")[reached].strip() for line in first.splitlines()[6:9]] == ["100", "0", "100"]
+
+
+def test_a_failed_run_takes_no_policy_out_of_the_means():
+    starts = [(scene, start) for scene in ("a", "b", "c", "d") for start in range(3)]
+    failed = {"gvg": ("a", 0), "anm-s": ("b", 1)}
+    policies = ("gvg", "anm-s", "frontier")
+    runs = [
+        result(name, RISE, scene_name=scene, start=start)
+        for name in policies
+        for scene, start in starts
+        if failed.get(name) != (scene, start)
+    ]
+    runs += [result("upen", RISE, scene_name=scene, start=2) for scene in ("c", "d")]
+    _, first, second = markdown(tidy_rows(runs), "x").split("\n## ")[:3]
+    assert first.startswith("Mean over 4 scenes, 10 runs of each policy")
+    assert second.startswith("Mean over 2 scenes, 2 runs of each policy")
+    for text, names in ((first, policies), (second, (*policies, "upen"))):
+        rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| ")]
+        assert rows == ["policy", *names]
+
+
+def test_runs_of_several_budgets_have_no_common_mean():
+    runs = [result("gvg", RISE[:k], scene_name=scene, steps=10 * k) for scene in ("a", "b") for k in (5, 10)]
+    runs += [result("anm-s", RISE, scene_name=scene) for scene in ("a", "b")]
+    text = markdown(tidy_rows(runs), "x").split("\n## ")[1]
+    assert "| gvg | 76" not in text.replace(f"{tidy_rows(runs)[1]['observable_ratio_auc']:.1f}", "own")
+
+
+def test_what_is_unknown_is_not_a_failure():
+    runs = [result(name, [np.nan] * 3, scene_name=scene) for name in ("gvg", "anm-s") for scene in ("a", "b")]
+    text = markdown(tidy_rows(runs), "x")
+    assert "90 %" not in text.partition("\n## ")[2]
+
+
+def test_settings_of_the_body_are_a_situation_of_their_own():
+    blind = result("gvg", RISE, settings=["sensor.max_range_m=3.0"])
+    other = result("gvg", RISE, settings=["policy.tour_depth=6"])
+    assert situation(blind) != situation(result("gvg", RISE)) == situation(other)
+    assert split_settings("motion.fault=left-wheel sensor.odometry_alpha=(0.1, 0.2) policy.a=1") == (
+        ["motion.fault=left-wheel", "sensor.odometry_alpha=(0.1, 0.2)"],
+        ["policy.a=1"],
+    )
 
 
 def test_only_policies_as_they_come_are_tested():
