@@ -22,13 +22,14 @@ from anm_mj.bench.statistics import (
 )
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 
+REACHED = "reached_90"
 MEANS = (
     ("observable_ratio_auc", "AUC, observable [%]", 1),
     ("share_of_best_auc", "AUC as a share of the best known [%]", 1),
     ("observable_ratio", "final ratio, observable [%]", 1),
     ("completion_ratio", "final ratio, all surface [%]", 1),
     ("completion_cm", "final completion, each distance at most 1 m [cm]", 1),
-    ("reached_90", "runs that reach 90 % [%]", 0),
+    (REACHED, "runs that reach 90 % [%]", 0),
     ("restricted_steps_to_90", "steps to 90 %, at most the budget", 0),
     ("path_m_to_90", "path to 90 % [m], at most what the budget allows", 0),
     ("times_fewest_90", "times the fewest steps known to 90 %, at least", 2),
@@ -93,7 +94,7 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, num_jobs: int | None 
     rows = [
         {
             **row,
-            "reached_90": _reached(row.get("steps_to_90")),
+            REACHED: _reached(row.get("steps_to_90")),
             ROBOT_SETTINGS: " ".join(split_settings(row["settings"])[0]),
         }
         for row in rows
@@ -368,17 +369,19 @@ def _table(groups: Sequence[tuple[str, Sequence[dict[str, Any]]]]) -> str:
     lines = [_line(["policy", *(heading for _, heading, _ in used)]), "|---|" + "---:|" * len(used)]
     for name, rows in groups:
         if rows:
-            cells = [_cell(_numbers(rows, column), len(rows), decimals) for column, _, decimals in used]
+            cells = [
+                _cell(_numbers(rows, column), len(rows), decimals, column != REACHED) for column, _, decimals in used
+            ]
             lines.append(_line([name, *cells]))
     return "\n".join(lines)
 
 
-def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int) -> str:
-    """Mean and deviation over the runs of a scene that have a number."""
+def _cell(values: Float[np.ndarray, " n"], num_runs: int, decimals: int, spread: bool) -> str:
+    """Mean, and deviation if asked for, over the runs of a scene that have a number."""
     if len(values) == 0:
         return "–"
     text = f"{values.mean():.{decimals}f}"
-    if len(values) > 1:
+    if spread and len(values) > 1:
         text += f" ± {values.std(ddof=1):.{decimals}f}"
     return text if len(values) == num_runs else f"{text} ({len(values)}/{num_runs})"
 
