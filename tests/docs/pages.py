@@ -16,7 +16,7 @@ PAGES = [
 ]
 
 COMMAND = re.compile(r"(anm-mj|python|make|pytest|pip|apt|source|export) \S")
-SETTING = re.compile(r"(?<![\w.])([a-z]\w*(?:\.[a-z]\w*)+|image_px)=([\w()+,./-]+)")
+SETTING = re.compile(r"(?<![\w.])([a-z]\w*(?:\.[a-z]\w*)+|image_px)=((?:\([\w+,./-]*\)|[\w+,./-])+)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 FILE = re.compile(r"(?<![\w/.-])((?:anm_mj|docs|models|native|scenes|scripts|tests)/[\w./-]*\w/?)")
