@@ -62,18 +62,20 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
             axes.plot(steps, np.stack([low, high], axis=1), ls=line, lw=0.6, color=colour, alpha=0.6)
     axes.set(xlabel="step", ylabel=label, xlim=(0.0, budget), ylim=(0.0, 100.0))
     by = results[0].budget_by
-    fewer = f"\nleft out for having fewer starts: {left_out}" if left_out else ""
-    axes.set_title(plain(_title(scene, counts)) + (f"; budget by {by}" if by else "") + fewer)
+    title = [scene + (f", budget by {by}" if by else ""), _lines_and_bands(counts)]
+    if left_out:
+        title.append(f"left out for having fewer starts: {left_out}")
+    axes.set_title(plain("\n".join(title)), fontsize=9)
     axes.grid(alpha=0.3)
     # Beside the curves: ten names with settings would hide half of the picture.
     figure.legend(loc="outside right upper", frameon=False, handlelength=3.5)
     return save_figure(figure, path, kinds)
 
 
-def _title(scene: str, counts: set[int]) -> str:
-    """Scene, and what lines and bands are."""
+def _lines_and_bands(counts: set[int]) -> str:
+    """What they are, of variants with so many runs."""
     low, high = min(counts), max(counts)
     if high == 1:
-        return f"{scene}, one run each"
+        return "one run each"
     runs = f"{high} runs" if low == high else f"{low} to {high} runs"
-    return f"{scene}, mean of {runs}, band: one standard deviation"
+    return f"mean of {runs}, band: one standard deviation"
