@@ -44,10 +44,11 @@ def clear_edges(
     start = (start_xy_m - topdown.origin_xy_m) / resolution
     along = (end_xy_m - start_xy_m) / resolution
     half = np.hypot(along[:, 0], along[:, 1]) / 2.0
-    x, y = (start + along / 2.0).T
-    dx, dy = (along / 4.0).T
+    middle = (start + along / 2.0).T
+    step = (along / 4.0).T
     which: Int[np.ndarray, " p"] = np.arange(len(start))
     while len(which):
+        x, y = middle
         inside = (x >= 0.0) & (x < cols) & (y >= 0.0) & (y < rows)
         cell = np.where(inside, y, 0.0).astype(np.int64) * cols + np.where(inside, x, 0.0).astype(np.int64)
         here = np.where(inside, clearance[cell], -np.inf)
@@ -55,8 +56,8 @@ def clear_edges(
         # The middle and the nearest point of the obstacle may each lie anywhere in its cell.
         open_ = here >= least_m + (half + math.sqrt(2.0)) * resolution
         split = np.flatnonzero(~open_ & (half > LEAF_CELLS) & clear[which])
-        which, half, x, y, dx, dy = (values[split] for values in (which, half, x, y, dx, dy))
-        x, y = np.concatenate([x - dx, x + dx]), np.concatenate([y - dy, y + dy])
-        which, half = np.tile(which, 2), np.tile(half / 2.0, 2)
-        dx, dy = np.tile(dx / 2.0, 2), np.tile(dy / 2.0, 2)
+        middle, step = middle[:, split], step[:, split]
+        middle = np.concatenate([middle - step, middle + step], axis=1)
+        step = np.tile(step / 2.0, 2)
+        which, half = np.tile(which[split], 2), np.tile(half[split] / 2.0, 2)
     return clear
