@@ -1,12 +1,13 @@
-"""Puts the tables and pictures of a finished comparison onto its page of the documentation.
+"""Puts the tables, pictures and rows of a finished comparison onto its page of the documentation.
 
     python scripts/publish_benchmark.py bench/test
 
-writes docs/benchmarks/test.md and the pictures beside it, in docs/benchmarks/test/, with few colours so that they stay
-small. Of a page that is there only what stands between its marks is replaced.
+writes docs/benchmarks/test.md and, in docs/benchmarks/test/, results.csv as it is and the pictures with few colours so
+that they stay small. Of a page that is there only what stands between its marks is replaced.
 """
 
 import re
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -57,7 +58,9 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES)
         raise AnmError(f"{page} holds no marks {BEGIN} and {END}; put them where the results belong.")
     try:
         lines = _with_pictures(table.splitlines(), comparison, pages / name)
-        write_text(page, f"{before}{BEGIN}\n" + "\n".join(lines) + f"\n{END}{after}")
+        shutil.copyfile(comparison / "results.csv", pages / name / "results.csv")
+        rows = f"A row for every run and budget: [results.csv]({name}/results.csv)."
+        write_text(page, f"{before}{BEGIN}\n{rows}\n\n" + "\n".join(lines) + f"\n{END}{after}")
     except (OSError, ValueError) as err:
         raise AnmError(f"The results cannot be published ({err}); make them again, or give other --pages.") from err
 

@@ -5,7 +5,7 @@ from anm_mj.errors import AnmError
 from scripts.publish_benchmark import BEGIN, END, main
 
 
-def test_tables_and_pictures_take_the_place_of_the_former_ones(tmp_path):
+def test_tables_pictures_and_rows_take_the_place_of_the_former_ones(tmp_path):
     file = tmp_path / "small.toml"
     file.write_text('scenes = ["home"]\npolicies = ["random", "gvg"]\nstarts = 1\nseeds = [0]\nsteps = 300\n')
     run_bench(file, tmp_path / "small", num_workers=2, function="tests.bench.fake:quick")
@@ -23,7 +23,9 @@ def test_tables_and_pictures_take_the_place_of_the_former_ones(tmp_path):
     assert "former" not in text
     assert (tmp_path / "small" / "table.md").read_text().splitlines()[2] in text
     shown = {line.partition("](")[2][:-1] for line in text.splitlines() if line.startswith("![")}
-    assert shown == {f"small/{path.name}" for path in (pages / "small").iterdir()}
+    assert shown == {f"small/{path.name}" for path in (pages / "small").glob("*.png")}
+    assert "[results.csv](small/results.csv)" in text
+    assert (pages / "small" / "results.csv").read_bytes() == (tmp_path / "small" / "results.csv").read_bytes()
     assert {"small/curves_home.png", "small/scene_home.png"} <= shown
 
 
