@@ -7,7 +7,6 @@ that they stay small. Of a page that is there only what stands between its marks
 """
 
 import re
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -46,7 +45,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES)
     name = comparison.resolve().name
     page = pages / f"{name}.md"
     try:
-        table = read_text(comparison / "table.md")
+        table, rows = (read_text(comparison / file) for file in ("table.md", "results.csv"))
         text = read_text(page) if page.exists() else f"# Suite {name}\n\n{BEGIN}\n{END}\n"
     except (OSError, ValueError) as err:
         raise AnmError(f"The tables cannot be published ({err}); give a folder of anm-mj bench.") from err
@@ -58,9 +57,9 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], pages: Path = PAGES)
         raise AnmError(f"{page} holds no marks {BEGIN} and {END}; put them where the results belong.")
     try:
         lines = _with_pictures(table.splitlines(), comparison, pages / name)
-        shutil.copyfile(comparison / "results.csv", pages / name / "results.csv")
-        rows = f"A row for every run and budget: [results.csv]({name}/results.csv)."
-        write_text(page, f"{before}{BEGIN}\n{rows}\n\n" + "\n".join(lines) + f"\n{END}{after}")
+        write_text(pages / name / "results.csv", rows)
+        link = f"A row for every run and budget: [results.csv]({name}/results.csv)."
+        write_text(page, f"{before}{BEGIN}\n{link}\n\n" + "\n".join(lines) + f"\n{END}{after}")
     except (OSError, ValueError) as err:
         raise AnmError(f"The results cannot be published ({err}); make them again, or give other --pages.") from err
 

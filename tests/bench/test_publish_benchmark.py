@@ -29,10 +29,14 @@ def test_tables_pictures_and_rows_take_the_place_of_the_former_ones(tmp_path):
     assert {"small/curves_home.png", "small/scene_home.png"} <= shown
 
 
-def test_a_folder_without_tables_and_a_page_without_marks_are_refused(tmp_path):
+def test_a_folder_without_tables_or_rows_and_a_page_without_marks_are_refused(tmp_path):
     with pytest.raises(AnmError, match=r"cannot be published .*table\.md"):
         main(tmp_path, tmp_path / "docs")
     (tmp_path / "table.md").write_text("")
+    with pytest.raises(AnmError, match=r"cannot be published .*results\.csv"):
+        main(tmp_path, tmp_path / "docs")
+    assert not (tmp_path / "docs").exists()
+    (tmp_path / "results.csv").write_text("")
     (tmp_path / f"{tmp_path.name}.md").write_text("no marks")
     with pytest.raises(AnmError, match="holds no marks"):
         main(tmp_path, tmp_path)
