@@ -20,7 +20,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
     """Draw the completion ratio against steps: the mean over a variant's runs, with a band of one deviation.
 
     The ratio of the observable surface, where all runs know it. A run that ends early keeps its last value. Variants
-    of fewer starts than others are left out.
+    of fewer runs than others are left out.
 
     Args:
         path: The file; its ending is replaced by each kind.
@@ -64,7 +64,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
     by = results[0].budget_by
     title = [scene + (f", budget by {by}" if by else ""), _lines_and_bands(counts)]
     if left_out:
-        title.append(f"left out for having fewer starts: {left_out}")
+        title.append(f"left out for having fewer runs: {left_out}")
     axes.set_title(plain("\n".join(title)), fontsize=9)
     axes.grid(alpha=0.3)
     # Beside the curves: ten names with settings would hide half of the picture.

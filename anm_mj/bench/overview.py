@@ -56,7 +56,7 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
         share = np.concatenate([np.arange(len(factors) + 1), [len(factors)]]) / len(runs)
         right.step(at, 100.0 * share, where="post", lw=1.5, markevery=0.2, ms=5, mec="white", mew=0.6, **style(k))
     scenes = len({result.job["scene_name"] for result in results})
-    left_out = f"; left out for having fewer starts: {count}" if count else ""
+    left_out = f"; left out for having fewer runs: {count}" if count else ""
     band = "band: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
     left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100), ylim=(0, 100))
     left.set_title(f"mean over {scenes} scene{'s' * (scenes > 1)}{left_out}\n{band}", fontsize=9)

@@ -60,7 +60,7 @@ def draw_scene(path: Path, scene: Scene, results: Sequence[Result], kinds: Seque
         )
         axes.plot(*xy_m[0], "o", ms=6, mfc="white", mec=style(k)["color"], zorder=4)
     axes.set(xlabel="x [m]", ylabel="y [m]")
-    fewer = f"\nleft out for having fewer starts: {left_out}" if left_out else ""
+    fewer = f"\nleft out for having fewer runs: {left_out}" if left_out else ""
     axes.set_title(f"{plain(scene.name)}: the run of median AUC of each policy (ring: its start){fewer}", fontsize=9)
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return save_figure(figure, path, kinds)
