@@ -76,8 +76,8 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
     print(f"\nOf {len(both)} runs, {policy} has the higher final ratio in {ahead[0]}, the larger area in {ahead[1]}.")
     if len(known):
         print(f"Steps to 90 % of the other's final: {100 * known.mean():.0f} % on average over {len(known)} runs.")
-    half, most = np.percentile(took_ms or [np.nan], [50, 99])
-    print(f"{len(took_ms)} decisions of {policy}: median {half:.1f} ms, 99th percentile {most:.1f} ms.")
+    half, many, most = np.percentile(took_ms or [np.nan], [50, 90, 99])
+    print(f"{len(took_ms)} decisions of {policy}: median, 90th, 99th percentile {half:.1f}, {many:.1f}, {most:.1f} ms.")
 
 
 class _Decision(Struct):

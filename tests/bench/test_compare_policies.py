@@ -22,7 +22,7 @@ def test_two_policies_are_compared_run_by_run(comparison, capsys):
     assert [line.split("|")[1:3] for line in lines[4:6]] == [[" home, 300 ", " 0, 0 "], [" home, 300 ", " 1, 0 "]]
     assert lines[-3].startswith("Of 2 runs, gvg has the higher final ratio in ")
     assert lines[-2].endswith("on average over 2 runs.")
-    assert lines[-1] == "2 decisions of gvg: median 12.0 ms, 99th percentile 12.0 ms."
+    assert lines[-1] == "2 decisions of gvg: median, 90th, 99th percentile 12.0, 12.0, 12.0 ms."
 
 
 def test_policies_without_common_runs_are_refused(comparison):
