@@ -18,14 +18,15 @@ from typing import Any
 
 from anm_mj.checkpoint.config import CheckpointConfig
 from anm_mj.errors import AnmError
-from anm_mj.io.record_config import RecordConfig
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
+from anm_mj.recording.config import RecordConfig
 from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.presets import preset_config
+from anm_mj.sim.config import DRIVES, POSES
 from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.config import SensorConfig
 from anm_mj.sim.sensors.presets import sensor_config
@@ -34,8 +35,6 @@ from anm_mj.utils.settings import of_type
 
 _logger = logging.getLogger(__name__)
 
-DRIVES = ("kinematic", "physics")
-POSES = ("true", "odometry")
 DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
@@ -61,8 +60,6 @@ OPTIONS = (
 _OPTION_OF = {"continue_from": "continue", "return_to_start": "return"}
 """Options that have another name than their field."""
 _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
-SMALL_SCENE_ROOMS = 5
-"""Scenes up to this many rooms get 1000 steps, larger ones 2000, from 20 rooms on 10,000 (the paper's budgets)."""
 
 
 class ConfigError(AnmError):
@@ -223,13 +220,6 @@ def _of_type(owner: type, field: str, value: Any, name: str) -> Any:
         return of_type(owner, field, value)
     except ValueError as err:
         raise ConfigError(f"config.json cannot be used: {name}: {err}; copy the run again.") from err
-
-
-def default_steps(rooms: int | None) -> int:
-    """The paper's budget for a scene of this many rooms [steps]."""
-    if rooms is None or rooms <= SMALL_SCENE_ROOMS:
-        return 1000
-    return 2000 if rooms < 20 else 10_000
 
 
 def _default_config(preset: str, **options: Any) -> RunConfig:

@@ -16,7 +16,7 @@ from anm_mj.control.follow import Follower
 from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import Anticipates, Mapper, Policy, Recorder, Robot, Viewer
-from anm_mj.sensor_monitor import SensorMonitor
+from anm_mj.sensing.sensor_monitor import SensorMonitor
 from anm_mj.types import Action, MapUpdate, Observation, Plan, Pose2, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 

@@ -13,7 +13,7 @@ from jaxtyping import Float32
 from anm_mj.config import RunConfig
 from anm_mj.errors import MapError, RunFolderError
 from anm_mj.evaluation.covered_before import covered_before
-from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.explored_file import Explored, read_explored
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.keyframes import Keyframes

@@ -15,7 +15,6 @@ from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.run_log import RunLog
 from anm_mj.io.sequence import Sequence
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
@@ -24,6 +23,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Policy
+from anm_mj.recording.run_log import RunLog
 from anm_mj.types import Footprint, Observation, Plan
 from anm_mj.utils.files import atomic_write
 

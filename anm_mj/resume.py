@@ -26,12 +26,12 @@ from anm_mj.evaluation.metrics import Metrics
 from anm_mj.explore import LoopState, Outcome, StepReport
 from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.read_run import read_json
-from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder, refuse_links
 from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.guarded_policy import describe_error
-from anm_mj.planning.policies.registry import POLICIES
+from anm_mj.planning.policies.registry import policies
 from anm_mj.protocols import Viewer
+from anm_mj.recording.recorder import RunRecorder
 from anm_mj.run import Parts, Watched, checkpoint_roots, make_parts, run_loop, saying_how_to_go_on, true_view
 from anm_mj.types import StopReason
 from anm_mj.utils.read_file import convert
@@ -157,7 +157,7 @@ def _config(folder: RunFolder, policy: str | None) -> RunConfig:
         )
     if policy is not None and policy != named:
         raise CheckpointError(f"--policy is '{policy}', but the run's policy is '{named}'; leave --policy out.")
-    if named not in POLICIES and policy is None:
+    if named not in policies() and policy is None:
         raise CheckpointError(
             f"The run's policy '{named}' is code outside of this program, and a run folder may come from anybody; if "
             f"you trust it, add --policy {named}."

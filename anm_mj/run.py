@@ -15,16 +15,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from anm_mj.checkpoint.classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
-from anm_mj.config import RunConfig, default_steps
+from anm_mj.config import RunConfig
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.ground_truth_cache import cached_ground_truth, reachable_area
 from anm_mj.evaluation.metrics import Metrics
-from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.explore import LoopState, Outcome, StepReport, explore
 from anm_mj.former_run import Former
+from anm_mj.ground_truth.cache import cached_ground_truth, reachable_area
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.io.manifest import RunFacts, manifest
-from anm_mj.io.recorder import Before, RunRecorder, WayBack
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import to_json
 from anm_mj.planning.policies.context import PolicyContext
@@ -34,6 +33,8 @@ from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_c
 from anm_mj.planning.policies.returning import Returning
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
+from anm_mj.recording.recorder import Before, RunRecorder, WayBack
+from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import Pose2, StopReason, TrueView

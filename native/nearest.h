@@ -1,4 +1,4 @@
-// Distances of places to the nearest of many points, as anm_mj/evaluation/nearest.py has it, to the last bit: the same
+// Distances of places to the nearest of many points, as anm_mj/ground_truth/nearest.py has it, to the last bit: the same
 // products and sums as a search of all points, so compile without fused ones.
 #pragma once
 

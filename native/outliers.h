@@ -1,4 +1,4 @@
-// Pixels of a depth image that no pixel beside them agrees with, as anm_mj/depth_outliers.py finds them, to the last bit:
+// Pixels of a depth image that no pixel beside them agrees with, as anm_mj/sensing/outliers.py finds them, to the last bit:
 // compile without fused products.
 #pragma once
 

@@ -15,7 +15,7 @@ struct Point {
     double x, y;
 };
 
-// Where the robot can be, cell by cell; see ReachableArea in anm_mj/evaluation/observable.py.
+// Where the robot can be, cell by cell; see ReachableArea in anm_mj/ground_truth/observable.py.
 struct ClearanceGrid {
     const double* clearance;      // distance to the edge of the area [m]
     const std::int32_t* nearest;  // the place nearest to each cell

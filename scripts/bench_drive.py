@@ -23,9 +23,9 @@ import tyro
 
 from anm_mj.control.motion import action_motion
 from anm_mj.evaluation.completion_curve import CompletionCurve
-from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.ground_truth.ground_truth import GroundTruth
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.io.read_run import read_run
 from anm_mj.io.to_json import write_json
 from anm_mj.scene.folder import Scene, load_scene
@@ -144,10 +144,10 @@ def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure
     """CPU time per action of the kinematic drive in a scene with many triangles."""
     cpu_ms, moves = [], 0
     with make_robot(world, image_px=16) as robot:
-        from anm_mj.control.kinematic_drive import KinematicDrive
         from anm_mj.geometry.clearance import Clearance
         from anm_mj.robot.description import describe_robot
         from anm_mj.robot.presets import robot_path
+        from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 
         mesh = trimesh.Trimesh(*world.triangles(), process=False)
         while len(mesh.faces) < triangles:

@@ -28,10 +28,10 @@ import torch
 import tyro
 from jaxtyping import Float
 
-from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.evaluation.rerender import explored_scene, observations_of
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.frames import pixel_directions
+from anm_mj.ground_truth.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.io.read_run import read_run
 from anm_mj.mapping.config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap

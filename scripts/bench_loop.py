@@ -138,7 +138,6 @@ def watched(watch: Watch) -> None:
 
     import anm_mj.run
     from anm_mj.evaluation.completion_curve import CompletionCurve
-    from anm_mj.io.recorder import RunRecorder
     from anm_mj.mapping.backends.native_backend import NativeBackend
     from anm_mj.mapping.field_geometry import FieldGeometry
     from anm_mj.mapping.keyframes import KeyframeStore
@@ -146,7 +145,8 @@ def watched(watch: Watch) -> None:
     from anm_mj.planning.policies.gvg.policy import Gvg
     from anm_mj.planning.stages import Stages
     from anm_mj.planning.topdown import TopDownMapper
-    from anm_mj.sensor_monitor import SensorMonitor
+    from anm_mj.recording.recorder import RunRecorder
+    from anm_mj.sensing.sensor_monitor import SensorMonitor
     from anm_mj.sim.robot import SimRobot
 
     for name in ("observe", "anticipate"):
@@ -171,10 +171,10 @@ def watched(watch: Watch) -> None:
 
 def watched_around(watch: Watch) -> None:
     """Put another watch on the parts of a run."""
-    import anm_mj.io.recorder
+    import anm_mj.recording.recorder
     import anm_mj.run
-    from anm_mj.io.recorder import RunRecorder
     from anm_mj.mapping.neural_map import NeuralMap
+    from anm_mj.recording.recorder import RunRecorder
 
     watch.over(anm_mj.run, "run_loop", "other")
     watch.over(anm_mj.run, "explore", "explore")
@@ -184,9 +184,9 @@ def watched_around(watch: Watch) -> None:
     watch.over(RunRecorder, "flush", "waiting")
     watch.over(NeuralMap, "save", "map file")
     watch.over(NeuralMap, "mesh", "mesh")
-    watch.over(anm_mj.io.recorder, "write_mesh", "mesh")
-    watch.over(anm_mj.io.recorder, "without_cap_cm", "completion")
-    watch.over(anm_mj.io.recorder, "quality_of_mesh", "mesh quality")
+    watch.over(anm_mj.recording.recorder, "write_mesh", "mesh")
+    watch.over(anm_mj.recording.recorder, "without_cap_cm", "completion")
+    watch.over(anm_mj.recording.recorder, "quality_of_mesh", "mesh quality")
     watch.over(RunRecorder, "_draw", "pictures")
     watch.over(anm_mj.run, "run", "set up")
 

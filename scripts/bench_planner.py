@@ -25,10 +25,10 @@ from jaxtyping import Float, Float32
 
 from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CompletionCurve
-from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
-from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.explore import Outcome, explore
+from anm_mj.ground_truth.cache import cached_ground_truth
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid

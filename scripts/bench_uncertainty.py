@@ -23,8 +23,8 @@ import tyro
 from jaxtyping import Float
 from scipy.stats import rankdata
 
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.surface_distance import surface_distance
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.last_layer import PRIOR_OBSERVATIONS, last_layer_variance, leverage, observation_density
 from anm_mj.mapping.neural_map import NeuralMap

@@ -4,9 +4,10 @@
     python scripts/compare_behaviour.py record runs/before --program ../before/.venv/bin/anm-mj
     python scripts/compare_behaviour.py compare runs/before runs/after
 
-Twelve runs: three scenes, four policies, both drives. Steps, decisions (but for their wording), curve, trajectory and
-mesh are compared byte for byte; metrics without times and memory. Keys that were renamed are compared under their
-present name. A difference ends with status 1.
+Seventeen runs: three scenes, four policies, both drives; a noisy camera, odometry, a run that was interrupted and
+resumed, one that continues it, and its images mapped as a recorded sequence. Steps, decisions (but for their wording),
+curve, trajectory and mesh are compared byte for byte; metrics without times and memory. Keys that were renamed are
+compared under their present name. A difference ends with status 1.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,17 +52,47 @@ def record(
         only: names of the runs to make, such as ``home-gvg-physics``; all by default.
         settings: settings of every run, such as ``planning.geometry=occupancy``.
     """
+    command = str(program or Path(sys.executable).with_name("anm-mj"))
+    set_all = [text for setting in settings for text in ("--set", setting)]
+    for name, arguments in jobs(out).items():
+        if only and name not in only:
+            continue
+        options = ["--out", str(out / name), *set_all]
+        if arguments[0] == "explore":
+            options += ["--steps", str(steps)]
+        interrupted = name.startswith("resumed")
+        _make([command, *arguments, *options], out / name if interrupted else None, steps // 2)
+        if interrupted:
+            _make([command, "explore", "--resume", str(out / name)])
+        print(name)
+
+
+def jobs(out: Path) -> dict[str, list[str]]:
+    """The arguments of every run by its name; the last ones go on from earlier ones in ``out``."""
+    found = {}
     for k, (scene, policy) in enumerate(itertools.product(SCENES, POLICIES)):
         # Shifted by one from scene to scene, so that every policy meets both drives.
         drive = DRIVES[(k // len(POLICIES) + k) % 2]
-        folder = out / f"{scene}-{policy}-{drive}"
-        if only and folder.name not in only:
-            continue
-        options = ["--policy", policy, "--drive", drive, "--steps", str(steps), "--out", str(folder)]
-        options += [text for setting in settings for text in ("--set", setting)]
-        explore = [program or Path(sys.executable).with_name("anm-mj"), "explore", scene, *options]
-        subprocess.run(explore, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        print(folder.name)
+        found[f"{scene}-{policy}-{drive}"] = ["explore", scene, "--policy", policy, "--drive", drive]
+    found["home-d435i"] = ["explore", "home", "--sensor", "d435i"]
+    found["home-odometry"] = ["explore", "home", "--pose", "odometry", "--set", "model.wheel_noise=0.02"]
+    found["resumed-home"] = ["explore", "home", "--set", "record.images=full"]
+    found["continued-home"] = ["explore", "home", "--continue", str(out / "resumed-home")]
+    found["mapped-home"] = ["map", str(out / "resumed-home"), "--shadow"]
+    return found
+
+
+def _make(command: list[str], interrupt: Path | None = None, after_steps: int = 0) -> None:
+    """Make a run, or interrupt it when its folder holds so many steps."""
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+        while interrupt is not None and running.poll() is None:
+            log = interrupt / "steps.jsonl"
+            if log.is_file() and len(log.read_bytes().splitlines()) >= after_steps:
+                running.send_signal(signal.SIGINT)
+                break
+            time.sleep(0.02)
+        if running.wait() != 0:
+            raise SystemExit(f"{' '.join(command)} ended with status {running.returncode}")
 
 
 def compare(before: Annotated[Path, tyro.conf.Positional], after: Annotated[Path, tyro.conf.Positional]) -> None:
@@ -85,6 +118,8 @@ def differences(before: Path, after: Path) -> list[str]:
         ("trajectory.tum", lambda path: path.read_text().splitlines()),
         ("mesh.ply", lambda path: [path.read_bytes()]),
     ):
+        if not (before / file).is_file() and not (after / file).is_file():
+            continue
         a, b = read(before / file), read(after / file)
         if a != b:
             at = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))

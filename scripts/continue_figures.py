@@ -19,8 +19,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 import anm_mj
-from anm_mj.evaluation.completion import COVERED_M, Coverage
-from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.evaluation.completion import Coverage
+from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.planning.policies.frontier.policy import Frontier
 from anm_mj.scene.generation.scene import generate_scene

@@ -16,8 +16,8 @@ import tyro
 from anm_mj.config import make_config
 from anm_mj.control.pursuit import Pursuit
 from anm_mj.evaluation.completion_curve import CompletionCurve
-from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.ground_truth.ground_truth import GroundTruth
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy

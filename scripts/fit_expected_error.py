@@ -16,8 +16,8 @@ from bench_uncertainty import surface
 from jaxtyping import Float
 from scipy.optimize import curve_fit
 
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.surface_distance import surface_distance
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.last_layer import last_layer_variance
 from anm_mj.mapping.neural_map import NeuralMap

@@ -24,7 +24,7 @@ from anm_mj.environments.config import ExploreConfig
 from anm_mj.evaluation.metrics import Metrics, RunSummary
 from anm_mj.planning.paths import ShortestPathTree
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.registry import POLICIES, policy_class
+from anm_mj.planning.policies.registry import policies, policy_class
 from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.types import (
@@ -125,7 +125,7 @@ def reference() -> str:
     parts.append(_section("Run", "Fields of a run that have options of their own.", _rows(config, "", nested=False)))
     parts += [_section(f"`{group}.*`", "", _rows(getattr(config, group), f"{group}.")) for group in groups]
     known: dict[type, list[str]] = {}
-    for name in POLICIES:
+    for name in policies():
         known.setdefault(getattr(policy_class(name), "Config", object), []).append(name)
     for settings, names in known.items():
         if is_dataclass(settings):

@@ -28,12 +28,12 @@ from jaxtyping import Float
 from rich.console import Console
 from rich.table import Table
 
-from anm_mj.evaluation.completion import COVERED_M, Coverage
-from anm_mj.evaluation.depth import MAX_DEPTH_M, back_project_reduced
-from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.rerender import explored_scene, observations_of
 from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.frames import back_project
+from anm_mj.ground_truth.ground_truth import COVERED_M, NUM_SAMPLES, GroundTruth, sample_triangles
+from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M, back_project_reduced
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.mapping.neural_map import NeuralMap

@@ -157,7 +157,7 @@ compile_packages() {
 
 # Says which engine trains maps. The package installs without the native one too, and silently.
 report_engine() {
-    if "$python" -c 'import anm_mj.mapping.backends._native' 2>>"$log"; then
+    if "$python" -c 'import anm_mj._native' 2>>"$log"; then
         say "maps are trained by the native engine"
         return
     fi

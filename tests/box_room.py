@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.frames import move_pose, pixel_directions
-from anm_mj.io.recorder import RunRecorder
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.recording.recorder import RunRecorder
 from anm_mj.types import (
     FREE,
     OCCUPIED,

@@ -6,7 +6,7 @@ import pytest
 
 from anm_mj.config import OPTIONS, ConfigError, RunConfig, make_config, read_config
 from anm_mj.errors import AnmError, PlanError
-from anm_mj.planning.policies.registry import POLICIES
+from anm_mj.planning.policies.registry import policies
 
 
 def config_with(*settings, preset="default", **options):
@@ -141,7 +141,7 @@ def _numbers(values, prefix=""):
             yield prefix + name, len(value) if several else 0
 
 
-@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize("policy", policies())
 def test_every_number_has_a_largest_value(policy):
     """A setting of 10^12 metres, rays or megabytes would take all the memory or never end."""
     for name, count in _numbers(asdict(make_config("default", [], scene="flat", policy=policy))):

@@ -46,13 +46,13 @@ from typing import Any
 from anm_mj.bench.generated import GeneratedScene, area_budget, provide
 from anm_mj.bench.imported import ImportedScene, find_imported
 from anm_mj.bench.job import Job
-from anm_mj.config import default_steps
 from anm_mj.errors import AnmError
 from anm_mj.evaluation.oracle.measure import MEASURES
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.robot.presets import robot_path
+from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.utils.files import file_name
 from anm_mj.utils.limits import limit

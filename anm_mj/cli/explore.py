@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.cli.option_types import place, port
-from anm_mj.planning.policies.registry import DEFAULT_POLICY, POLICIES
+from anm_mj.planning.policies.registry import DEFAULT_POLICY, policies
 from anm_mj.sim.sensors.presets import SENSORS
 
 if TYPE_CHECKING:
@@ -256,7 +256,7 @@ def _completed(row: Any) -> str:
 
 def _policies() -> list[str]:
     """The names of the policies, with a few words where one has any."""
-    return [f"{name} ({entry.summary})" if entry.summary else name for name, entry in POLICIES.items()]
+    return [f"{name} ({entry.summary})" if entry.summary else name for name, entry in policies().items()]
 
 
 def _viewer(parsed: argparse.Namespace) -> Any:

@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.text import Text
 
 from anm_mj.explore import StepReport
-from anm_mj.io.recorder import RunRecorder
+from anm_mj.recording.recorder import RunRecorder
 
 PLAIN_EVERY = 50
 """Steps between two printed lines, if the output is no terminal."""

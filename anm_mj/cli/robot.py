@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from anm_mj.cli.option_types import place, require_ending
 
 if TYPE_CHECKING:
-    from anm_mj.control.drive_test import DriveTest
     from anm_mj.robot.description import RobotDescription
+    from anm_mj.sim.drives.drive_trial import DriveTest
 
 UNUSABLE = 1
 """Exit status when the robot loads but does not drive."""
@@ -46,8 +46,8 @@ def _check(parsed: argparse.Namespace) -> int:
     config = make_config(DEFAULT_PRESET, parsed.settings, scene="", robot=parsed.robot).model
     path = robot_path(parsed.robot)
     backend = select_backend()
-    from anm_mj.control.drive_test import drive_over_a_floor, plain_fault
     from anm_mj.robot.description import describe_robot
+    from anm_mj.sim.drives.drive_trial import drive_over_a_floor, plain_fault
     from anm_mj.sim.robot_views import SIDES, robot_views
     from anm_mj.viz.picture_row import save_picture_row
 

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.motion import MotionLimits
-from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.control.wheel_servo import SOLVER, NoSlip
 from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.robot.base_joints import SimulatedBase
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import CAMERA, WHEEL_JOINTS, Kinematics, PlanarKinematics, RobotKinematics
 from anm_mj.types import Pose2

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.control.clearance_limit import ClearanceLimit, Obstacle, add_obstacles
-from anm_mj.control.simulated_base import PlanarBase, SimulatedBase
 from anm_mj.frames import pose_matrix
+from anm_mj.robot.base_joints import PlanarBase, SimulatedBase
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import WHEEL_JOINTS, RobotKinematics
 from anm_mj.robot.reduced_model import PLANAR_JOINTS

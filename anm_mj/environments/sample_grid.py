@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Int64, UInt8
 
-from anm_mj.evaluation.completion import COVERED_M
-from anm_mj.evaluation.nearest import nearest_search
+from anm_mj.ground_truth.ground_truth import COVERED_M
+from anm_mj.ground_truth.nearest import nearest_search
 from anm_mj.utils.native_functions import native_function
 
 _CELL_M = 0.1

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.environments.sample_grid import SampleGrid, start_covering
-from anm_mj.evaluation.depth import back_project_reduced, reduce_depth
-from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
-from anm_mj.evaluation.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.cache import cached_ground_truth
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.reduced_depth import back_project_reduced, reduce_depth
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Observation, Pose2
 

@@ -12,7 +12,6 @@ from dm_control.rl import control
 from dm_env import specs
 from jaxtyping import Float32
 
-from anm_mj.config import default_steps
 from anm_mj.environments.actions import action_spec, read_action
 from anm_mj.environments.config import REACH_M, ExploreConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
@@ -21,8 +20,9 @@ from anm_mj.environments.reward import Reward, reward_spec
 from anm_mj.environments.sample_grid import SampleGrid
 from anm_mj.environments.starts import sample_start
 from anm_mj.environments.surface_coverage import IncrementalCoverage, observable_surface
-from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.frames import wrap_angle
+from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
+from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import require_clear
 from anm_mj.types import OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2

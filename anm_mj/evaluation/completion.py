@@ -4,7 +4,7 @@ Every sample of the true surface keeps its distance to the nearest back-projecte
 completion ratio is the share of samples nearer than 5 cm; completion is the mean distance, each capped at 1 m.
 
 Frames are searched in batches, because the minimum over frames of the distance to a frame is the distance to their
-union. The distances equal those of a full search to the last digit (:mod:`anm_mj.evaluation.nearest`).
+union. The distances equal those of a full search to the last digit (:mod:`anm_mj.ground_truth.nearest`).
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt16
 
-from anm_mj.evaluation.depth import back_project_reduced
-from anm_mj.evaluation.nearest import nearest_search, spatial_order
+from anm_mj.ground_truth.ground_truth import COVERED_M
+from anm_mj.ground_truth.nearest import nearest_search, spatial_order
+from anm_mj.ground_truth.reduced_depth import back_project_reduced
 from anm_mj.types import Intrinsics
 
-COVERED_M = 0.05
-"""A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
 CAP_M = 1.0
 """Cap of each sample's distance in the mean [m] (paper's protocol)."""
 BATCH_FRAMES = 10
@@ -76,7 +75,7 @@ class Coverage:
         intrinsics: Intrinsics,
         T_world_camera: Float[np.ndarray, "4 4"],
     ) -> None:
-        """Add a frame of :func:`~anm_mj.evaluation.depth.reduce_depth`.
+        """Add a frame of :func:`~anm_mj.ground_truth.reduced_depth.reduce_depth`.
 
         Args:
             depth_mm: Reduced depth [mm].

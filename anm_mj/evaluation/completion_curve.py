@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt16
 
 from anm_mj.evaluation.completion import Completion, Coverage
-from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.types import Intrinsics, Pose2
 
 CHECKPOINT_STEPS = 10

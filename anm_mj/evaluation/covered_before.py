@@ -11,8 +11,8 @@ from scipy.spatial import KDTree
 
 from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.completion import Coverage, nearest_m
-from anm_mj.evaluation.depth import back_project_reduced
-from anm_mj.evaluation.ground_truth import GroundTruth
+from anm_mj.ground_truth.ground_truth import GroundTruth
+from anm_mj.ground_truth.reduced_depth import back_project_reduced
 from anm_mj.io.read_run import Run
 from anm_mj.io.write import writing
 from anm_mj.utils.files import atomic_write

@@ -11,12 +11,9 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.errors import RunFolderError, SceneError
-from anm_mj.evaluation.completion import COVERED_M, Completion, Coverage, uncapped_completion_cm
+from anm_mj.evaluation.completion import Completion, Coverage, uncapped_completion_cm
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.covered_before import read_covered_before
-from anm_mj.evaluation.depth import back_project_reduced, halved_intrinsics
-from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
 from anm_mj.evaluation.mesh import MeshQuality, mesh_quality
 from anm_mj.evaluation.metrics import (
     FIXED,
@@ -30,8 +27,11 @@ from anm_mj.evaluation.metrics import (
     view_metrics,
     views_result,
 )
-from anm_mj.evaluation.pixel_rays import CameraExtrinsics
 from anm_mj.evaluation.view_quality import ViewsResult
+from anm_mj.ground_truth.cache import cached_ground_truth
+from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.reduced_depth import back_project_reduced, halved_intrinsics
 from anm_mj.io.mesh_file import read_mesh
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.run_folder import RunFolder
@@ -165,7 +165,8 @@ def quality_of_mesh(
 def completion_with_halved_intrinsics(path: Path) -> Completion:
     """Completion at the end of a run, back-projected as by the paper's code.
 
-    See :func:`~anm_mj.evaluation.depth.halved_intrinsics`. Equal to the run's own for images of 128 x 128 pixels.
+    See :func:`~anm_mj.ground_truth.reduced_depth.halved_intrinsics`. For images of 128 x 128 pixels it equals the
+    run's own.
 
     Raises:
         RunFolderError: The folder is no run, or a file in it is damaged.

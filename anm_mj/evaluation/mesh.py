@@ -17,9 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.completion import COVERED_M
-from anm_mj.evaluation.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.evaluation.surface_distance import surface_distance
+from anm_mj.ground_truth.ground_truth import COVERED_M, NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.utils.threads import usual_num_threads
 
 FINE_M = 0.025

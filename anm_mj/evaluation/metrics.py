@@ -10,10 +10,10 @@ from typing import Any
 
 from anm_mj.evaluation.completion import Completion
 from anm_mj.evaluation.completion_curve import CompletionCurve, CurveRow
-from anm_mj.evaluation.ground_truth import GroundTruth
 from anm_mj.evaluation.mesh import MeshQuality
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.read_run import read_json
 from anm_mj.types import Action
 

@@ -17,10 +17,10 @@ from jaxtyping import Float, Float32, UInt8
 from PIL import Image
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.depth import MAX_DEPTH_M
 from anm_mj.evaluation.rerender import explored_scene, observe_at
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult, compare_view, mean_quality
 from anm_mj.frames import back_project
+from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.io.to_json import write_json
 from anm_mj.mapping.neural_map import NeuralMap

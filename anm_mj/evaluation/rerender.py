@@ -63,7 +63,7 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run 
     name = config.get("robot", DEFAULT_ROBOT)
     with make_robot(world, image_px=image_px, robot=name, config=model, camera=camera) as robot:
         # Imports mujoco, and make_robot chooses the GL back-end before that.
-        from anm_mj.control.simulated_base import SimulatedBase
+        from anm_mj.robot.base_joints import SimulatedBase
 
         base = SimulatedBase(robot.model, robot.data, ROBOT_PREFIX)
         for step, pose in enumerate(poses):

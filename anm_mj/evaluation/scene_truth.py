@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from anm_mj.evaluation.ground_truth import GroundTruth
-from anm_mj.evaluation.observable import ReachableArea
-from anm_mj.evaluation.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.ground_truth import GroundTruth
+from anm_mj.ground_truth.observable import ReachableArea
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 
 
 @dataclass(frozen=True)

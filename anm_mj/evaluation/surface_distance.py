@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.ground_truth import sample_triangles
-from anm_mj.evaluation.nearest import spatial_order
+from anm_mj.ground_truth.ground_truth import sample_triangles
+from anm_mj.ground_truth.nearest import spatial_order
 from anm_mj.utils.native_functions import native_function
 from anm_mj.utils.threads import usual_num_threads
 

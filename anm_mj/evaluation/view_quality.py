@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from skimage.metrics import structural_similarity
 
-from anm_mj.evaluation.depth import MAX_DEPTH_M
+from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 
 MAX_PSNR_DB = 100.0
 """PSNR of identical images."""

@@ -20,7 +20,7 @@ from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics
 
 DEPTH_PIXELS = "first of each block"
-"""Which pixels of an image its smaller depth holds; see :mod:`anm_mj.evaluation.depth`."""
+"""Which pixels of an image its smaller depth holds; see :mod:`anm_mj.ground_truth.reduced_depth`."""
 
 
 def export_nerfstudio(run: Run, out: Path) -> list[Path]:

@@ -14,11 +14,12 @@ from jaxtyping import UInt16
 from msgspec.structs import asdict
 
 from anm_mj.errors import RunFolderError
+from anm_mj.ground_truth.reduced_depth import EVALUATION_SIDE_PX
 from anm_mj.io.camera_checks import check_camera, check_time, no_poses
 from anm_mj.io.image import read_image
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.run_contradictions import contradictions
-from anm_mj.io.run_folder import DEPTH_SIDE_PX, RunFolder
+from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_records import FrameRecord, StepRecord
 from anm_mj.io.run_shapes import CameraShape, ConfigShape, FrameShape, ManifestShape, PlanShape, PoseShape, StepShape
 from anm_mj.types import Action, Intrinsics, Pose2, WheelSpeeds
@@ -149,7 +150,7 @@ def _intrinsics(camera: CameraShape) -> Intrinsics:
         check_camera(intrinsics)
     except ValueError as err:
         raise ValueError(f"camera.json has {err}") from err
-    reduced = tuple(min(size, DEPTH_SIDE_PX) for size in (intrinsics.height, intrinsics.width))
+    reduced = tuple(min(size, EVALUATION_SIDE_PX) for size in (intrinsics.height, intrinsics.width))
     if (camera.depth.rows, camera.depth.cols) != reduced:
         raise ValueError(
             f"camera.json has depth of {camera.depth.rows} rows and {camera.depth.cols} columns for images of "

@@ -18,8 +18,6 @@ from anm_mj.utils.close_names import close_name
 
 RUNS = Path("runs")
 """Default parent of run folders, relative to the working directory."""
-DEPTH_SIDE_PX = 128
-"""Most rows and columns of a depth image; smaller images stay as they are."""
 
 
 @dataclass(frozen=True)

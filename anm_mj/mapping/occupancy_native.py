@@ -105,7 +105,7 @@ def native_fusion(num_threads: int | None = None, kernel: str = "") -> NativeFus
         kernel: instruction set to use; empty for the best of this processor.
     """
     try:
-        native = importlib.import_module("anm_mj.mapping.backends._native")
+        native = importlib.import_module("anm_mj._native")
     except ImportError:
         return None
     if not hasattr(native, "Occupancy") or not native.kernel_names():

@@ -10,12 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from anm_mj.config import DRIVES, POSES
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.presets import preset_config, robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
+from anm_mj.sim.config import DRIVES, POSES
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.memory import forget_content
@@ -89,13 +89,13 @@ def make_robot(
     backend = select_backend()
     import mujoco
 
-    from anm_mj.control.kinematic_drive import KinematicDrive
-    from anm_mj.control.odometry import odometer_of
-    from anm_mj.control.physics_drive import PhysicsDrive
+    from anm_mj.localisation.odometry import odometer_of
     from anm_mj.robot.description import describe_robot
     from anm_mj.robot.kinematics import kinematics_of
     from anm_mj.scene.build import build_model
     from anm_mj.sim.camera_factory import make_camera
+    from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+    from anm_mj.sim.drives.physics_drive import PhysicsDrive
     from anm_mj.sim.gl_camera import GlCamera
     from anm_mj.sim.robot import SimRobot
 

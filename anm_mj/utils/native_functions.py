@@ -14,7 +14,7 @@ from typing import Any
 def native_function(name: str) -> Callable[..., Any] | None:
     """A function of the engine's module; None where it was not built."""
     try:
-        native = importlib.import_module("anm_mj.mapping.backends._native")
+        native = importlib.import_module("anm_mj._native")
     except ImportError:
         return None
     return getattr(native, name, None)

@@ -10,7 +10,7 @@ import pytest
 
 from anm_mj.bench.sweep import BenchError, read_jobs
 from anm_mj.errors import AnmError, SceneError
-from anm_mj.planning.policies.registry import POLICIES, policy_class
+from anm_mj.planning.policies.registry import policies, policy_class
 from anm_mj.scene.folder import load_scene
 from tests.scene.small import make_small_scene
 
@@ -101,7 +101,7 @@ def test_maps_that_nobody_asks_are_a_choice(tmp_path):
 
 
 def test_policies_that_ask_no_map_are_those_that_drop_it_unread():
-    for name, entry in POLICIES.items():
+    for name, entry in policies().items():
         source = inspect.getsource(policy_class(name).plan)
         assert entry.asks_map == ("del mapper" not in source), name
 

@@ -13,7 +13,7 @@ from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.encode import encode
 from anm_mj.config import make_config
 from anm_mj.explore import LoopState, explore
-from anm_mj.planning.policies.registry import POLICIES
+from anm_mj.planning.policies.registry import policies
 from anm_mj.run import make_parts
 from anm_mj.sim.sensors.presets import SENSORS
 from anm_mj.viz.viewer import NullViewer
@@ -51,7 +51,7 @@ def no_time_passes(monkeypatch):
 
 
 def configuration(scene, policy="gvg", settings=(), **options):
-    mapping = POLICIES[policy].mapping_preset
+    mapping = policies()[policy].mapping_preset
     config = make_config(
         mapping or "quick", [*TINY, *settings], scene=scene, policy=policy, seed=5, device="cpu", **options
     )
@@ -105,9 +105,9 @@ def assert_same(found):
     assert [array.tobytes() for array in again.arrays] == [array.tobytes() for array in whole.arrays]
 
 
-@pytest.mark.parametrize("policy", slow_ones(POLICIES))
+@pytest.mark.parametrize("policy", slow_ones(policies()))
 def test_every_policy_goes_on(scene, policy):
-    settings = ("policy.rounds=200",) if POLICIES[policy].needs_truth else ()
+    settings = ("policy.rounds=200",) if policies()[policy].needs_truth else ()
     assert_same(ends(configuration(scene, policy, settings)))
 
 

@@ -97,7 +97,7 @@ NATIVE_WITHOUT_COMPILER = """
 import shutil, sys, torch
 torch.cuda.is_available = lambda: False
 shutil.which = lambda name, **rest: None
-sys.modules["anm_mj.mapping.backends._native"] = None
+sys.modules["anm_mj._native"] = None
 """
 
 
@@ -121,7 +121,7 @@ def test_missing_compiler(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.parametrize("gone", ['vars(native).pop("Occupancy", None)', "native.Engine = type('Engine', (), {})"])
 def test_an_engine_of_an_older_source_is_to_be_built_again(gone, monkeypatch: pytest.MonkeyPatch):
-    without = f"import anm_mj.mapping.backends._native as native\n{gone}\n"
+    without = f"import anm_mj._native as native\n{gone}\n"
     monkeypatch.setattr(doctor, "ENGINE_PROGRAM", without + doctor.ENGINE_PROGRAM)
     check = doctor.check_engine()
     assert check.state is doctor.State.NOTE

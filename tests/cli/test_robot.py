@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from anm_mj.cli.main import main
-from anm_mj.control.drive_test import plain_fault
+from anm_mj.sim.drives.drive_trial import plain_fault
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "tests" / "robot" / "models"

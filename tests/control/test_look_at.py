@@ -5,11 +5,11 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from anm_mj.control.kinematic_drive import KinematicDrive
 from anm_mj.control.look_at import LookAt
 from anm_mj.control.motion import MotionLimits
-from anm_mj.control.physics_drive import PhysicsDrive
 from anm_mj.frames import wrap_angle
+from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.types import Action, Pose2, Twist
 from tests.robots import clearance_of
 

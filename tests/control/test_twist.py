@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.control.kinematic_drive import KinematicDrive
-from anm_mj.control.physics_drive import PhysicsDrive
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.types import Action, Pose2, Twist
 from tests.robots import clearance_of
 

@@ -29,7 +29,7 @@ from anm_mj.cli.main import main
 from anm_mj.config import make_config
 from anm_mj.errors import AnmError
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.registry import POLICIES, make_policy
+from anm_mj.planning.policies.registry import make_policy, policies
 from anm_mj.protocols import Policy
 from anm_mj.robot.config import DEFAULT_ROBOT
 from anm_mj.robot.presets import robot_presets
@@ -109,7 +109,7 @@ def test_command(command, place, monkeypatch, capsys):
 @pytest.mark.parametrize("setting", sorted(settings()))
 def test_setting(setting):
     applied, refusals = [], []
-    for policy in POLICIES:
+    for policy in policies():
         try:
             make_config("default", [setting], scene="room", policy=policy)
             applied.append(policy)
@@ -128,7 +128,7 @@ def test_former_settings():
         for former, present in zip(*(re.findall(r"`([\w.]+\.\w+)`", cell) for cell in row), strict=True)
     ]
     assert len(pairs) > 10
-    configs = [make_config("default", [], scene="room", policy=policy) for policy in POLICIES]
+    configs = [make_config("default", [], scene="room", policy=policy) for policy in policies()]
     for former, present in pairs:
         accepted = []
         for config in configs:

@@ -10,17 +10,17 @@ from dm_env import StepType
 from dm_env.test_utils import EnvironmentTestMixin
 
 import anm_mj
-from anm_mj.config import DRIVES
 from anm_mj.environments.load import ExploreEnvironment
 from anm_mj.environments.surface_coverage import SampleGrid
 from anm_mj.environments.task import sensed_depth
 from anm_mj.errors import SceneError, TaskError
 from anm_mj.evaluation.completion import Coverage
-from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.ground_truth_cache import cached_ground_truth
-from anm_mj.evaluation.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.cache import cached_ground_truth
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import is_clear
+from anm_mj.sim.config import DRIVES
 from anm_mj.sim.make_robot import FOOTPRINT
 from anm_mj.types import Action, Intrinsics
 

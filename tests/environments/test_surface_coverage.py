@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from anm_mj.environments.sample_grid import NativeCovering, SampleGrid, ScipyCovering
 from anm_mj.environments.surface_coverage import IncrementalCoverage
 from anm_mj.evaluation.completion import Coverage
-from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.types import Intrinsics, Pose2
 from anm_mj.utils.native_functions import native_function
 from tests.box_room import CAMERA, observe, room_truth

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from anm_mj.evaluation.completion import Coverage, uncapped_completion_cm
-from anm_mj.evaluation.depth import back_project_reduced, reduce_depth
+from anm_mj.ground_truth.reduced_depth import back_project_reduced, reduce_depth
 from anm_mj.types import Pose2
 from tests.box_room import CAMERA, camera_pose, room_depth, room_truth
 

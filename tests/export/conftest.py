@@ -2,10 +2,10 @@ import math
 
 import pytest
 
-from anm_mj.io.record_config import RecordConfig
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.mapping.config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.recording.config import RecordConfig
 from anm_mj.types import Pose2
 from tests.box_room import new_recorder, observe
 from tests.replay.conftest import box_run

@@ -32,6 +32,6 @@ def test_help(tmp_path):
 def test_a_run_with_the_native_engine_loads_no_torch(tmp_path):
     words = ["explore", "room", "--steps", "2", "--out", "run", "--set", "mapping.engine=native", *QUICK]
     modules = loaded(f"from anm_mj.cli.main import main\nassert main({words}) == 0", tmp_path)
-    assert "anm_mj.mapping.backends._native" in modules
+    assert "anm_mj._native" in modules
     assert "torch" not in modules
     assert (tmp_path / "run" / "map.safetensors").is_file()

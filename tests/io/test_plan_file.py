@@ -6,7 +6,7 @@ from PIL import Image
 
 from anm_mj.errors import RunFolderError
 from anm_mj.io.plan_file import PlanRecord, read_plan, write_plan
-from anm_mj.io.record_config import RecordConfig
+from anm_mj.recording.config import RecordConfig
 from anm_mj.types import Plan
 from tests.box_room import new_recorder, observe, record_steps, room_plan
 

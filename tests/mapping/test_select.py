@@ -84,7 +84,7 @@ def test_triton_that_is_not_installed(with_cuda, monkeypatch):
     ("compiler", "told"), [(None, "install a C++17 compiler"), ("/usr/bin/c++", "though there is a compiler (/usr/bin")]
 )
 def test_native_that_was_not_built(compiler, told, monkeypatch):
-    monkeypatch.setitem(sys.modules, "anm_mj.mapping.backends._native", None)
+    monkeypatch.setitem(sys.modules, "anm_mj._native", None)
     monkeypatch.setattr("shutil.which", lambda name: compiler)
     assert told in (native_fault() or "")
     assert "run make setup" in (native_fault() or "")
@@ -142,7 +142,7 @@ def test_engine_name(tiny_config):
 @pytest.mark.parametrize("engine", ["native", "torch"])
 def test_an_engine_starts_from_given_parameters(tiny_config, engine):
     if engine == "native":
-        pytest.importorskip("anm_mj.mapping.backends._native")
+        pytest.importorskip("anm_mj._native")
     config = replace(tiny_config, engine=engine)
     given = make_backend(config, seed=1, device="cpu").get_state()
     state = make_backend(config, seed=0, device="cpu", state=given).get_state()

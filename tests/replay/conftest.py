@@ -4,8 +4,8 @@ import pytest
 
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
-from anm_mj.io.recorder import RunRecorder
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.recording.recorder import RunRecorder
 from tests.box_room import FakeMap, new_recorder, record_steps, room_plan
 
 

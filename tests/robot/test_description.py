@@ -8,15 +8,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from anm_mj.control.kinematic_drive import KinematicDrive
-from anm_mj.control.physics_drive import PhysicsDrive
-from anm_mj.control.simulated_base import SimulatedBase
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, move_pose, pose_matrix
+from anm_mj.robot.base_joints import SimulatedBase
 from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.description import describe_robot
 from anm_mj.robot.kinematics import RobotKinematics
 from anm_mj.robot.presets import robot_path
+from anm_mj.sim.drives.kinematic_drive import KinematicDrive
+from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.types import Action, Pose2, Twist
 from tests.robot.test_kinematics import differences
 from tests.robots import ROVER_XML, clearance_of

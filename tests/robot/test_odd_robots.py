@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.control.drive_test import drive_over_a_floor
 from anm_mj.errors import RobotError
 from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.description import describe_robot
+from anm_mj.sim.drives.drive_trial import drive_over_a_floor
 
 WHEEL = (
     '<body name="wheel_{side}" pos="0 {y} -0.04"><joint name="wheel_{side}" axis="0 1 0"/>'

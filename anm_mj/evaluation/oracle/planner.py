@@ -25,9 +25,9 @@ from anm_mj.evaluation.oracle.segments import Segments
 from anm_mj.evaluation.oracle.tour import MISSING_STEPS, WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
 from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
-from anm_mj.evaluation.pixel_rays import PixelRays
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.ground_truth.pixel_rays import PixelRays
 from anm_mj.types import TURN_STEP_RAD, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
 from anm_mj.utils.raycast import RayCaster

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from anm_mj.errors import PlanError
-from anm_mj.evaluation.completion import COVERED_M, Coverage
-from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.discretize import shorter_side, turn
 from anm_mj.evaluation.oracle.hindsight import read_trajectories
 from anm_mj.evaluation.oracle.measure import MEASURES
@@ -26,6 +25,8 @@ from anm_mj.evaluation.oracle.segments import NO_YAW
 from anm_mj.evaluation.oracle.tour import Stop
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose
+from anm_mj.ground_truth.ground_truth import COVERED_M
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.planning.policies.context import PolicyConfig, PolicyContext
 from anm_mj.protocols import Mapper
 from anm_mj.types import OCCUPIED, Action, FormerRun, Observation, Plan, Pose2, StopReason

@@ -15,12 +15,12 @@ from jaxtyping import Bool, Float, Float32, Int, UInt64
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.completion import COVERED_M
-from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.roadmap import spread_places
 from anm_mj.evaluation.oracle.visibility import FAR_M, OFFSETS_M, WORD, covered_by_rays, pack
-from anm_mj.evaluation.pixel_rays import PixelRays
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.ground_truth.ground_truth import COVERED_M
+from anm_mj.ground_truth.observable import ReachableArea
+from anm_mj.ground_truth.pixel_rays import PixelRays
 
 SPACING_M = 0.1
 """Spacing of candidate places [m]."""

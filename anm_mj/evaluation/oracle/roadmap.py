@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import KDTree
 
-from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.geometry.polyline import shortcut
+from anm_mj.ground_truth.observable import ReachableArea
 
 CLEARANCE_M = 0.1
 """Clearance that paths keep to the edge of the reachable area where they can [m]."""

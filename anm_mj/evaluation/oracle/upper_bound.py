@@ -17,9 +17,9 @@ import numpy as np
 from jaxtyping import Float, Int, UInt64
 from skimage.graph import MCP_Geometric
 
-from anm_mj.evaluation.observable import ReachableArea
 from anm_mj.evaluation.oracle.visibility import count
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.ground_truth.observable import ReachableArea
 from anm_mj.types import FORWARD_STEP_M
 
 GRID_DETOUR = 1.0 / math.cos(math.pi / 8.0)

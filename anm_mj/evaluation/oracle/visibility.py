@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, UInt64
 
-from anm_mj.evaluation.completion import COVERED_M
-from anm_mj.evaluation.pixel_rays import PixelRays
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.ground_truth.ground_truth import COVERED_M
+from anm_mj.ground_truth.pixel_rays import PixelRays
 
 TOLERANCE_M = 0.06
 """A sample counts as covered if one ray misses it by less [m]: other frames on the way look from between the places,

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float, Float32
 
+from anm_mj import _native
 from anm_mj.errors import CheckpointError, MapError
-from anm_mj.mapping.backends import _native
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.grid_layout import bins_per_m, cells_per_m, index_factors

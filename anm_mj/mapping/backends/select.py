@@ -43,7 +43,7 @@ class EngineChoice(NamedTuple):
 def native_fault() -> str | None:
     """Why the native engine cannot run here; None if it can."""
     try:
-        module = importlib.import_module("anm_mj.mapping.backends._native")
+        module = importlib.import_module("anm_mj._native")
     except ModuleNotFoundError:
         compiler = next((path for path in map(shutil.which, ("c++", "g++", "clang++")) if path), None)
         if compiler is not None:

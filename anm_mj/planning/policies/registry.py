@@ -1,15 +1,19 @@
-"""Policies by name, with what each needs: the only place that knows the names.
+"""Policies by name, with what each needs.
 
-A policy of the user's own needs no entry; its name is ``module:Class``. The class is made from a
+Other packages add policies by an entry point of the group ``anm_mj.policies``, a :class:`PolicyEntry` each; so does the
+oracle, which knows the true scene. A policy of the user's own needs no entry; its name is ``module:Class``. The class
+is made from a
 :class:`~anm_mj.planning.policies.context.PolicyContext`, has the methods of :class:`~anm_mj.protocols.Policy`, and may
 carry a frozen dataclass ``Config`` with its settings.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.errors import AnmError, PlanError
@@ -20,6 +24,8 @@ if TYPE_CHECKING:
     from anm_mj.protocols import Policy
 
 DEFAULT_POLICY = "gvg"
+ENTRY_POINTS = "anm_mj.policies"
+"""Group of the entry points that name policies of other packages."""
 
 METHODS = ("observe", "plan", "on_collision")
 """What every policy can do."""
@@ -45,7 +51,7 @@ class PolicyEntry:
     """Whether the policy asks the neural map anything."""
 
 
-POLICIES: Mapping[str, PolicyEntry] = {
+_OWN: Mapping[str, PolicyEntry] = {
     "gvg": PolicyEntry("anm_mj.planning.policies.gvg.policy:Gvg", "ours"),
     "anm-s": PolicyEntry("anm_mj.planning.policies.anm_s.policy:AnmS", "the paper's", uncertainty_preset="paper"),
     "anm": PolicyEntry("anm_mj.planning.policies.anm.policy:Anm", "with a map of its own kind", mapping_preset="anm"),
@@ -55,10 +61,13 @@ POLICIES: Mapping[str, PolicyEntry] = {
         "anm_mj.planning.policies.frontier.policy:Frontier", defaults={"range_m": 10.0}, asks_map=False
     ),
     "random": PolicyEntry("anm_mj.planning.policies.random_walk.policy:RandomWalk", asks_map=False),
-    "oracle": PolicyEntry(
-        "anm_mj.evaluation.oracle.policy:Oracle", "knows the scene", needs_truth=True, asks_map=False
-    ),
 }
+
+
+@functools.cache
+def policies() -> Mapping[str, PolicyEntry]:
+    """All policies that have a name, those of other packages last."""
+    return {**_OWN, **{point.name: point.load() for point in entry_points(group=ENTRY_POINTS)}}
 
 
 def policy_entry(name: str) -> PolicyEntry:
@@ -67,26 +76,29 @@ def policy_entry(name: str) -> PolicyEntry:
     Raises:
         PlanError: the name is neither.
     """
-    if name in POLICIES:
-        return POLICIES[name]
+    # Reading the entry points takes longer than most commands that name one of these.
+    if name in _OWN:
+        return _OWN[name]
+    if name in policies():
+        return policies()[name]
     if ":" not in name:
         raise PlanError(
-            f"Unknown policy '{name}'{close_name(name, POLICIES)}; use one of {', '.join(POLICIES)}, or module:Class "
-            "for your own."
+            f"Unknown policy '{name}'{close_name(name, policies())}; use one of {', '.join(policies())}, or "
+            "module:Class for your own."
         )
     return PolicyEntry(name)
 
 
 def needs_truth(name: str) -> bool:
     """Whether a policy is told the true scene; False for names that this version does not know."""
-    return name in POLICIES and POLICIES[name].needs_truth
+    return name in policies() and policies()[name].needs_truth
 
 
 def policy_class(name: str) -> Any:
     """The class of a policy.
 
     Args:
-        name: a key of ``POLICIES``, or ``module:Class`` for one of the user's own.
+        name: a key of :func:`policies`, or ``module:Class`` for one of the user's own.
 
     Raises:
         PlanError: the name is unknown, or the module or class cannot be found or lacks a method.

@@ -1,19 +1,20 @@
 import numpy as np
 import pytest
+from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
-from anm_mj.evaluation.completion import COVERED_M, Coverage
-from anm_mj.evaluation.depth import reduce_depth
-from anm_mj.evaluation.observable import ReachableArea
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
 from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.visibility import count, unpack
-from anm_mj.evaluation.pixel_rays import PixelRays
 from anm_mj.frames import pose_matrix
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.ground_truth.ground_truth import COVERED_M
+from anm_mj.ground_truth.observable import ReachableArea
+from anm_mj.ground_truth.pixel_rays import PixelRays
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.types import TURN_STEP_RAD, Pose2
 from anm_mj.utils.raycast import RayCaster
 from tests.evaluation.oracle.ray_robot import cast_depth
-from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 RNG_SEED = 5
 

@@ -1,14 +1,15 @@
 import math
 
 import numpy as np
+from tests.evaluation.test_observable import CAMERA
 
-from anm_mj.evaluation.completion import COVERED_M, Coverage
-from anm_mj.evaluation.depth import reduce_depth
+from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.visibility import count, pack, unpack
 from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.ground_truth.ground_truth import COVERED_M
+from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.types import Pose2
 from tests.evaluation.oracle.ray_robot import RayRobot
-from tests.evaluation.test_observable import CAMERA
 
 
 def test_bits_are_flags():

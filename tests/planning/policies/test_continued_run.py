@@ -11,7 +11,7 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround, is_known_place, remembered
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
-from anm_mj.planning.policies.registry import POLICIES, default_settings, make_policy, needs_truth
+from anm_mj.planning.policies.registry import default_settings, make_policy, needs_truth, policies
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.planning.topdown import TopDownMapper
 from anm_mj.protocols import Continues
@@ -38,7 +38,7 @@ def far_sdf(points):
     return np.full(len(points), 0.1, np.float32)
 
 
-@pytest.mark.parametrize("name", [name for name in POLICIES if not needs_truth(name)])
+@pytest.mark.parametrize("name", [name for name in policies() if not needs_truth(name)])
 def test_what_a_policy_remembers_is_what_it_begins_with(name):
     first = make_policy(name, PolicyContext(BODY, default_settings(name)))
     if not isinstance(first, Continues):

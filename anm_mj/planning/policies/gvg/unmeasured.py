@@ -15,8 +15,8 @@ from jaxtyping import Float, Float64, Int, Int64
 
 from anm_mj.frames import pixel_directions
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
+from anm_mj.sensing.lost_pixels import BLOCK_PX, lost_squares
 from anm_mj.types import FREE, Observation
-from anm_mj.utils.lost_pixels import BLOCK_PX, lost_squares
 from anm_mj.utils.native_functions import native_function
 
 NEAREST_M = 0.25

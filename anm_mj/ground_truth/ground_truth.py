@@ -1,0 +1,125 @@
+"""Ground truth: the true surface of a scene, for evaluation only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32
+
+from anm_mj.errors import RunFolderError, SceneError
+from anm_mj.geometry.triangles import checked_triangles
+from anm_mj.utils.read_file import read_npz
+
+COVERED_M = 0.05
+"""A sample nearer than this to a seen point counts as seen [m] (paper, section V-B)."""
+NUM_SAMPLES = 200_000
+"""Samples of the true surface (paper's protocol)."""
+_MOST_EQUAL = 1000
+"""No surface has so many samples in one place, and a search tree of equal points is as slow as a list."""
+
+
+def sample_triangles(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int, seed: int
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
+    """Uniform samples of a surface and the face each lies on.
+
+    Source: Osada et al., Shape Distributions, ACM Transactions on Graphics 21(4), 2002, section 4.1.
+
+    Raises:
+        SceneError: The surface has no area.
+    """
+    corners = vertices.astype(np.float64)[faces]
+    edge_a, edge_b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * np.linalg.norm(np.cross(edge_a, edge_b), axis=1)
+    total = float(area.sum())
+    if not total > 0.0:
+        raise SceneError(f"The mesh has {len(faces)} faces and an area of {total} m2; a surface is needed to evaluate.")
+    rng = np.random.default_rng(seed)
+    cumulative = np.cumsum(area)
+    face = np.searchsorted(cumulative, rng.random(num_samples) * cumulative[-1], side="right")
+    face = np.minimum(face, len(faces) - 1)
+    along, across = np.sqrt(rng.random(num_samples)), rng.random(num_samples)
+    a, b = along * (1.0 - across), along * across
+    return corners[face, 0] + a[:, None] * edge_a[face] + b[:, None] * edge_b[face], face
+
+
+def sample_surface(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], num_samples: int = NUM_SAMPLES, seed: int = 0
+) -> Float32[np.ndarray, "n 3"]:
+    """Uniform samples of a whole surface [m], hidden and unreachable parts included, as in the paper's protocol.
+
+    Raises:
+        SceneError: The surface has no area.
+    """
+    return sample_triangles(vertices, faces, num_samples, seed)[0].astype(np.float32)
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """A scene's true surface and the samples for completion."""
+
+    samples: Float32[np.ndarray, "n 3"]
+    """Area-weighted samples of the surface, world [m]."""
+    vertices: Float32[np.ndarray, "v 3"]
+    """World [m]."""
+    faces: Int32[np.ndarray, "f 3"]
+    observable: Bool[np.ndarray, " n"] | None = None
+    """Which samples are observable from the reachable area; None if not known."""
+
+    @classmethod
+    def sample(
+        cls,
+        vertices: Float[np.ndarray, "v 3"],
+        faces: Int[np.ndarray, "f 3"],
+        num_samples: int = NUM_SAMPLES,
+        seed: int = 0,
+    ) -> GroundTruth:
+        """Sample a mesh in world coordinates [m].
+
+        Raises:
+            SceneError: The mesh has no area.
+        """
+        samples = sample_surface(vertices, faces, num_samples, seed)
+        return cls(samples, vertices.astype(np.float32), faces.astype(np.int32))
+
+    def save(self, path: Path) -> None:
+        """Write all of it to an ``.npz`` file."""
+        observable = {} if self.observable is None else {"observable": self.observable}
+        # By way of an open file, because numpy would give another name to a path without its own suffix.
+        with path.open("wb") as file:
+            np.savez_compressed(
+                file, allow_pickle=False, samples=self.samples, vertices=self.vertices, faces=self.faces, **observable
+            )
+
+    @classmethod
+    def load(cls, path: Path) -> GroundTruth:
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            RunFolderError: The file is missing or holds something else.
+        """
+        try:
+            return _checked(cls(**read_npz(path)))
+        except FileNotFoundError as err:
+            raise RunFolderError(f"{path} is missing; without the true surface nothing can be evaluated.") from err
+        except (OSError, TypeError, ValueError) as err:
+            raise RunFolderError(f"{path} cannot be read as a true surface ({err}); copy the run again.") from err
+
+
+def _checked(truth: GroundTruth) -> GroundTruth:
+    """The same, if its arrays are what they should be.
+
+    Raises:
+        ValueError: They are not.
+    """
+    checked_triangles(truth.vertices, truth.faces)
+    samples, _ = checked_triangles(truth.samples, np.zeros((0, 3), np.int32))
+    _, count = np.unique(np.ascontiguousarray(samples).view("V12"), return_counts=True)
+    if len(count) and count.max() > _MOST_EQUAL:
+        raise ValueError(f"{count.max()} of {len(truth.samples)} samples lie in one place")
+    seen = truth.observable
+    if seen is not None and (seen.dtype != bool or seen.shape != (len(truth.samples),)):
+        raise ValueError(f"observable is {seen.dtype} of shape {seen.shape}")
+    return truth

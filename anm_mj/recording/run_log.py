@@ -1,0 +1,223 @@
+"""The logs of a run, written as it goes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8, UInt16
+from PIL import Image
+
+from anm_mj.ground_truth.reduced_depth import EVALUATION_SIDE_PX, reduce_depth
+from anm_mj.io.jsonl import LineWriter
+from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.to_json import write_json
+from anm_mj.io.write import writing
+from anm_mj.recording.config import RecordConfig
+from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2, TrueView
+
+SMALL_QUALITY, FULL_QUALITY = 80, 95
+"""JPEG quality of small and of full images."""
+
+
+class RunLog:
+    """Writes observations, actions and decisions of a run, or of a recorded sequence.
+
+    Args:
+        folder: A new run folder.
+        record: What is kept besides the numbers.
+        before: None for a new run; for one that goes on, the lengths of its logs by name, and the step after which they
+            were taken. What was written later is removed.
+
+    Raises:
+        RunFolderError: From every method, if the folder cannot be written.
+    """
+
+    REBUILT = ("_folder", "_record", "_steps", "_plans", "_frames", "_trajectory")
+
+    def __init__(
+        self, folder: RunFolder, record: RecordConfig, before: tuple[dict[str, int], int] | None = None
+    ) -> None:
+        self._folder = folder
+        self._record = record
+        sizes, step = before or ({}, -1)
+        with writing(folder.path):
+            if record.images != "none":
+                folder.image(0).parent.mkdir(exist_ok=before is not None)
+            if record.plans:
+                folder.plan(0).parent.mkdir(exist_ok=before is not None)
+            if before is not None:
+                _remove_after(folder, step)
+        logs = (folder.steps, folder.plans, folder.frames, folder.trajectory)
+        self._steps, self._plans, self._frames, self._trajectory = (
+            LineWriter(path, sizes.get(path.name)) for path in logs
+        )
+        self._poses: list[Pose2] = []
+        self._last_target_xy_m: Float[np.ndarray, "2"] | None = None
+
+    @property
+    def poses(self) -> list[Pose2]:
+        """Poses of the base so far."""
+        return self._poses
+
+    @property
+    def last_target_xy_m(self) -> Float[np.ndarray, "2"] | None:
+        """The latest target, world [m]."""
+        return self._last_target_xy_m
+
+    def observation(
+        self,
+        observation: Observation,
+        true: TrueView | None = None,
+        depth_mm: UInt16[np.ndarray, "rows cols"] | None = None,
+    ) -> None:
+        """Record an observation; the first one comes before any action.
+
+        Args:
+            observation: What the robot perceived.
+            true: What it was truly made of, where that differs.
+            depth_mm: The reduced depth, of the truth where the sensor gave a value [mm]; None = it is reduced here.
+        """
+        if not self._poses:
+            _write_camera(self._folder.camera, observation)
+        if depth_mm is None:
+            depth_mm = reduce_depth(observation.depth_m if true is None else true.depth_m)
+        path = self._folder.depth(observation.step)
+        with writing(path), _whole_or_not_at_all(path):
+            # The lowest compression: a fifth larger than the highest, at a fraction of its time.
+            Image.fromarray(depth_mm).save(path, compress_level=1)
+        self._write_image(observation)
+        line = {
+            "step": observation.step,
+            "time_s": observation.time_s,
+            **_where(observation.pose, observation.T_world_camera),
+        }
+        if true is not None:
+            line["true"] = _where(true.pose, true.T_world_camera)
+        self._frames.json(line)
+        self._trajectory.line(tum_line(observation.time_s, observation.pose))
+        self._poses.append(observation.pose)
+
+    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
+        """Record an executed action; ``pose`` is the pose after it."""
+        self._steps.json(
+            {
+                "step": step,
+                "action": result.action.name,
+                "x_m": pose.x_m,
+                "y_m": pose.y_m,
+                "yaw_rad": pose.yaw_rad,
+                "collided": result.collided,
+                "moved_m": result.moved_m,
+                "left_radps": result.wheel_speeds.left_radps,
+                "right_radps": result.wheel_speeds.right_radps,
+                "loss": update.loss,
+                "iterations": update.num_iterations,
+                "keyframes": update.num_keyframes,
+                "ms": stage_ms,
+            }
+        )
+
+    def plan(self, step: int, plan: Plan) -> None:
+        """Record a decision."""
+        if plan.target_xy_m is not None:
+            self._last_target_xy_m = plan.target_xy_m
+        path = plan.path_xy_m
+        self._plans.json(
+            {
+                "step": step,
+                "reason": plan.reason,
+                "target_xy_m": plan.target_xy_m,
+                "path_length_m": sum(math.dist(a, b) for a, b in pairwise(path)),
+                "headings_rad": plan.headings_rad,
+                "actions": [action.name for action in plan.actions],
+                "stop": plan.stop,
+                "unexplored": plan.unexplored,
+                "vertices": None if plan.graph is None else len(plan.graph.vertex_xy_m),
+                "regions": len(plan.regions),
+                "candidates": plan.candidates,
+                "ms": plan.stage_ms,
+            }
+        )
+        if self._record.plans:
+            write_plan(self._folder.plan(step), PlanRecord.of(plan))
+
+    @property
+    def files(self) -> tuple[LineWriter, ...]:
+        """All logs."""
+        return self._steps, self._plans, self._frames, self._trajectory
+
+    def close(self) -> None:
+        """Close all files; a second time does nothing."""
+        for file in self.files:
+            file.close()
+
+    def _write_image(self, observation: Observation) -> None:
+        if self._record.images == "none":
+            return
+        path = self._folder.image(observation.step)
+        with writing(path), _whole_or_not_at_all(path):
+            if self._record.images == "full":
+                Image.fromarray(observation.rgb).save(path, quality=FULL_QUALITY, subsampling=0)
+            else:
+                _small(observation.rgb).save(path, quality=SMALL_QUALITY)
+
+
+@contextmanager
+def _whole_or_not_at_all(path: Path) -> Iterator[None]:
+    """Remove what is there of a file that cannot be written to its end, as on a full disk."""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            path.unlink()
+        raise
+
+
+def _remove_after(folder: RunFolder, step: int) -> None:
+    """Remove what a run that was killed wrote after a step: images of later observations, and later decisions."""
+    for place, first in ((folder.depth, step + 1), (folder.image, step + 1), (folder.plan, step)):
+        if place(0).parent.is_dir():
+            for path in place(0).parent.iterdir():
+                if path.stem >= place(first).stem or path.name.startswith("."):
+                    path.unlink()
+
+
+def tum_line(time_s: float, pose: Pose2) -> str:
+    """A base pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
+    half = pose.yaw_rad / 2.0
+    values = (time_s, pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+    return " ".join(f"{value:.9g}" for value in values)
+
+
+def _small(rgb: UInt8[np.ndarray, "h w 3"]) -> Image.Image:
+    image = Image.fromarray(rgb)
+    image.thumbnail((EVALUATION_SIDE_PX, EVALUATION_SIDE_PX), Image.Resampling.BOX)
+    return image
+
+
+def _where(pose: Pose2, T_world_camera: Float[np.ndarray, "4 4"]) -> dict[str, Any]:
+    """Poses of base and camera, in the keys of ``frames.jsonl``."""
+    return {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad, "T_world_camera": T_world_camera}
+
+
+def _write_camera(path: Path, observation: Observation) -> None:
+    rows, cols = reduce_depth(observation.depth_m).shape
+    write_json(
+        path,
+        {
+            "intrinsics": observation.intrinsics,
+            "depth": {
+                "rows": rows,
+                "cols": cols,
+                "unit": "millimetre of planar z, 0 where nothing",
+                "pixels": "row i is row floor(i * height / rows) of the original image, columns likewise",
+            },
+        },
+    )

@@ -1,0 +1,174 @@
+"""Notices a camera that has stopped measuring, and keeps what it gives then out of the map.
+
+A frame that cannot be true is handed on without depth: one without any, a black one of a camera that had colours, one
+that repeats the last although the robot moved, one of another shape, one without a pose. The map and the policies then
+learn nothing from it. So many of them in a row end the run. Single pixels that nothing beside them agrees with are left
+out, and a jump of the pose is undone where the map says that the robot did not jump
+(:mod:`anm_mj.localisation.pose_check`).
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import astuple, replace
+
+import numpy as np
+
+from anm_mj.localisation.pose_check import PoseCheck
+from anm_mj.sensing.outliers import MANY_OUTLIERS, outliers
+from anm_mj.types import Action, Intrinsics, Observation, SdfQuery
+
+_logger = logging.getLogger(__name__)
+
+PATIENCE_FRAMES = 12
+"""This many faulty frames in a row make a fault."""
+FEW_FRAMES = 3
+"""One frame without depth may show a wall that is too near; after this many, nothing is known of the surroundings."""
+BLACK_LEVEL = 8
+"""An image without any brighter value is black: what a closed lens shows is not all zero [0..255]."""
+SAY_AGAIN_FRAMES = 50
+"""A fault that comes and goes is said again after so many faulty frames."""
+
+BLIND, REPEATED, BLACK, SHAPE, POSE, SPECKLED = "blind", "repeated", "black", "shape", "pose", "speckled"
+_FIRST = {
+    BLIND: "Frame %d holds no depth.",
+    REPEATED: "Frame %d repeats the last one although the robot moved.",
+    BLACK: "Frame %d is black; it is left out of the map.",
+    SHAPE: "Frame %d has another size than the camera's first one; it is left out of the map.",
+    POSE: "The pose of frame %d is not finite; the frame is left out of the map.",
+    SPECKLED: "Frame %d holds depth that no pixel beside it agrees with; such pixels are left out of the map.",
+}
+_FAULT = {
+    BLIND: "The camera measured no depth in {} frames in a row",
+    REPEATED: "The camera gave the same image {} times although the robot moved",
+    BLACK: "The camera gave black images in {} frames in a row",
+    SHAPE: "The camera gave images of another size than at first in {} frames in a row",
+    POSE: "The pose was not finite in {} frames in a row",
+}
+
+
+class SensorMonitor:
+    """Counts faulty frames in a row, and hands on what can be believed."""
+
+    def __init__(self) -> None:
+        """Start before the first frame."""
+        self._in_a_row = dict.fromkeys(_FAULT, 0)
+        self._num_faulty = dict.fromkeys(_FIRST, 0)
+        self._has_measured = False
+        self._has_colour = False
+        self._camera: tuple[int | float, ...] = ()
+        """The intrinsics of the first frame, as numbers; empty before it."""
+        self._last: Observation | None = None
+        self._pose = PoseCheck()
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether the camera has measured nothing yet, or nothing in the last few frames."""
+        unusable = max(self._in_a_row.values())
+        return not self._has_measured or unusable >= FEW_FRAMES
+
+    @property
+    def fault(self) -> str | None:
+        """What is wrong with the camera, as the beginning of a sentence; None while nothing is."""
+        for kind, sentence in _FAULT.items():
+            if self._in_a_row[kind] >= PATIENCE_FRAMES:
+                return sentence.format(self._in_a_row[kind] + (kind == REPEATED))
+        return None
+
+    def check(
+        self,
+        observation: Observation,
+        *,
+        action: Action | None = None,
+        moved: bool = False,
+        sdf_m: SdfQuery | None = None,
+    ) -> Observation:
+        """Take a frame in.
+
+        Args:
+            observation: the frame.
+            action: what the robot did since the last one; None for nothing, or unknown.
+            moved: whether it moved, or turned, by that.
+            sdf_m: signed distance of the map before this frame, which judges a jump of the pose [m]; None: nobody does.
+
+        Returns:
+            The frame as far as it can be believed: with a pose, without outliers, without any depth where it is faulty.
+        """
+        self._camera = self._camera or astuple(observation.intrinsics)
+        raw, faulty = observation, False
+        if not self._count(POSE, _has_pose(observation), observation):
+            observation, faulty = self._pose.without_pose(observation, action if moved else None), True
+        if not self._count(SHAPE, _has_shape_of(observation, self._camera), observation):
+            observation, faulty = _blank(observation, self._camera), True
+        measured = np.isfinite(observation.depth_m) & (observation.depth_m > 0.0)
+        has_depth = bool(measured.any())
+        self._has_measured |= has_depth and not faulty
+        # A frame that was blanked here counts once, for its own reason.
+        if not self._count(BLIND, has_depth or faulty, observation):
+            faulty = True
+        same = moved and self._last is not None and has_depth and _is_same_image(self._last, raw)
+        if moved and not self._count(REPEATED, not same, observation):
+            faulty = True
+        black = int(observation.rgb.max(initial=0)) <= BLACK_LEVEL
+        self._has_colour |= not black
+        if not self._count(BLACK, not black or not self._has_colour or faulty, observation):
+            faulty = True
+        self._last = raw
+        observation = self._pose.check(observation, action if moved else None, None if faulty else sdf_m)
+        if faulty:
+            return replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
+        return self._without_outliers(observation)
+
+    def _count(self, kind: str, good: bool, observation: Observation) -> bool:
+        """Count a frame as good or faulty in one way, say so now and then, and return whether it is good."""
+        if good:
+            self._in_a_row[kind] = 0
+            return True
+        self._in_a_row[kind] += 1
+        self._say(kind, observation)
+        return False
+
+    def _say(self, kind: str, observation: Observation) -> None:
+        if self._num_faulty[kind] % SAY_AGAIN_FRAMES == 0:
+            _logger.warning(_FIRST[kind], observation.step)
+        self._num_faulty[kind] += 1
+
+    def _without_outliers(self, observation: Observation) -> Observation:
+        """The frame without pixels that nothing beside them agrees with, if it has too many of them for a camera."""
+        alone = outliers(observation.depth_m, support=1)
+        if np.count_nonzero(alone) <= MANY_OUTLIERS * alone.size:
+            return observation
+        self._say(SPECKLED, observation)
+        depth_m = np.where(outliers(observation.depth_m), np.float32(np.nan), observation.depth_m)
+        return replace(observation, depth_m=depth_m)
+
+
+def _is_same_image(a: Observation, b: Observation) -> bool:
+    # Next to all images differ in their first rows.
+    if not np.array_equal(a.rgb[:8], b.rgb[:8]):
+        return False
+    return np.array_equal(a.rgb, b.rgb) and np.array_equal(a.depth_m, b.depth_m, equal_nan=True)
+
+
+def _has_pose(observation: Observation) -> bool:
+    pose = observation.pose
+    return bool(np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all() and np.isfinite(observation.T_world_camera).all())
+
+
+def _has_shape_of(observation: Observation, camera: tuple[int | float, ...]) -> bool:
+    intrinsics = observation.intrinsics
+    shape = intrinsics.height, intrinsics.width
+    return astuple(intrinsics) == camera and observation.depth_m.shape == shape and observation.rgb.shape == (*shape, 3)
+
+
+def _blank(observation: Observation, camera: tuple[int | float, ...]) -> Observation:
+    """The frame without an image, in the shape of the first one."""
+    width, height, *optics = camera
+    intrinsics = Intrinsics(int(width), int(height), *optics)
+    shape = intrinsics.height, intrinsics.width
+    return replace(
+        observation,
+        rgb=np.zeros((*shape, 3), np.uint8),
+        depth_m=np.full(shape, np.nan, np.float32),
+        intrinsics=intrinsics,
+    )

@@ -1,0 +1,161 @@
+"""A drive without physics: it executes a motion exactly or refuses it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.control.motion import MotionLimits, action_motion, action_profile
+from anm_mj.frames import move_pose
+from anm_mj.geometry.clearance import Clearance
+from anm_mj.localisation.odometry import Odometer
+from anm_mj.robot.base_joints import PlanarBase, SimulatedBase, simulated_base
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import PlanarKinematics
+from anm_mj.sim.drives.drive import STILL, WheelDrive, require_motion
+from anm_mj.sim.drives.traction import TractionMonitor
+from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
+
+_LOOK_PERIOD_S = 0.02
+_LAG_RAD = math.radians(1.0)
+"""A turn on the spot that ends this far from where it should was not executed."""
+
+
+class KinematicDrive(WheelDrive):
+    """Turns the wheels and moves the base by forward kinematics of rolling without slip.
+
+    It refuses a motion that would touch something: the robot stays and does not slide along the obstacle. The footprint
+    is a circle about the axis of rotation, so a turn on the spot always succeeds.
+    """
+
+    REBUILT = ("_clearance", "_model", "_prefix", "_ahead")
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        description: RobotDescription,
+        clearance: Clearance,
+        limits: MotionLimits | None = None,
+        odometer: Odometer | None = None,
+        prefix: str = "",
+    ):
+        """Drive ``data`` from the present pose of its base.
+
+        Args:
+            model: the robot, alone or in a scene.
+            data: of that model.
+            description: the robot.
+            clearance: of its footprint in the scene.
+            limits: speeds and accelerations of the base; here they only set the simulated time.
+            odometer: reads the wheels; None = one without noise.
+            prefix: stands before the robot's names in the scene.
+
+        Raises:
+            RobotError: if the model lacks a joint of the robot.
+        """
+        super().__init__(model, data, description, limits, odometer, prefix, period_s=_LOOK_PERIOD_S)
+        self._clearance = clearance
+        self._model, self._prefix = model, prefix
+        self._ahead: list[tuple[mujoco.MjData, SimulatedBase | PlanarBase]] = []
+        """The base in other data, wherever it was asked for."""
+
+    def place(self, pose: Pose2) -> None:
+        """Move the robot to a pose without driving, and restart its odometry there."""
+        self._base.place(pose)
+        self._traction = TractionMonitor()
+        self._odometer.reset(pose, self._base.wheel_angles_rad)
+
+    def act(self, action: Action) -> ActionResult:
+        """Execute an action at once; the simulated time advances by the duration on a real robot."""
+        if action == Action.STOP:
+            return ActionResult(action, collided=False, wheel_speeds=STILL, moved_m=0.0)
+        # The profile scales the twist over time and keeps its direction. The wheel speeds keep their ratio, so one
+        # exponential of the whole motion is exact.
+        forward_m, turn_rad = action_motion(action)
+        duration_s = action_profile(action, self._limits).duration_s
+        start_angles = self._base.wheel_angles_rad
+        if not self._roll(forward_m, turn_rad, duration_s):
+            return ActionResult(action, collided=True, wheel_speeds=STILL, moved_m=0.0)
+        fault = self._fault(forward_m, turn_rad, start_angles)
+        speeds = self._kinematics.wheel_speeds(*self._rolled(forward_m / duration_s, turn_rad / duration_s))
+        moved_m = abs(self._rolled(forward_m, turn_rad)[0])
+        return ActionResult(action, collided=False, wheel_speeds=speeds, moved_m=moved_m, fault=fault)
+
+    def _fault(self, forward_m: float, turn_rad: float, start_angles_rad: Float[np.ndarray, " n"]) -> StopReason | None:
+        """Why the robot can drive no more after a motion from these wheel angles; None while it can."""
+        driven_rad = self._kinematics.wheel_motion(forward_m, turn_rad)
+        turned_rad = self._turned_rad(start_angles_rad)
+        return self._traction.after(failed=False, touched=False, driven_rad=driven_rad, turned_rad=turned_rad)
+
+    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
+        """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
+        base = next((base for known, base in self._ahead if known is data), None)
+        if base is None:
+            base = simulated_base(self._model, data, self._prefix, self._description)
+            self._ahead.append((data, base))
+        data.qpos[:] = self._data.qpos
+        for action in actions:
+            self._move(base, *action_motion(action))
+
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        """Roll at a constant velocity for a time [s], all of it or nothing.
+
+        Raises:
+            RobotError: if the duration is not positive, or the velocity not finite.
+        """
+        require_motion(twist, duration_s)
+        forward_m, turn_rad = twist.forward_mps * duration_s, twist.turn_radps * duration_s
+        start_angles = self._base.wheel_angles_rad
+        if not self._roll(forward_m, turn_rad, duration_s):
+            return MotionResult(True, STILL, 0.0, 0.0, duration_s)
+        fault = self._fault(forward_m, turn_rad, start_angles)
+        forward_m, turn_rad = self._rolled(forward_m, turn_rad)
+        speeds = self._kinematics.wheel_speeds(*self._rolled(twist.forward_mps, twist.turn_radps))
+        return MotionResult(False, speeds, abs(forward_m), abs(turn_rad), duration_s, fault)
+
+    def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
+        """Turn on the spot until the camera's axis and a point of the world share a vertical plane."""
+        controller, turned_rad = self._look_at_controller(), 0.0
+        start_s, start_angles_rad = self._data.time, self._base.wheel_angles_rad
+        while (following := controller.next_pose(pose := self._base.pose, point_m)) is not None:
+            turn_rad = math.remainder(following.yaw_rad - pose.yaw_rad, math.tau)
+            self._roll(0.0, turn_rad, self._period_s)
+            turned_rad += abs(turn_rad)
+            # A wheel that sticks never gets it there.
+            if abs(math.remainder(following.yaw_rad - self._base.pose.yaw_rad, math.tau)) > _LAG_RAD:
+                return MotionResult(True, STILL, 0.0, turned_rad, self._data.time - start_s)
+        speeds = self._mean_speeds(start_s, start_angles_rad)
+        return MotionResult(False, speeds, 0.0, turned_rad, self._data.time - start_s)
+
+    def _roll(self, forward_m: float, turn_rad: float, duration_s: float) -> bool:
+        """Roll at a constant ratio of the wheel speeds; False, with the robot unmoved, if something is in the way."""
+        self._data.time += duration_s
+        pose = self._base.pose
+        forward_m, turn_rad = self._rolled(forward_m, turn_rad)
+        if forward_m and self._clearance.sweep_collides(pose, forward_m, turn_rad):
+            return False
+        self._move(self._base, forward_m, turn_rad)
+        self._odometer.update(self._base.wheel_angles_rad)
+        return True
+
+    def _rolled(self, forward: float, turn: float) -> tuple[float, float]:
+        """What becomes of a motion [m, rad], or of a velocity [m/s, rad/s], where wheels stick."""
+        if not any(self._sticks) or isinstance(self._kinematics, PlanarKinematics):
+            return forward, turn
+        left, right = self._kinematics.wheel_motion(forward, turn)
+        left_sticks, right_sticks = self._sticks
+        return self._kinematics.body_motion(0.0 if left_sticks else left, 0.0 if right_sticks else right)
+
+    def _move(self, base: SimulatedBase | PlanarBase, forward_m: float, turn_rad: float) -> None:
+        pose = base.pose
+        left_rad, right_rad = self._kinematics.wheel_motion(forward_m, turn_rad)
+        base.turn_wheels(left_rad, right_rad)
+        if isinstance(self._kinematics, PlanarKinematics):
+            base.place(move_pose(pose, forward_m, turn_rad))
+        else:
+            base.place(self._kinematics.odometry(pose, left_rad, right_rad))

@@ -1,0 +1,406 @@
+"""A drive by wheel torque and contact: the wheels move the base, and obstacles stop it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.control.clearance_limit import static_obstacles
+from anm_mj.control.motion import MotionLimits, action_motion, action_profile
+from anm_mj.control.robot_limits import limits_of
+from anm_mj.control.wheel_servo import PlanarServo, WheelServo
+from anm_mj.errors import RobotError
+from anm_mj.frames import move_pose, wrap_angle
+from anm_mj.localisation.odometry import Odometer
+from anm_mj.robot.base_joints import element_id
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import RobotKinematics
+from anm_mj.sim.drives.drive import STILL, WheelDrive, require_motion
+from anm_mj.sim.drives.traction import TractionMonitor
+from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
+
+_STANDING = Twist(0.0, 0.0)
+_UNSTABLE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+"""What MuJoCo warns of when it resets a simulation."""
+_STUCK_DAMPING = 1e3
+"""Damping of a wheel's joint that no motor overcomes [N m s/rad]."""
+_TURN_LAG_RAD = math.radians(5.0)
+"""A robot that lags its turning reference by more is held fast."""
+
+
+@dataclass(frozen=True)
+class PhysicsDriveConfig:
+    """Servo periods, tolerances and contact thresholds of the physics drive."""
+
+    substep_s: float = 0.002
+    """Physics step [s]. From 0.004 on the wheel contacts lose accuracy, at 0.010 the wheels slip."""
+    servo_period_s: float = 0.02
+    """Time between two commands to the wheels [s]; a multiple of the substep."""
+    max_wheel_radps: float = 12.0
+    """Highest commanded speed of either wheel [rad/s]."""
+    keep_clear_m: float = 0.005
+    """Distance to the obstacle boxes at which the servo stops the robot's body [m]."""
+    settle_s: float = 0.3
+    """Longest time from the planned end of an action until the base rests at the reference [s]."""
+    settled_m: float = 0.0005
+    """Distance to the reference along the heading at which an action is done [m]."""
+    settled_rad: float = math.radians(0.02)
+    """Angle to the reference at which an action is done [rad]."""
+    rest_mps: float = 0.005
+    """Speed below which the base counts as at rest [m/s]."""
+    rest_radps: float = 0.02
+    """Turn rate below which the base counts as at rest [rad/s]."""
+    blocked_m: float = 0.005
+    """A larger distance to the reference along the heading after settling means a collision [m]."""
+    blocked_rad: float = math.radians(0.5)
+    """A larger angle to the reference after settling means a collision [rad]."""
+    lag_m: float = 0.02
+    """A larger distance to the reference while driving at a velocity means a collision or a push [m]."""
+    pushed_m: float = 0.005
+    """A larger sideways distance to the reference means a push from the side [m]."""
+    toppled_rad: float = math.radians(30.0)
+    """A base that tilts by more has fallen over [rad]."""
+    contact_cos: float = 0.25
+    """A contact blocks a forward motion if the cosine between the heading and its outward normal is larger; along
+    contacts at its side the robot slides."""
+
+    def __post_init__(self):
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise RobotError(f"PhysicsDriveConfig.{name} is {value}; it must be positive.")
+        ratio = self.servo_period_s / self.substep_s
+        if abs(ratio - round(ratio)) > 1e-9:
+            raise RobotError(
+                f"PhysicsDriveConfig.servo_period_s is {self.servo_period_s}, which is not a multiple of substep_s, "
+                f"{self.substep_s}; for example {round(ratio + 0.5) * self.substep_s:g} is."
+            )
+
+
+class PhysicsDrive(WheelDrive):
+    """Executes motions by a servo on the true pose of the base.
+
+    The servo follows a reference pose. The reference carries over from motion to motion, so errors of single actions do
+    not add up. After a collision, or a push from the side, it restarts at the true pose.
+    """
+
+    REBUILT = ("_model", "_servo")
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        description: RobotDescription,
+        config: PhysicsDriveConfig | None = None,
+        limits: MotionLimits | None = None,
+        odometer: Odometer | None = None,
+        prefix: str = "",
+    ):
+        """Drive ``data`` from the present pose of its base.
+
+        Args:
+            model: the robot in a scene; the drive sets its time step, integrator and friction cone. Its static geoms
+                are the obstacles that the servo keeps clear of.
+            data: of that model.
+            description: the robot.
+            config: servo settings; None = the defaults.
+            limits: speeds and accelerations of the base; None = the defaults.
+            odometer: reads the wheels; None = one without noise.
+            prefix: stands before the robot's names in the scene.
+
+        Raises:
+            RobotError: if the model lacks a joint, an actuator or a geom of the robot, or mink drops an obstacle.
+        """
+        self._model = model
+        self._config = config or PhysicsDriveConfig()
+        max_wheel_radps = min(self._config.max_wheel_radps, description.max_wheel_radps)
+        limits = limits or limits_of(description, max_wheel_radps)
+        super().__init__(model, data, description, limits, odometer, prefix, period_s=self._config.servo_period_s)
+        self._max_wheel_radps = max_wheel_radps
+        obstacles = static_obstacles(model)
+        self._servo: WheelServo | PlanarServo
+        if isinstance(self._kinematics, RobotKinematics):
+            self._servo = WheelServo(
+                description,
+                self._kinematics,
+                period_s=self._period_s,
+                max_wheel_radps=max_wheel_radps,
+                obstacles=obstacles,
+                min_distance_m=self._config.keep_clear_m,
+            )
+        else:
+            self._servo = PlanarServo(
+                description,
+                period_s=self._period_s,
+                max_mps=2.0 * self._limits.forward_mps,
+                max_radps=2.0 * self._limits.turn_radps,
+                obstacles=obstacles,
+                min_distance_m=self._config.keep_clear_m,
+            )
+        self._signs = np.array(description.wheel_signs)
+        self._touched = False
+        actuator, geom = mujoco.mjtObj.mjOBJ_ACTUATOR, mujoco.mjtObj.mjOBJ_GEOM
+        wheels = [element_id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + name) for name in description.wheel_joints]
+        self._wheel_dofs = model.jnt_dofadr[wheels].reshape(2, -1) if wheels else np.zeros((2, 0), int)
+        self._free_damping = model.dof_damping.copy()
+        self._motors = np.array([element_id(model, actuator, prefix + name) for name in description.motors])
+        self._is_shell = np.zeros(model.ngeom, dtype=bool)
+        self._is_shell[[element_id(model, geom, prefix + name) for name in description.shell]] = True
+        root = model.body_rootid[model.geom_bodyid]
+        moves = model.body_weldid[model.geom_bodyid] != 0
+        self._is_movable = moves & ~np.isin(root, root[self._is_shell])
+        self._substeps = round(self._period_s / self._config.substep_s)
+        self._reference = self._base.pose
+        self._twist = _STANDING
+
+        model.opt.timestep = self._config.substep_s
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+
+    @property
+    def reference(self) -> Pose2:
+        """Commanded pose of the base."""
+        return self._reference
+
+    def place(self, pose: Pose2) -> None:
+        """Move the robot to a pose without driving, at rest, and restart its odometry there."""
+        self._base.place(pose)
+        self._data.qvel[:] = 0.0
+        self._data.ctrl[self._motors] = 0.0
+        self._reference, self._twist = pose, _STANDING
+        self._traction = TractionMonitor()
+        self._odometer.reset(pose, self._base.wheel_angles_rad)
+
+    def stick(self, *, left: bool, right: bool) -> None:
+        """Say of the wheels of each side whether they stick from now on; see the base class."""
+        super().stick(left=left, right=right)
+        for dofs, sticks in zip(self._wheel_dofs, self._sticks, strict=True):
+            self._model.dof_damping[dofs] = _STUCK_DAMPING if sticks else self._free_damping[dofs]
+
+    def act(self, action: Action) -> ActionResult:
+        """Execute an action until the robot rests at the commanded pose or an obstacle stops it."""
+        self._brake()
+        if action == Action.STOP:
+            return ActionResult(action, collided=False, wheel_speeds=STILL, moved_m=0.0)
+        start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
+        self._touched = False
+        collided = self._execute(action)
+        off_m = abs(self._offset_m()[1])
+        if collided:
+            self._halt()
+        # No wheel can undo a push from the side, and after the next turn the servo would drive it as a distance.
+        elif abs(self._offset_m()[1]) > self._config.pushed_m:
+            self._reference = self._base.pose
+        end = self._base.pose
+        return ActionResult(
+            action,
+            collided=collided,
+            wheel_speeds=self._mean_speeds(start_s, start_angles),
+            moved_m=_distance_m(start, end),
+            fault=self._fault(
+                failed=collided or off_m > self._config.pushed_m,
+                driven_rad=self._kinematics.wheel_motion(*action_motion(action)),
+                turned_rad=self._turned_rad(start_angles),
+            ),
+        )
+
+    def _fault(
+        self,
+        *,
+        failed: bool,
+        driven_rad: tuple[float, float] = (0.0, 0.0),
+        turned_rad: tuple[float, float] = (0.0, 0.0),
+    ) -> StopReason | None:
+        """Why the robot can drive no more after a motion; None while it can.
+
+        Args:
+            failed: the motion ended away from where it should.
+            driven_rad: rotation of both sides' wheels that the motion asks for; 0 = it is not known.
+            turned_rad: rotation that their encoders measured.
+        """
+        if self._diverged:
+            return StopReason.DIVERGED
+        if self._base.tilt_rad > self._config.toppled_rad:
+            return StopReason.TOPPLED
+        touched = self._touched or self._touches_anything()
+        return self._traction.after(failed=failed, touched=touched, driven_rad=driven_rad, turned_rad=turned_rad)
+
+    def _touches_anything(self) -> bool:
+        """Whether the robot's shell touches anything, or is as near to it as the servo goes."""
+        near = self._is_shell[self._data.contact.geom]
+        return bool((near[:, 0] != near[:, 1]).any()) or self._servo.is_near_obstacle
+
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        """Move at a velocity for a time [s], rounded up to servo periods.
+
+        The velocity changes at the accelerations of the limits; one beyond the wheels' limits is scaled down along the
+        same arc. Afterwards the robot may still move: the next call of ``drive`` continues from there, and an action
+        first brings it to rest.
+
+        Raises:
+            RobotError: if the duration is not positive, or the velocity not finite.
+        """
+        require_motion(twist, duration_s)
+        period_s, wanted = self._period_s, self._saturate(twist)
+        start_s, start_angles, moved_m, turned_rad = self._data.time, self._base.wheel_angles_rad, 0.0, 0.0
+        collided = self._touched = False
+        for _ in range(math.ceil(duration_s / period_s - 1e-9)):
+            before = self._base.pose
+            self._twist = self._slew_limit(wanted)
+            forward_m, turn_rad = self._twist.forward_mps * period_s, self._twist.turn_radps * period_s
+            self._reference = move_pose(self._reference, forward_m, turn_rad)
+            collided = self._servo_period(self._reference, self._twist.forward_mps > 0.0)
+            after = self._base.pose
+            moved_m += _distance_m(before, after)
+            turned_rad += abs(wrap_angle(after.yaw_rad - before.yaw_rad))
+            if collided or math.hypot(*self._offset_m()) > self._config.lag_m:
+                collided = True
+                self._halt()
+                break
+        speeds, fault = self._mean_speeds(start_s, start_angles), self._fault(failed=collided)
+        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
+
+    def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
+        """Turn on the spot until the camera's axis and a point of the world share a vertical plane."""
+        self._brake()
+        controller, turned_rad, self._touched = self._look_at_controller(), 0.0, False
+        start, start_s, start_angles = self._base.pose, self._data.time, self._base.wheel_angles_rad
+        while (following := controller.next_pose(self._reference, point_m)) is not None:
+            turned_rad += abs(wrap_angle(following.yaw_rad - self._reference.yaw_rad))
+            self._reference = following
+            self._servo_period(following, forward=False)
+            if abs(wrap_angle(following.yaw_rad - self._base.pose.yaw_rad)) > _TURN_LAG_RAD:
+                break
+        collided = not self._settle(forward=False)
+        if collided:
+            self._halt()
+        moved_m, speeds = _distance_m(start, self._base.pose), self._mean_speeds(start_s, start_angles)
+        fault = self._fault(failed=collided)
+        return MotionResult(collided, speeds, moved_m, turned_rad, self._data.time - start_s, fault)
+
+    def _execute(self, action: Action) -> bool:
+        """Move the reference through the action and the base after it; True if something is in the way."""
+        forward_m, turn_rad = action_motion(action)
+        profile = action_profile(action, self._limits)
+        start, start_s = self._reference, self._data.time
+        self._reference = move_pose(start, forward_m, turn_rad)
+        fraction = 0.0
+        while fraction < 1.0:
+            fraction = profile.fraction(self._data.time + self._period_s - start_s)
+            if self._servo_period(move_pose(start, forward_m * fraction, turn_rad * fraction), bool(forward_m)):
+                return True
+        return not self._settle(bool(forward_m))
+
+    def _settle(self, forward: bool) -> bool:
+        """Wait until the base rests at the reference; False if it does not arrive."""
+        config = self._config
+        last_s = self._data.time + config.settle_s
+        while True:
+            at_rest = self._base.speed_mps < config.rest_mps and abs(self._base.turn_rate_radps) < config.rest_radps
+            if at_rest and self._is_at_reference(config.settled_m, config.settled_rad):
+                return True
+            if self._data.time >= last_s:
+                return self._is_at_reference(config.blocked_m, config.blocked_rad)
+            if self._servo_period(self._reference, forward):
+                return False
+
+    def _servo_period(self, reference: Pose2, forward: bool) -> bool:
+        """Command the wheels for one period; True once a contact blocks a forward motion, or it diverges."""
+        if isinstance(self._servo, PlanarServo):
+            self._data.ctrl[self._motors] = self._servo.joint_speeds(self._base.pose, reference)
+        else:
+            speeds = self._servo.wheel_speeds(self._base.pose, reference)
+            sides = np.repeat((speeds.left_radps, speeds.right_radps), len(self._signs) // 2)
+            self._data.ctrl[self._motors] = self._signs * sides
+        self._touched |= self._servo.is_near_obstacle
+        for _ in range(self._substeps):
+            mujoco.mj_step(self._model, self._data)
+            if forward and self._contact_ahead():
+                return True
+        self._odometer.update(self._base.wheel_angles_rad)
+        # MuJoCo has reset the simulation and its clock, so that no motion would ever end.
+        return self._diverged
+
+    @property
+    def _diverged(self) -> bool:
+        """Whether the simulation has become unstable."""
+        return any(self._data.warning[kind].number for kind in _UNSTABLE) or not np.isfinite(self._data.qpos).all()
+
+    def _halt(self) -> None:
+        """Brake to rest and make the reached pose the reference."""
+        self._data.ctrl[self._motors] = 0.0
+        for _ in range(math.ceil(self._config.settle_s / self._period_s)):
+            mujoco.mj_step(self._model, self._data, nstep=self._substeps)
+            self._odometer.update(self._base.wheel_angles_rad)
+        self._reference, self._twist = self._base.pose, _STANDING
+
+    def _saturate(self, twist: Twist) -> Twist:
+        """The same arc within the limits of base and wheels, with a reserve of wheel speed for the servo."""
+        limits, speeds = self._limits, self._kinematics.wheel_speeds(twist.forward_mps, twist.turn_radps)
+        wheel_radps = max(abs(speeds.left_radps), abs(speeds.right_radps))
+        too_fast = max(
+            abs(twist.forward_mps) / limits.forward_mps,
+            abs(twist.turn_radps) / limits.turn_radps,
+            wheel_radps / (0.95 * self._max_wheel_radps),
+            1.0,
+        )
+        return Twist(twist.forward_mps / too_fast, twist.turn_radps / too_fast)
+
+    def _slew_limit(self, wanted: Twist) -> Twist:
+        """The velocity of the next servo period, within the acceleration limits, on the way to a wanted one."""
+        limits, now = self._limits, self._twist
+        max_mps, max_radps = limits.forward_mps2 * self._period_s, limits.turn_radps2 * self._period_s
+        return Twist(
+            now.forward_mps + min(max(wanted.forward_mps - now.forward_mps, -max_mps), max_mps),
+            now.turn_radps + min(max(wanted.turn_radps - now.turn_radps, -max_radps), max_radps),
+        )
+
+    def _brake(self) -> None:
+        """Brake a base in motion to rest; the time includes one period in reserve."""
+        if self._twist == _STANDING:
+            return
+        forward_s = abs(self._twist.forward_mps) / self._limits.forward_mps2
+        turn_s = abs(self._twist.turn_radps) / self._limits.turn_radps2
+        self.drive(_STANDING, max(forward_s, turn_s) + self._period_s)
+
+    def _is_at_reference(self, along_m: float, angle_rad: float) -> bool:
+        """Whether the base is at the reference, apart from the sideways offset that no wheel can undo."""
+        angle_off_rad = wrap_angle(self._reference.yaw_rad - self._base.pose.yaw_rad)
+        return abs(self._offset_m()[0]) < along_m and abs(angle_off_rad) < angle_rad
+
+    def _offset_m(self) -> tuple[float, float]:
+        """Offset of the reference from the base: ahead and to the left [m]."""
+        pose, reference = self._base.pose, self._reference
+        dx, dy = reference.x_m - pose.x_m, reference.y_m - pose.y_m
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        return dx * c + dy * s, dy * c - dx * s
+
+    def _contact_ahead(self) -> bool:
+        """Whether the robot's shell touches something ahead of it that cannot be pushed."""
+        touching = self._is_shell[self._data.contact.geom]
+        if not touching.any():
+            return False
+        yaw = self._base.pose.yaw_rad
+        for contact, (first_is_robot, second_is_robot) in zip(self._data.contact, touching, strict=True):
+            if first_is_robot == second_is_robot or contact.dist > 0.0:
+                continue
+            # What gives way is pushed; what is too heavy stops the base, which then lags its reference.
+            if self._is_movable[contact.geom[1 if first_is_robot else 0]]:
+                continue
+            # The contact's normal points from its first geom to its second.
+            outwards = contact.frame[:2] if first_is_robot else -contact.frame[:2]
+            if outwards[0] * math.cos(yaw) + outwards[1] * math.sin(yaw) > self._config.contact_cos:
+                return True
+        return False
+
+
+def _distance_m(a: Pose2, b: Pose2) -> float:
+    """Distance between two positions [m]."""
+    return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)
