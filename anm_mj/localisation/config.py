@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings
@@ -78,6 +78,8 @@ class TrackingConfig:
     """A frame enters the map when at least this share of its known points fits."""
     least_known: float = setting(0.1, at_least=0.0, at_most=1.0)
     """With fewer known points the map says nothing of a pose; the prior's stays."""
+    least_agreement: float = setting(0.5, at_least=0.0, at_most=1.0)
+    """And when of the points that the occupancy grid knows something of, it confirms at least this share."""
     most_deviation_m: float = 0.05
     """And when the standard deviation of its position is at most this [m]."""
     most_deviation_rad: float = 0.03
@@ -98,9 +100,57 @@ class TrackingConfig:
 
 
 @dataclass(frozen=True)
+class RelocalisationConfig:
+    """How a lost camera is looked for."""
+
+    cell_m: float = setting(0.1, at_least=0.02, at_most=1.0)
+    """Cell of the grid of distances [m]."""
+    truncation_m: float = 0.4
+    """Largest distance of a point that counts [m]."""
+    unknown_m: float = 0.15
+    """What a point in unknown space counts as [m]."""
+    range_m: float = 5.0
+    """Pixels farther away take no part in the search [m]."""
+    spacing_m: float = 0.2
+    """Spacing of the places that are tried [m]."""
+    headings: int = setting(36, at_most=360)
+    """Headings that are tried at each."""
+    search_points: int = setting(100, at_most=10_000)
+    """Points of a frame that all places are scored by."""
+    refine_points: int = setting(300, at_most=10_000)
+    """Points that the best ones are refined by."""
+    candidates: int = setting(12, at_most=1000)
+    """Places that are registered to the field, and hypotheses that are kept."""
+    most_distance_m: float = 0.15
+    """Places with a larger mean distance are none [m]."""
+    deviation_m: float = 0.15
+    """Standard deviation of a candidate's place [m]."""
+    deviation_rad: float = 0.1
+    """And of its heading [rad]."""
+    iterations: int = setting(15, at_most=1000)
+    """Most steps of Gauss-Newton for each."""
+    least_known: float = 0.5
+    """A frame of whose points the map knows a smaller share counts for less."""
+    least_score: float = setting(0.6, at_most=1.0)
+    """A place is believed whose mean score over frames is at least this, in [0, 1],"""
+    least_lead: float = setting(0.1, at_least=0.0, at_most=1.0)
+    """larger than any other's by at least this,"""
+    frames: int = setting(4, at_most=1000)
+    """over at least so many frames."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.relocalisation", MapError)
+
+    def registration(self, usual: RegistrationConfig) -> RegistrationConfig:
+        """The settings by which a candidate is registered."""
+        return replace(usual, iterations=self.iterations, shrink_iterations=self.iterations // 2)
+
+
+@dataclass(frozen=True)
 class LocalisationConfig:
     """Settings of the stage."""
 
     registration: RegistrationConfig = RegistrationConfig()
     motion: MotionConfig = MotionConfig()
     tracking: TrackingConfig = TrackingConfig()
+    relocalisation: RelocalisationConfig = RelocalisationConfig()

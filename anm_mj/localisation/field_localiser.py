@@ -11,11 +11,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from anm_mj.frames import pose_matrix, wrap_angle
+from anm_mj.localisation.agreement import REACH_M, agreement
 from anm_mj.localisation.config import LocalisationConfig
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, register
+from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
+from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.types import Observation, Pose2
 
@@ -24,8 +27,6 @@ if TYPE_CHECKING:
 
 _FIRST_DEVIATION = 1e-4
 """Standard deviations of the first pose [m, rad]: it defines the world."""
-_REACH_M = 0.02
-"""A point is known where an occupied voxel is as near as this [m]."""
 _FEW_POINTS = 50
 """Frames with fewer measured points are blind."""
 
@@ -47,6 +48,7 @@ class FieldLocaliser:
         planar: bool,
         odometry: bool,
         base_pose: Callable[[Float[np.ndarray, "4 4"]], Pose2] | None = None,
+        lost: bool = False,
     ) -> None:
         """Start before the first frame.
 
@@ -58,6 +60,7 @@ class FieldLocaliser:
                 observations, or freely.
             odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
             base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
+            lost: Whether the first pose is unknown in a map that there is already, but for the camera's height and tilt.
         """
         self.config = config
         self._map = neural_map
@@ -70,7 +73,8 @@ class FieldLocaliser:
         self._num_mapped = 0
         self._misfits = 0
         """Frames in a row that did not fit."""
-        self._state = TrackingState.TRACKING
+        self._state = TrackingState.LOST if lost else TrackingState.TRACKING
+        self._relocaliser = Relocaliser(config)
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
@@ -88,7 +92,8 @@ class FieldLocaliser:
         self._num_frames += 1
         if self._T_camera_base is None:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
-        if self._T_world_camera is None or not self._map.is_trained:
+        lost = self._state is TrackingState.LOST
+        if not self._map.is_trained or (self._T_world_camera is None and not lost):
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
         noise = self._map.observed.depth_noise_per_m
@@ -97,14 +102,17 @@ class FieldLocaliser:
         points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
         if len(points) < _FEW_POINTS:
             return self._predicted(observation, prior, None, misfit=False)
+        if lost:
+            return self._look_for(observation, prior, points)
         found = register(points, prior, self._map.backend.align, self._known, settings)
+        fits = agreement(points, found.T_world_camera, self._map.observed)
         tracking = self.config.tracking
+        misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
+        if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
+            return self._predicted(observation, prior, found, misfit=True)
         if found.known < tracking.least_known:
             return self._predicted(observation, prior, found, misfit=False)
-        if found.inliers < tracking.least_inliers:
-            return self._predicted(observation, prior, found, misfit=True)
         self._misfits = 0
-        self._state = TrackingState.TRACKING
         self._covariance = found.covariance
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
 
@@ -115,8 +123,28 @@ class FieldLocaliser:
         young = self._num_mapped <= tracking.young_frames
         return TrainingEffort(tracking.young_iterations if young else tracking.iterations, tracking.current_rays)
 
+    def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
+        """Look for a lost camera in the whole map."""
+        neural_map, finder = self._map, self._relocaliser
+        if self._T_world_camera is not None:
+            finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
+        grid = neural_map.observed.grid
+        believed = finder.look(
+            points, prior.T_world_camera, self._basis, neural_map.backend.align, self._known, neural_map.observed, grid
+        )
+        if believed is None or believed.found is None:
+            return self._predicted(observation, prior, None, misfit=False)
+        finder.restart()
+        self._state, self._misfits = TrackingState.TRACKING, 0
+        self._covariance = believed.found.covariance
+        found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
+        # The jump from where it was believed to be is no motion.
+        self._T_last_now = np.eye(4)
+        return replace(found, relocalised=True)
+
     def _prior(self, observation: Observation) -> Prior:
-        assert self._T_world_camera is not None
+        if self._T_world_camera is None:
+            return Prior(observation.T_world_camera, self._covariance, self._basis)
         if self._odometry and self._T_odometry is not None:
             return moved_by_odometry(
                 self._T_world_camera,
@@ -131,15 +159,18 @@ class FieldLocaliser:
         )
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        return self._map.observed.near_occupied(points_m, _REACH_M)
+        return self._map.observed.near_occupied(points_m, REACH_M)
 
     def _predicted(
         self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool
     ) -> PoseEstimate:
         """The prior's pose, for a frame that tells nothing, or contradicts the map."""
         self._misfits = self._misfits + 1 if misfit else self._misfits
-        if self._misfits >= self.config.tracking.lost_frames:
+        if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
             self._state = TrackingState.LOST
+            self._relocaliser.restart()
+            # Perhaps only the frames were bad.
+            self._relocaliser.hypotheses = [Hypothesis(prior.T_world_camera)]
         self._covariance = prior.covariance
         usable = not misfit and self._misfits == 0 and self._is_sure()
         return self._estimate(observation, prior.T_world_camera, found, usable=usable)
