@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 import sys
 import time
@@ -37,7 +36,7 @@ from anm_mj.recording.recorder import Before, RunRecorder, WayBack
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
-from anm_mj.types import Pose2, StopReason, TrueView
+from anm_mj.types import StopReason, TrueView
 from anm_mj.utils.memory import malloc_trim
 from anm_mj.viz.viewer import NullViewer
 
@@ -291,28 +290,7 @@ def _make_mapper(config: RunConfig) -> NeuralMap:
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     from anm_mj.sim.make_robot import make_robot
 
-    return make_robot(
-        scene,
-        start=_start_pose(config),
-        drive=config.drive,
-        image_px=config.image_px,
-        robot=config.robot,
-        config=config.model,
-        pose=config.pose,
-        seed=config.seed,
-        sensor=config.sensor,
-        camera=config.camera,
-        motion=config.motion,
-        anticipates=True,
-        forgets_textures=True,
-    )
-
-
-def _start_pose(config: RunConfig) -> Pose2 | None:
-    if config.start is None:
-        return None
-    x, y, yaw_deg = config.start
-    return Pose2(x, y, math.radians(yaw_deg))
+    return make_robot(scene, config, anticipates=True, forgets_textures=True)
 
 
 def _true_scene(
