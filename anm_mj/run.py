@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from anm_mj.anticipating_robot import AnticipatingRobot
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
@@ -26,12 +26,9 @@ from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import WayBack, load_writers, write_results
+from anm_mj.run_parts import Parts, make_parts, true_view
 from anm_mj.types import StopReason
 from anm_mj.utils.memory import malloc_trim
-
-if TYPE_CHECKING:
-    pass
-from anm_mj.run_parts import Parts, make_parts, true_view
 
 TRIM_STEPS = 100
 """Steps after which freed memory goes back to the system."""
