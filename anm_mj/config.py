@@ -24,12 +24,12 @@ from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.recording.config import RecordConfig
 from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.robot.presets import preset_config
-from anm_mj.sim.config import DRIVES, POSES
+from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.robot_presets import preset_config
+from anm_mj.sim.choices import DRIVES, POSES
 from anm_mj.sim.motion_config import MotionConfig
-from anm_mj.sim.sensors.config import SensorConfig
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.utils.close_names import close_name
 from anm_mj.utils.settings import of_type
 
@@ -146,7 +146,7 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
-        sensor: a key of :data:`anm_mj.sim.sensors.presets.SENSORS`.
+        sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`.
         **options: fields of ``RunConfig``.
 
     Raises:

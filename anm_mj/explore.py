@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from anm_mj.control.follow import Follower
+from anm_mj.control.path_follower import Follower
 from anm_mj.errors import MapError, PlanError
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import Anticipates, Mapper, Policy, Recorder, Robot, Viewer

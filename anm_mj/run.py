@@ -43,7 +43,7 @@ from anm_mj.viz.viewer import NullViewer
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
 TRIM_STEPS = 100
 """Steps after which freed memory goes back to the system."""

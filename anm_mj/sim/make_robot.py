@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from anm_mj.errors import RobotError, SceneError
 from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.robot.presets import preset_config, robot_path
+from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.robot_presets import preset_config, robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
-from anm_mj.sim.config import DRIVES, POSES
+from anm_mj.sim.choices import DRIVES, POSES
 from anm_mj.sim.gl import select_backend
 from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.memory import forget_content
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.camera import Camera
     from anm_mj.sim.motion_config import MotionConfig
-    from anm_mj.sim.robot import SimRobot
-    from anm_mj.sim.sensors.config import SensorConfig
+    from anm_mj.sim.sensors.sensor_config import SensorConfig
+    from anm_mj.sim.sim_robot import SimRobot
 
 FOOTPRINT = DEFAULT_FOOTPRINT
 """Of the robot in ``models/diff_drive``."""
@@ -97,7 +97,7 @@ def make_robot(
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
     from anm_mj.sim.drives.physics_drive import PhysicsDrive
     from anm_mj.sim.gl_camera import GlCamera
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
     description = describe_robot(path, config, mount, image_px)
     start = _start_pose(scene, start, description.footprint)

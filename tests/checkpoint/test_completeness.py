@@ -15,7 +15,7 @@ from anm_mj.config import make_config
 from anm_mj.explore import LoopState, explore
 from anm_mj.planning.policies.registry import policies
 from anm_mj.run import make_parts
-from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import ListRecorder
 from tests.scene.small import make_small_scene
