@@ -22,7 +22,7 @@ from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.recording.config import RecordConfig
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.sim.simulation_config import SimulationConfig, require_choice
 from anm_mj.utils.settings import of_type
 
@@ -110,7 +110,7 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
-        sensor: a key of :data:`anm_mj.sim.sensors.presets.SENSORS`.
+        sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`.
         **options: fields of ``RunConfig``.
 
     Raises:

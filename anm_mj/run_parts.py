@@ -31,7 +31,7 @@ from anm_mj.types import TrueView
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def watched(watch: Watch) -> None:
     from anm_mj.planning.topdown import TopDownMapper
     from anm_mj.recording.recorder import RunRecorder
     from anm_mj.sensing.sensor_monitor import SensorMonitor
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
     for name in ("observe", "anticipate"):
         watch.over(SimRobot, name, "camera")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from anm_mj.cli.option_types import place, port
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, policies
-from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 
 if TYPE_CHECKING:
     from anm_mj.evaluation.metrics import Metrics

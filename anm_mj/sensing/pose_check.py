@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
 from anm_mj.frames import back_project, move_pose, pose_matrix, wrap_angle
 from anm_mj.types import Action, Observation, Pose2, SdfQuery
 

@@ -8,10 +8,10 @@ from typing import cast
 
 from anm_mj.errors import ConfigError
 from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.robot.presets import preset_config
+from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.robot_presets import preset_config
 from anm_mj.sim.motion_config import MotionConfig
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
 

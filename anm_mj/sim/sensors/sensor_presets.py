@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from anm_mj.errors import RobotError
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.utils.close_names import close_name
 
 SENSORS: dict[str, SensorConfig] = {

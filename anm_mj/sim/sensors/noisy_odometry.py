@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from anm_mj.frames import wrap_angle
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Pose2
 
 _STILL_M = 1e-6

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from anm_mj.frames import move_pose
-from anm_mj.sim.sensors.config import SensorConfig
-from anm_mj.sim.sensors.odometry import NoisyOdometry
+from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Pose2
 
 START = Pose2(1.0, 2.0, 0.5)

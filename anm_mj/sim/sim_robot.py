@@ -15,10 +15,10 @@ from anm_mj.protocols import Drive
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
 from anm_mj.sim.motion_config import MotionConfig
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.faults import SensorFaults
-from anm_mj.sim.sensors.odometry import NoisyOdometry
-from anm_mj.sim.sensors.sensor import Sensor
+from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
 
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from anm_mj.sim.sensors.color import measure_color
-from anm_mj.sim.sensors.config import SensorConfig
-from anm_mj.sim.sensors.depth import measure_depth
+from anm_mj.sim.sensors.measure_color import measure_color
+from anm_mj.sim.sensors.measure_depth import measure_depth
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Intrinsics
 
 _FRAME, _CAMERA = 0, 1

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Plan, Pose2
 

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.control.follow import Follower
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
+from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.types import Action, Plan, Pose2
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.control.motion import MotionLimits, Trapezoid, action_motion, action_profile
+from anm_mj.control.action_motion import MotionLimits, Trapezoid, action_motion, action_profile
 from anm_mj.errors import RobotError
 from anm_mj.types import Action
 

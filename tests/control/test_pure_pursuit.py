@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.control.pursuit import SPEED_MPS, TURN_RADPS, Pursuit
+from anm_mj.control.pure_pursuit import SPEED_MPS, TURN_RADPS, Pursuit
 from anm_mj.frames import move_pose
 from anm_mj.types import Pose2
 

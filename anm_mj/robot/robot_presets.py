@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.config import RobotConfig
+from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.utils.close_names import close_name
 from anm_mj.utils.package_data import data_folder
 from anm_mj.utils.read_file import read_bytes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import UInt8
 
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 
 
 def measure_color(

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Intrinsics
 
 

@@ -1,5 +1,6 @@
 """Robots by name: which settings a name or a file gets, and what is said where the robot cannot be had."""
 
+import importlib
 import sys
 import types
 
@@ -7,9 +8,8 @@ import pytest
 
 from anm_mj.config import make_config
 from anm_mj.errors import RobotError
-from anm_mj.robot import presets
-from anm_mj.robot.config import RobotConfig
-from anm_mj.robot.presets import preset_config, robot_path, robot_presets
+from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_presets import preset_config, robot_path, robot_presets
 from tests.robots import ROVER_XML
 
 
@@ -103,7 +103,7 @@ def test_a_failed_download_is_one_clear_sentence(monkeypatch, said, reason):
             return package
         raise OSError(said)
 
-    monkeypatch.setattr(presets.importlib, "import_module", fail)
+    monkeypatch.setattr(importlib, "import_module", fail)
     with pytest.raises(
         RobotError, match=rf"could not fetch stretch_3_mj_description \({reason}\); check the network, or"
     ):
