@@ -22,14 +22,14 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import decision_vertices
 from anm_mj.planning.paths import shortest_paths
-from anm_mj.planning.rooms import find_rooms
-from anm_mj.planning.spurs import prune_spurs
-from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.planning.traversable_frontier import borders_unknown
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import contract
+from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
+from anm_mj.planning.policies.anm_s.graph_rooms import find_rooms
+from anm_mj.planning.policies.anm_s.spurs import prune_spurs
+from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
 from anm_mj.scene.generation.layout import Style
 from anm_mj.scene.generation.topdown import topdown as generated

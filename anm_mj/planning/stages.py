@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import contract
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.graph_nodes import decision_vertices
 from anm_mj.planning.paths import ShortestPathTree, shortest_paths
-from anm_mj.planning.regions import RegionFinder
-from anm_mj.planning.rooms import find_rooms
-from anm_mj.planning.spurs import prune_spurs
-from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.planning.traversable_frontier import borders_unknown, traversable_frontier
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import contract
+from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
+from anm_mj.planning.policies.anm_s.graph_rooms import find_rooms
+from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
+from anm_mj.planning.policies.anm_s.spurs import prune_spurs
+from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.protocols import EstimatesErrors, Mapper
 from anm_mj.types import (

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_policy import Gvg
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
-from anm_mj.planning.policies.gvg.policy import Gvg
-from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.scan_grid import ScanGrid
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, VoxelGrid
 from tests.box_room import CAMERA, ROOM_HIGH_M, camera_pose, room_depth
 from tests.planning.worlds import room

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import (
     clearance_at,
     path_steps,
@@ -12,7 +11,8 @@ from anm_mj.planning.paths import (
     segments_clear,
     shortest_paths,
 )
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import TURN_STEP_RAD, Footprint, Pose2
 from tests.planning.worlds import room

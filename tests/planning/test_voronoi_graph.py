@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import components
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import components
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, Footprint, Pose2, TopDownMap
 from tests.planning.worlds import BoxWorld, room, see

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from anm_mj.planning.clear_edges import clear_edges
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import clearance_at, shortest_paths
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, OCCUPIED, Footprint, Pose2, TopDownMap, VoxelGrid
 

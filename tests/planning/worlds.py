@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, MapUpdate, Observation, Pose2, SurfacePoints, VoxelGrid
 

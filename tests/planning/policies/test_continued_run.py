@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import PlanError
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround, is_known_place, remembered
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import default_settings, make_policy, needs_truth, policies
 from anm_mj.planning.scan_grid import ScanGrid
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.protocols import Continues
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, FormerRun, Plan, Pose2, StopReason, VoxelGrid
 from tests.box_room import observe

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from anm_mj.planning.policies.anm_s.candidates import Candidates
+from anm_mj.planning.policies.anm_s.candidate_vertices import Candidates
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.stages import PlanningState
 

@@ -1,8 +1,8 @@
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.types import OCCUPIED, UNKNOWN, Footprint, Pose2
 from tests.planning.worlds import room
 

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import clearance_at
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, BoxWorld, room
 

@@ -1,14 +1,15 @@
 """The paper's policy: anchored vertices in the local horizon first, then near to far (sections III-B, III-C, IV-A).
 
 After a full rotation at the start, every decision weighs two kinds of vertices: those at which the robot has a decision
-to make (:mod:`anm_mj.planning.graph_nodes`), as long as they are unvisited, and those with a region of interest
-anchored to them. Unvisited vertices beat visited ones; among them, vertices in the local horizon and in the view ahead
-beat others; among these, vertices with a region do. Equals are ordered by room, the robot's own first and then from
-near to far (:mod:`anm_mj.planning.rooms`), and in each room by distance along the graph. This is the target
-"hierarchical"; the paper's ablations are "random" (any unvisited vertex) and "best-anchored" (the vertex with the most
-uncertain region). On arrival the robot turns until every region anchored there has been in view. It keeps a target
-until it reaches it, collides on the way, or sees on the way that the target is no candidate any more. With no candidate
-left the robot makes one more full rotation, as the authors' released code does; then the run ends.
+to make (:mod:`~anm_mj.planning.policies.anm_s.decision_vertices`), as long as they are unvisited, and those with a
+region of interest anchored to them. Unvisited vertices beat visited ones; among them, vertices in the local horizon and
+in the view ahead beat others; among these, vertices with a region do. Equals are ordered by room, the robot's own first
+and then from near to far (:mod:`~anm_mj.planning.policies.anm_s.graph_rooms`), and in each room by distance along the
+graph. This is the target "hierarchical"; the paper's ablations are "random" (any unvisited vertex) and "best-anchored"
+(the vertex with the most uncertain region). On arrival the robot turns until every region anchored there has been in
+view. It keeps a target until it reaches it, collides on the way, or sees on the way that the target is no candidate any
+more. With no candidate left the robot makes one more full rotation, as the authors' released code does; then the run
+ends.
 
 The tiers, the visited radius and the view ahead are those of the released code, because the paper leaves them open.
 Where paper and code differ, the policy follows the paper: a bootstrap of 36 turns without tilting, both decoders
@@ -35,19 +36,19 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from anm_mj.planning.contracted_edges import components
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.narrow_gaps import narrow_gaps
-from anm_mj.planning.policies.anm_s.candidates import CandidateFinder, Candidates
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
+from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates
+from anm_mj.planning.policies.anm_s.contracted_edges import components
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
 from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.targets import Targets
+from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.policies.anm_s.visited import within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
-from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,

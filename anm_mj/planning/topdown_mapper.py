@@ -21,11 +21,11 @@ from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance_transform import capped_distance_cells
 from anm_mj.planning.enclosed_holes import enclosed_holes
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
 from anm_mj.utils.arrays import dilate_mask, embed
 

@@ -3,13 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import shortest_paths
-from anm_mj.planning.policies.gvg.tour import TourSearch
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
+from anm_mj.planning.policies.gvg.view_tours import TourSearch
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FORWARD_STEP_M, Footprint, Pose2
 from tests.planning.worlds import room

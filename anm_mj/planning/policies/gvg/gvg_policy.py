@@ -3,8 +3,8 @@
 A full decision takes four stages. The map and the graph are brought up to date. Reachable vertices, thinned to one per
 half metre, and the robot's own place get the expected gain of their best view
 (:mod:`anm_mj.planning.policies.gvg.information_gain`). A beam search among the most promising of them finds the best
-tours (:mod:`anm_mj.planning.policies.gvg.tour`); turns count as steps, because a turn of 10 degrees takes as much of
-the budget as 6.5 cm of path. The first view of the best tour becomes the target; a factor on tours that begin at the
+tours (:mod:`anm_mj.planning.policies.gvg.view_tours`); turns count as steps, because a turn of 10 degrees takes as much
+of the budget as 6.5 cm of path. The first view of the best tour becomes the target; a factor on tours that begin at the
 present target keeps the policy from changing its mind for little.
 
 The policy decides every few steps and on events. Between full decisions it reuses the plan as long as the target's view
@@ -29,16 +29,16 @@ from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
-from anm_mj.planning.policies.gvg.candidates import CandidatePlaces, candidate_places
-from anm_mj.planning.policies.gvg.config import AS_MANY_AS_NEEDED, GvgConfig
+from anm_mj.planning.policies.gvg.candidate_places import CandidatePlaces, candidate_places
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
+from anm_mj.planning.policies.gvg.gvg_config import AS_MANY_AS_NEEDED, GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
-from anm_mj.planning.policies.gvg.tour import Tour, TourSearch
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
 from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
+from anm_mj.planning.policies.gvg.view_tours import Tour, TourSearch
 from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from anm_mj.planning.paths import segments_clear
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import view_box
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.tiers import tiers

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import SPACING_M, decision_vertices
-from anm_mj.planning.spurs import prune_spurs
-from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.planning.traversable_frontier import borders_unknown, traversable_frontier
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import contract
+from anm_mj.planning.policies.anm_s.decision_vertices import SPACING_M, decision_vertices
+from anm_mj.planning.policies.anm_s.spurs import prune_spurs
+from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import Footprint, Pose2, VoronoiGraph
 from tests.planning.worlds import room

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from anm_mj.geometry import room_merging
 from anm_mj.geometry.room_merging import merge_into_rooms
-from anm_mj.planning.rooms import NARROWING, find_rooms
+from anm_mj.planning.policies.anm_s.graph_rooms import NARROWING, find_rooms
 from anm_mj.types import OCCUPIED, VoronoiGraph, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room, see
 

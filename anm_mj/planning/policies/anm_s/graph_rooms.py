@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
 from anm_mj.geometry.room_merging import merge_into_rooms
-from anm_mj.planning.bottlenecks import edge_bottlenecks
+from anm_mj.planning.policies.anm_s.bottlenecks import edge_bottlenecks
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 
 DOOR_HALF_WIDTH_M = 0.8

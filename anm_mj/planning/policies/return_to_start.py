@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import path_steps
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Footprint, Observation, Plan, Pose2, StopReason
