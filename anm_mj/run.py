@@ -26,12 +26,12 @@ from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import to_json
+from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
 from anm_mj.planning.policies.return_to_start import Returning
-from anm_mj.planning.stages import PlanningState, Stages
 from anm_mj.protocols import Policy, Viewer
 from anm_mj.recording.recorder import Before, RunRecorder, WayBack
 from anm_mj.scene.budget import default_steps
@@ -361,9 +361,9 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
 
 def _what_is_left(
     config: RunConfig, robot: SimRobot, mapper: NeuralMap, recorder: RunRecorder, outcome: Outcome
-) -> PlanningState:
-    """The shared planning stages, run once on the final map along the trajectory of the whole run."""
-    stages = Stages(config.planning, robot.footprint)
+) -> RegionState:
+    """The planning stages of the paper's policy, run once on the final map along the trajectory of the whole run."""
+    stages = RegionStages(config.planning, robot.footprint)
     if recorder.former is not None:
         stages.continue_from(recorder.former)
     for pose in recorder.poses:
