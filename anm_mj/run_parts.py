@@ -21,7 +21,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
-from anm_mj.planning.policies.returning import Returning
+from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
 from anm_mj.scene.budget import default_steps

@@ -194,13 +194,17 @@ class NeuralMap:
         self._geometry = FieldGeometry(self._occupancy) if self._geometry is not None else None
         return done
 
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        return self.config.field.truncation_m
+
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Signed distance at world points [m], positive in free space, truncated to +-``truncation_m``.
 
         Where nothing was observed the value means nothing; ask ``occupancy``.
         """
-        truncation = np.float32(self.config.field.truncation_m)
-        return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * truncation
+        return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * np.float32(self.truncation_m)
 
     def rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
         """Colours in [0, 1] at world points [m]."""

@@ -127,7 +127,7 @@ def test_every_engine_goes_on(scene, engine):
 
 def test_the_comparison_would_find_a_forgotten_attribute(scene, monkeypatch):
     """A policy whose count is left out does not come back with it."""
-    from anm_mj.planning.policies.random_walk.policy import RandomWalk
+    from anm_mj.planning.policies.random_walk import RandomWalk
 
     monkeypatch.setattr(RandomWalk, "REBUILT", ("_rng",), raising=False)
     (steps, _), (steps_again, _) = ends(configuration(scene, "random"))

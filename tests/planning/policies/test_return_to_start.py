@@ -9,8 +9,8 @@ import pytest
 from anm_mj.control.action_motion import action_motion
 from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.policies.returning import Returning
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.types import ARRIVED_M, FREE, OCCUPIED, TURN_STEP_RAD, Action, Footprint, Plan, Pose2, StopReason, VoxelGrid
 from tests.box_room import observe
 
@@ -33,7 +33,7 @@ def mapper_of(grid):
     def sdf(points):
         return np.full(len(points), 0.1, np.float32)
 
-    return Mock(occupancy=grid, sdf=sdf)
+    return Mock(occupancy=grid, sdf=sdf, truncation_m=0.1)
 
 
 class Goes:

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import KDTree
 
 from anm_mj.geometry.connected_components import connected_components
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.types import OCCUPIED, Region, SurfacePoints, VoronoiGraph, VoxelGrid
 
 IN_FRONT_M = 0.25

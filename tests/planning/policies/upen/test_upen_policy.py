@@ -10,7 +10,6 @@ import torch
 from anm_mj.errors import PlanError
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.upen.config import UpenConfig
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
     CROP_CELLS,
@@ -21,11 +20,12 @@ from anm_mj.planning.policies.upen.occupancy_net import (
     load_ensemble,
     predict,
 )
-from anm_mj.planning.policies.upen.policy import WEIGHTS, Upen, egocentric_crop, value_along
-from anm_mj.planning.rrt import grow_tree
+from anm_mj.planning.policies.upen.rrt import grow_tree
+from anm_mj.planning.policies.upen.upen_config import UpenConfig
+from anm_mj.planning.policies.upen.upen_policy import WEIGHTS, Upen, egocentric_crop, value_along
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, TopDownMap
 from scripts.train_upen import logits
-from tests.planning.policies.frontier.test_policy import hall, look
+from tests.planning.policies.frontier.test_frontier_policy import hall, look
 from tests.planning.worlds import BoxWorld
 
 FOOTPRINT = Footprint(0.18, 0.05, 1.35)

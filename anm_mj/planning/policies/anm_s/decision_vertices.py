@@ -1,7 +1,7 @@
 """Decision vertices: the vertices of the graph where paths meet, where they end, and a few on long paths between.
 
-Spurs are pruned before degrees are counted (:mod:`anm_mj.planning.spurs`). Long paths without a node, and circles, get
-vertices on them, so that every place is near one.
+Spurs are pruned before degrees are counted (:mod:`anm_mj.planning.policies.anm_s.spurs`). Long paths without a node,
+and circles, get vertices on them, so that every place is near one.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.spatial import KDTree
 
-from anm_mj.planning.contracted_edges import ContractedGraph
+from anm_mj.planning.policies.anm_s.contracted_edges import ContractedGraph
 from anm_mj.types import VoronoiGraph
 
 SPACING_M = 2.0
@@ -22,7 +22,7 @@ def decision_vertices(graph: VoronoiGraph, contracted: ContractedGraph) -> Int[n
 
     Args:
         graph: the road map.
-        contracted: the rest of it after :func:`~anm_mj.planning.spurs.prune_spurs`, contracted.
+        contracted: the rest of it after :func:`~anm_mj.planning.policies.anm_s.spurs.prune_spurs`, contracted.
     """
     nodes = np.unique(contracted.ends)
     # Shorter edges have an end near every vertex.

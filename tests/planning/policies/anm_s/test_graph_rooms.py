@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from anm_mj.geometry import room_merging
 from anm_mj.geometry.room_merging import merge_into_rooms
-from anm_mj.planning.rooms import NARROWING, find_rooms
+from anm_mj.planning.policies.anm_s.graph_rooms import NARROWING, segment_rooms
 from anm_mj.types import OCCUPIED, VoronoiGraph, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room, see
 
@@ -18,7 +18,7 @@ TABLE = (1.6, 1.2, 3.0, 2.2)
 
 def rooms_of(world, x=2.0, y=1.6):
     graph, topdown = see(world, x, y)
-    return find_rooms(graph, topdown, np.array([x, y])), graph
+    return segment_rooms(graph, topdown, np.array([x, y])), graph
 
 
 def row_of_rooms(num):
@@ -190,5 +190,5 @@ def test_merging_at_once_equals_merging_one_by_one(seed, least_m2):
 
 def test_a_graph_without_vertices_has_no_rooms():
     nothing = VoronoiGraph(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2), np.int64), np.zeros(0))
-    found = find_rooms(nothing, see(room(1, 1), 0.7, 0.7)[1], np.zeros(2))
+    found = segment_rooms(nothing, see(room(1, 1), 0.7, 0.7)[1], np.zeros(2))
     assert len(found.room) == len(found.floor_m2) == len(found.door_xy_m) == 0

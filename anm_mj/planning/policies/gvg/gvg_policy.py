@@ -3,8 +3,8 @@
 A full decision takes four stages. The map and the graph are brought up to date. Reachable vertices, thinned to one per
 half metre, and the robot's own place get the expected gain of their best view
 (:mod:`anm_mj.planning.policies.gvg.information_gain`). A beam search among the most promising of them finds the best
-tours (:mod:`anm_mj.planning.policies.gvg.tour`); turns count as steps, because a turn of 10 degrees takes as much of
-the budget as 6.5 cm of path. The first view of the best tour becomes the target; a factor on tours that begin at the
+tours (:mod:`anm_mj.planning.policies.gvg.view_tours`); turns count as steps, because a turn of 10 degrees takes as much
+of the budget as 6.5 cm of path. The first view of the best tour becomes the target; a factor on tours that begin at the
 present target keeps the policy from changing its mind for little.
 
 The policy decides every few steps and on events. Between full decisions it reuses the plan as long as the target's view
@@ -24,21 +24,22 @@ from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
-from anm_mj.planning.policies.gvg.candidates import CandidatePlaces, candidate_places
-from anm_mj.planning.policies.gvg.config import AS_MANY_AS_NEEDED, GvgConfig
+from anm_mj.planning.policies.gvg.candidate_places import CandidatePlaces, candidate_places
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
+from anm_mj.planning.policies.gvg.gvg_config import AS_MANY_AS_NEEDED, GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
-from anm_mj.planning.policies.gvg.tour import Tour, TourSearch
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
 from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
+from anm_mj.planning.policies.gvg.view_tours import Tour, TourSearch
 from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
 from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
 from anm_mj.protocols import EstimatesErrors, Mapper
@@ -119,12 +120,12 @@ class Gvg:
             turns = (Action.TURN_LEFT,) * num_turns
             return Plan("bootstrap: a rotation before the first decision", np.zeros((0, 2)), actions=turns)
         watch = Stopwatch()
-        topdown = self._stages.update_map(mapper, observation, watch)
+        topdown, window = self._stages.update_map(mapper, observation, watch)
         with watch.stage("gain"):
-            gain = self._update_gain(mapper, observation)
+            gain = self._update_gain(mapper, observation, window)
             plan = self._reuse(topdown, observation.pose, gain, watch)
         if plan is None:
-            state = self._stages.update_graph(mapper, observation, topdown, watch, with_regions=False)
+            state = self._stages.update_graph(topdown, observation.pose, watch)
             with watch.stage("gain"):
                 if self._target is not None and self._target.is_reached(state.pose):
                     self._close_target(gain, state.pose)
@@ -132,7 +133,7 @@ class Gvg:
             with watch.stage("choice"):
                 plan = self._decide(state, candidates, gain)
             if plan.stop is not None and (
-                self._stages.may_pass(np.isfinite(state.paths.distance_m)) or self._may_squeeze(state, gain)
+                self._stages.shrink_collisions(np.isfinite(state.paths.distance_m)) or self._drop_margin(state, gain)
             ):
                 return Plan(TRY_AGAIN, np.zeros((0, 2)), actions=(Action.TURN_LEFT,), stage_ms=watch.ms)
             if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
@@ -151,12 +152,12 @@ class Gvg:
         self._stages.on_collision(pose, action)
         self._target = None
 
-    def _update_gain(self, mapper: Mapper, observation: Observation) -> InformationGain:
+    def _update_gain(self, mapper: Mapper, observation: Observation, window: Window | None) -> InformationGain:
         """Bring the expected gains up to date with the map and with what this view left unknown."""
         is_first = self._gain is None
         if self._gain is None:
             self._gain = InformationGain(self.config, FieldOfView.of(observation))
-        self._gain.update(mapper.occupancy, self._stages.topdown.read_window)
+        self._gain.update(mapper.occupancy, window)
         if is_first and self._tried is not None:
             self._gain.take_tried(self._tried.astype(float))
             self._tried = None
@@ -168,12 +169,12 @@ class Gvg:
         self._stagnation.update(observation.step, self._gain.seen_m2)
         return self._gain
 
-    def _may_squeeze(self, state: PlanningState, gain: InformationGain) -> bool:
+    def _drop_margin(self, state: PlanningState, gain: InformationGain) -> bool:
         """Keep no margin from now on where much is expected behind a narrow passage; whether this may open a way."""
         _, beyond_m = narrow_gaps(state)
         if not len(beyond_m) or gain.best_view_gains(beyond_m).max() < self.config.large_gain_m2:
             return False
-        return self._stages.squeeze()
+        return self._stages.drop_margin()
 
     def _can_improve(self, mapper: Mapper) -> bool:
         """Whether views could count what they improve, and do not yet."""

@@ -3,16 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import shortest_paths
-from anm_mj.planning.policies.gvg.tour import TourSearch
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
 from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
+from anm_mj.planning.policies.gvg.view_tours import TourSearch
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FORWARD_STEP_M, Footprint, Pose2
-from tests.planning.worlds import room
+from tests.planning.worlds import room, topdown_map
 
 EAST, NORTH, WEST, SOUTH = 0, 9, 18, 27
 CONFIG = PlanningConfig(horizon_m=20.0)
@@ -22,7 +22,7 @@ CONFIG = PlanningConfig(horizon_m=20.0)
 def paths():
     """Shortest paths in an empty hall of 12 m by 6 m, for a robot in its middle."""
     world, pose = room(12, 6), Pose2(6.2, 3.2, 0.0)
-    topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, pose)
+    topdown = topdown_map(TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)), world.occupancy, world.sdf, pose)
     return shortest_paths(voronoi_graph(topdown, pose.xy_m, CONFIG, 0.22), topdown, pose, 0.22)
 
 

@@ -3,17 +3,17 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import clearance_at
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, VoxelGrid
-from tests.planning.worlds import RESOLUTION_M, BoxWorld, room
+from tests.planning.worlds import RESOLUTION_M, BoxWorld, room, topdown_map
 
 BODY = Footprint(0.18, 0.05, 1.35)
 
 
 def topdown_of(world, pose, config=PlanningConfig()):  # noqa: B008
-    return TopDownMapper(config, BODY).update(world.occupancy, world.sdf, pose)
+    return topdown_map(TopDownMapper(config, BODY), world.occupancy, world.sdf, pose)
 
 
 def state_at(topdown, x, y):
@@ -63,7 +63,7 @@ def test_remembered_sdf_stays_in_place_when_the_grid_grows():
     world = BoxWorld((3, 3), [(0, 0, 1.10, 3)])
     world.boxes = np.array([[0, 0, 1.12, 3.0]])
     mapper = TopDownMapper(PlanningConfig(), BODY)
-    before = mapper.update(world.occupancy, world.sdf, Pose2(2, 1.5, 0))
+    before = topdown_map(mapper, world.occupancy, world.sdf, Pose2(2, 1.5, 0))
     old = world.occupancy
     grown = VoxelGrid(
         np.pad(old.state, ((0, 0), (20, 0), (40, 0)), constant_values=UNKNOWN),
@@ -72,7 +72,7 @@ def test_remembered_sdf_stays_in_place_when_the_grid_grows():
         old.resolution_m,
     )
     # Far from the wall nothing is asked anew, so what is known of it must have been kept.
-    after = mapper.update(grown, lambda points: np.full(len(points), np.nan, np.float32), Pose2(40.0, 40.0, 0))
+    after = topdown_map(mapper, grown, lambda points: np.full(len(points), np.nan, np.float32), Pose2(40.0, 40.0, 0))
     near = after.surface_xy_m[(np.abs(after.surface_xy_m[:, 1] - 1.5) < 0.5) & (after.surface_xy_m[:, 0] > 1.0)]
     assert np.abs(near[:, 0] - 1.12).max() < 0.012
     assert len(before.surface_xy_m) > 0
@@ -84,7 +84,7 @@ def test_borders_stay_in_place_when_the_grid_grows_and_nothing_else_changes():
     version = np.ones(np.array(grid.state.shape[1:]) // block, np.int32)
     mapper = TopDownMapper(PlanningConfig(), BODY)
     far = lambda points: np.full(len(points), 0.1, np.float32)  # noqa: E731
-    before = mapper.update(replace(grid, column_version=version, version=1), far, pose)
+    before = topdown_map(mapper, replace(grid, column_version=version, version=1), far, pose)
     pad = ((0, 0), (more, 0), (more, 0))
     grown = replace(
         grid,
@@ -94,7 +94,7 @@ def test_borders_stay_in_place_when_the_grid_grows_and_nothing_else_changes():
         column_version=np.pad(version, ((more // block, 0), (more // block, 0))),
         version=2,
     )
-    after = mapper.update(grown, far, pose)
+    after = topdown_map(mapper, grown, far, pose)
     assert len(before.surface_xy_m) > 100
     assert np.allclose(np.sort(after.surface_xy_m, axis=0), np.sort(before.surface_xy_m, axis=0))
 
@@ -102,23 +102,23 @@ def test_borders_stay_in_place_when_the_grid_grows_and_nothing_else_changes():
 def test_a_place_that_blocked_the_robot_is_an_obstacle_from_then_on():
     world = room(4, 3)
     mapper = TopDownMapper(PlanningConfig(), BODY)
-    mapper.add_blocked(np.array([2.0, 2.0]))
-    topdown = mapper.update(world.occupancy, world.sdf, Pose2(1, 1, 0))
+    mapper.add_collision(np.array([2.0, 2.0]))
+    topdown = topdown_map(mapper, world.occupancy, world.sdf, Pose2(1, 1, 0))
     assert state_at(topdown, 2.0, 2.0) == OCCUPIED
 
 
 def test_what_blocked_the_robot_is_drawn_smaller_once():
     world = room(4, 3)
     mapper = TopDownMapper(PlanningConfig(), BODY)
-    assert not mapper.shrink_blocked()
-    mapper.add_blocked(np.array([2.0, 2.0]))
-    before = mapper.update(world.occupancy, world.sdf, Pose2(1, 1, 0))
-    assert mapper.shrink_blocked()
-    after = mapper.update(world.occupancy, world.sdf, Pose2(1, 1, 0))
+    assert not mapper.shrink_collisions()
+    mapper.add_collision(np.array([2.0, 2.0]))
+    before = topdown_map(mapper, world.occupancy, world.sdf, Pose2(1, 1, 0))
+    assert mapper.shrink_collisions()
+    after = topdown_map(mapper, world.occupancy, world.sdf, Pose2(1, 1, 0))
     assert state_at(after, 2.0, 2.0) == OCCUPIED
     assert state_at(before, 2.08, 2.0) == OCCUPIED
     assert state_at(after, 2.08, 2.0) == FREE
-    assert not mapper.shrink_blocked()
+    assert not mapper.shrink_collisions()
 
 
 def test_a_ring_of_unknown_floor_about_the_start_is_bridged():
@@ -131,7 +131,7 @@ def test_a_ring_of_unknown_floor_about_the_start_is_bridged():
         state = grid.state.copy()
         state[:, away < 0.75 + gap_m] = UNKNOWN
         seen = VoxelGrid(state, grid.seen_range_m, grid.origin_m, grid.resolution_m, 1)
-        topdown = TopDownMapper(PlanningConfig(hole_area_m2=0.01), BODY).update(seen, world.sdf, Pose2(3, 3, 0))
+        topdown = topdown_map(TopDownMapper(PlanningConfig(hole_area_m2=0.01), BODY), seen, world.sdf, Pose2(3, 3, 0))
         return state_at(topdown, 3.0 + 0.78, 3.0)
 
     assert free_at(0.3) == FREE
@@ -146,7 +146,7 @@ def test_a_place_without_a_floor_is_no_way():
     state[4, :, :50] = OCCUPIED
     seen = np.full(state.shape, np.inf, np.float32)
     grid = VoxelGrid(state, seen, np.array([0.0, 0.0, -0.2]), RESOLUTION_M)
-    topdown = TopDownMapper(PlanningConfig(), BODY).update(grid, world.sdf, Pose2(1, 1, 0))
+    topdown = topdown_map(TopDownMapper(PlanningConfig(), BODY), grid, world.sdf, Pose2(1, 1, 0))
     assert state_at(topdown, 2.75, 1.0) == OCCUPIED
     assert state_at(topdown, 1.0, 1.5) == FREE
 
@@ -165,11 +165,11 @@ def test_a_map_kept_up_step_by_step_is_the_map_made_at_once():
         known = rng.random(whole[:, row, col].shape) < 0.5
         state[:, row, col][known] = whole[:, row, col][known]
         changed[row.start // 4 : row.stop // 4, col.start // 4 : col.stop // 4] = version
-        topdown = kept.update(replace(world.occupancy, version=version, column_version=changed), world.sdf, pose)
+        topdown = topdown_map(kept, replace(world.occupancy, version=version, column_version=changed), world.sdf, pose)
     fresh = TopDownMapper(PlanningConfig(), BODY)
     for pose in places:
         fresh.visit(pose.xy_m)
-    at_once = fresh.update(world.occupancy, world.sdf, places[-1])
+    at_once = topdown_map(fresh, world.occupancy, world.sdf, places[-1])
     assert np.array_equal(topdown.state, at_once.state)
     assert np.allclose(topdown.clearance_m, at_once.clearance_m, atol=1e-5)
 
@@ -188,7 +188,7 @@ def test_low_surface_at_the_body_s_underside_is_an_obstacle_once_it_was_seen_fro
     grid = VoxelGrid(old.state, old.seen_range_m, np.array([0.0, 0.0, -0.025]), RESOLUTION_M)
     grid.state[1, 30:32, 40:42], grid.seen_range_m[1, 30:32, 40:42] = OCCUPIED, 1.0
     grid.state[1, 30:32, 60:62], grid.seen_range_m[1, 30:32, 60:62] = OCCUPIED, 6.0
-    topdown = TopDownMapper(PlanningConfig(), BODY).update(grid, world.sdf, Pose2(1, 1, 0))
+    topdown = topdown_map(TopDownMapper(PlanningConfig(), BODY), grid, world.sdf, Pose2(1, 1, 0))
     assert state_at(topdown, 2.05, 1.55) == OCCUPIED
     assert state_at(topdown, 3.05, 1.55) == FREE
 
@@ -203,13 +203,13 @@ def test_the_sdf_is_asked_anew_inside_the_horizon_and_never_of_obstacles():
 
     version = np.ones((17, 22), np.int32)
     grid = replace(world.occupancy, version=1, column_version=version)
-    first = mapper.update(grid, sdf, Pose2(1.5, 1, 0))
+    first = topdown_map(mapper, grid, sdf, Pose2(1.5, 1, 0))
     (points,) = asked
     col, row = np.floor(points[:, :2].T / RESOLUTION_M).astype(int)
     assert not (world.occupancy.state[10, row, col] == OCCUPIED).any()
     assert (abs(points[:, :2] - (1.5, 1.0)) <= 0.75 + RESOLUTION_M).all()
     # What the field has learnt since counts, though no depth has changed.
     shift_m[0] = 0.02
-    again = mapper.update(grid, sdf, Pose2(1.5, 1, 0))
+    again = topdown_map(mapper, grid, sdf, Pose2(1.5, 1, 0))
     assert np.array_equal(asked[1], points)
     assert not np.array_equal(first.surface_xy_m, again.surface_xy_m)

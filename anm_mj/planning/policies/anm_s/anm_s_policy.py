@@ -1,14 +1,15 @@
 """The paper's policy: anchored vertices in the local horizon first, then near to far (sections III-B, III-C, IV-A).
 
 After a full rotation at the start, every decision weighs two kinds of vertices: those at which the robot has a decision
-to make (:mod:`anm_mj.planning.graph_nodes`), as long as they are unvisited, and those with a region of interest
-anchored to them. Unvisited vertices beat visited ones; among them, vertices in the local horizon and in the view ahead
-beat others; among these, vertices with a region do. Equals are ordered by room, the robot's own first and then from
-near to far (:mod:`anm_mj.planning.rooms`), and in each room by distance along the graph. This is the target
-"hierarchical"; the paper's ablations are "random" (any unvisited vertex) and "best-anchored" (the vertex with the most
-uncertain region). On arrival the robot turns until every region anchored there has been in view. It keeps a target
-until it reaches it, collides on the way, or sees on the way that the target is no candidate any more. With no candidate
-left the robot makes one more full rotation, as the authors' released code does; then the run ends.
+to make (:mod:`~anm_mj.planning.policies.anm_s.decision_vertices`), as long as they are unvisited, and those with a
+region of interest anchored to them. Unvisited vertices beat visited ones; among them, vertices in the local horizon and
+in the view ahead beat others; among these, vertices with a region do. Equals are ordered by room, the robot's own first
+and then from near to far (:mod:`~anm_mj.planning.policies.anm_s.graph_rooms`), and in each room by distance along the
+graph. This is the target "hierarchical"; the paper's ablations are "random" (any unvisited vertex) and "best-anchored"
+(the vertex with the most uncertain region). On arrival the robot turns until every region anchored there has been in
+view. It keeps a target until it reaches it, collides on the way, or sees on the way that the target is no candidate any
+more. With no candidate left the robot makes one more full rotation, as the authors' released code does; then the run
+ends.
 
 The tiers, the visited radius and the view ahead are those of the released code, because the paper leaves them open.
 Where paper and code differ, the policy follows the paper: a bootstrap of 36 turns without tilting, both decoders
@@ -35,19 +36,20 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from anm_mj.planning.contracted_edges import components
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.narrow_gaps import narrow_gaps
-from anm_mj.planning.policies.anm_s.candidates import CandidateFinder, Candidates
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
+from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates
+from anm_mj.planning.policies.anm_s.contracted_edges import components
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
 from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
+from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
+from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.planning.policies.anm_s.visited import within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import is_known_place, remembered
-from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
-from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
+from anm_mj.planning.stages import TRY_AGAIN
 from anm_mj.protocols import Mapper
 from anm_mj.types import (
     ARRIVED_M,
@@ -83,7 +85,7 @@ class AnmS:
         self._rng = np.random.default_rng(context.seed)
         # The paper's ablations have no order of rooms.
         with_rooms = self.config.target == "hierarchical"
-        self.stages = Stages(context.planning, context.footprint, with_rooms=with_rooms)
+        self.stages = RegionStages(context.planning, context.footprint, with_rooms=with_rooms)
         self.targets = Targets(self.config)
         self._finder = CandidateFinder(context, self.targets)
         self._well_in_view_rad = math.radians(self.config.well_in_view_deg)
@@ -140,11 +142,11 @@ class AnmS:
         self.stages.on_collision(pose, action)
         self.targets.fail()
 
-    def _guiding(self, now: PlanningState) -> tuple[Region, ...]:
+    def _guiding(self, now: RegionState) -> tuple[Region, ...]:
         """The regions that guide the robot: none without visibility guidance."""
         return now.regions if self.config.visibility_guidance else ()
 
-    def _go(self, now: PlanningState, candidates: Candidates, chosen: int) -> Plan | None:
+    def _go(self, now: RegionState, candidates: Candidates, chosen: int) -> Plan | None:
         """The plan that leads to a candidate and looks at its regions; None when it would ask for nothing."""
         vertex = int(candidates.vertex[chosen])
         xy = now.graph.vertex_xy_m[vertex]
@@ -177,7 +179,7 @@ class AnmS:
             stage_ms=now.watch.ms,
         )
 
-    def _why(self, now: PlanningState, candidates: Candidates, chosen: int) -> str:
+    def _why(self, now: RegionState, candidates: Candidates, chosen: int) -> str:
         """Why a candidate is the best one."""
         tier = int(candidates.tier[chosen])
         near = candidates.near[chosen]
@@ -189,7 +191,7 @@ class AnmS:
         }[self.config.target]
         return f"tier {tier}: {why}"
 
-    def _to_the_unknown(self, now: PlanningState) -> Plan | None:
+    def _to_the_unknown(self, now: RegionState) -> Plan | None:
         """To the nearest vertex beside the unknown that the robot was near to but not at, and a look into it.
 
         The paper's graph goes on through unknown space, so that it has unvisited vertices behind a door that the robot
@@ -204,14 +206,14 @@ class AnmS:
 
         return self._to_a_look(now, beside, lambda k: middle_of_unknown(int(beside[k])), "the unknown beside one")
 
-    def _to_a_gap(self, now: PlanningState) -> Plan | None:
+    def _to_a_gap(self, now: RegionState) -> Plan | None:
         """To the nearest place beside a passage that seemed too narrow from afar, and a look into it."""
         vertices, beyond_m = narrow_gaps(now)
         return self._to_a_look(now, vertices, lambda k: beyond_m[k], "a narrow passage")
 
     def _to_a_look(
         self,
-        now: PlanningState,
+        now: RegionState,
         vertices: Int[np.ndarray, " n"],
         look_at: Callable[[int], Float[np.ndarray, "2"]],
         what: str,
@@ -246,7 +248,7 @@ class AnmS:
             stage_ms=now.watch.ms,
         )
 
-    def _without_candidates(self, now: PlanningState) -> Plan:
+    def _without_candidates(self, now: RegionState) -> Plan:
         """One full rotation, as in the authors' released code; if that brings nothing, stop."""
         self.targets.clear()
         reached = np.isfinite(now.paths.distance_m)
@@ -256,7 +258,7 @@ class AnmS:
             self._rotated = True
             return _rotation(f"{what}: another full rotation", FULL_ROTATION)
         num_parts = len(np.unique(components(now.graph)[~reached]))
-        if self.stages.may_pass(reached) or (len(narrow_gaps(now)[0]) and self.stages.squeeze()):
+        if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now)[0]) and self.stages.drop_margin()):
             return _rotation(f"{what}: {TRY_AGAIN}", 1)
         complete = reachable and not self.stages.is_cut_off(reached)
         return Plan(

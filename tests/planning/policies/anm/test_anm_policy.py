@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from anm_mj.control.path_follower import Follower
-from anm_mj.planning.policies.anm.config import AnmConfig
-from anm_mj.planning.policies.anm.policy import Anm, _cut_end
+from anm_mj.planning.policies.anm.anm_config import AnmConfig
+from anm_mj.planning.policies.anm.anm_policy import Anm, _cut_end
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import Action, Footprint, Pose2, StopReason, SurfacePoints
-from tests.planning.policies.frontier.test_policy import look
+from tests.planning.policies.frontier.test_frontier_policy import look
 from tests.planning.worlds import BoxWorld
 
 FOOTPRINT = Footprint(0.18, 0.05, 1.35)

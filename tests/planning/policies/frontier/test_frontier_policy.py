@@ -7,8 +7,8 @@ import pytest
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.frontier.config import FrontierConfig
-from anm_mj.planning.policies.frontier.policy import Frontier, frontiers
+from anm_mj.planning.policies.frontier.frontier_config import FrontierConfig
+from anm_mj.planning.policies.frontier.frontier_policy import Frontier, frontiers
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, Observation, Pose2, StopReason, TopDownMap
 from tests.box_room import observe
 from tests.planning.worlds import BoxWorld

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import components, contract
-from anm_mj.planning.spurs import prune_spurs
-from anm_mj.planning.traversable_frontier import borders_unknown
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import components, contract
+from anm_mj.planning.policies.anm_s.spurs import prune_spurs
+from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 from tests.planning.worlds import room, see

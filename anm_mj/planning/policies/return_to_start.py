@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.paths import path_steps
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Footprint, Observation, Plan, Pose2, StopReason
@@ -138,7 +138,7 @@ class Returning:
         """The shortest path to the start, with less clearance where there is none with enough."""
         assert self._start is not None, "observe comes first"
         start, pose = self._start, observation.pose
-        topdown = self._stages.update_map(mapper, observation, Stopwatch())
+        topdown, _ = self._stages.update_map(mapper, observation, Stopwatch())
         if math.dist(pose.xy_m, start.xy_m) < ARRIVED_M:
             turns = abs(wrap_angle(start.yaw_rad - pose.yaw_rad)) / TURN_STEP_RAD
             return _WayBack(np.zeros((0, 2)), turns, arrives=True)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.planning.bottlenecks import edge_bottlenecks
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.bottlenecks import edge_bottlenecks
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 

@@ -24,7 +24,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.grid_route import GridRoutes
-from anm_mj.planning.policies.anm.config import AnmConfig
+from anm_mj.planning.policies.anm.anm_config import AnmConfig
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper

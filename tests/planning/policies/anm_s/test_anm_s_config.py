@@ -1,7 +1,7 @@
 import pytest
 
 from anm_mj.errors import PlanError
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 
 
 def test_an_unknown_way_of_visiting_is_refused():

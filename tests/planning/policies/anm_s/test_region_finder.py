@@ -1,7 +1,7 @@
 import numpy as np
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.regions import RegionFinder, line_of_sight
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.region_finder import RegionFinder, line_of_sight
 from anm_mj.types import SurfacePoints, VoronoiGraph
 from tests.planning import worlds
 

@@ -12,7 +12,6 @@ one, so its cost does not grow with the scene.
 
 from __future__ import annotations
 
-import logging
 import math
 
 import numpy as np
@@ -21,21 +20,18 @@ from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.distance_transform import capped_distance_cells
 from anm_mj.planning.enclosed_holes import enclosed_holes
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.start_floor import blind_radius_m, radius_to_seen_floor_m
+from anm_mj.protocols import Mapper
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
 from anm_mj.utils.arrays import dilate_mask, embed
 
-_logger = logging.getLogger(__name__)
-
-TRUNCATION_M = 0.1
-"""Beyond this distance the SDF says no more than 'far' [m]."""
-BLOCKED_CELLS, LEAST_BLOCKED_CELLS = 2, 1
-"""Radius of the obstacle that a refused step leaves in the map, and its radius once it closed the only way on [cells].
-"""
+COLLISION_CELLS, SMALL_COLLISION_CELLS = 2, 1
+"""Radius of the obstacle that a collision leaves in the map, and its radius once it closed the only way on [cells]."""
 MAX_CLEARANCE_M = 1.2
 """Larger clearances are given as this [m]: a body has no use for more, and near ones can be kept up locally."""
 MAX_DEPTH_M = 0.2
@@ -45,14 +41,6 @@ LOW_SEEN_M = 3.0
 farther, a camera that nods takes the floor for one."""
 NO_FLOOR_M = 0.1
 """A column that is seen free from z = 0 down to this depth has no floor [m]."""
-BLIND_SLACK_M = 0.15
-"""What a camera at the start cannot see counts as free this much farther than by its geometry [m]: carving is
-cautious."""
-MAX_START_GAP_M = 0.5
-"""A ring of unknown floor about the start that is no wider than this counts as free [m]."""
-_START_DIRECTIONS, _LEAST_DIRECTIONS, _START_SHARE = 72, 8, 0.75
-"""Directions that it is looked for in, in how many of them the floor must be seen, and the share of these in which it
-is to be bridged."""
 SAME_PLACE_M = 0.01
 """A robot that moved less than this only turned: it adds nothing to the trajectory [m]."""
 _BESIDE_CELLS = 2
@@ -77,51 +65,48 @@ class TopDownMapper:
         self.footprint = footprint
         self.trajectory_xy_m: list[Float[np.ndarray, 2]] = []
         """Where the robot has been [m]."""
-        self.read_window: Window | None = None
-        """The part of the occupancy grid that the last update read; None for none."""
         self._changes = ChangeReader()
         self._starts_xy_m: list[Float[np.ndarray, 2]] = []
-        """Where runs began, this one and those it goes on from [m]."""
-        self._num_former = 0
-        """The first so many places of the trajectory are of former runs."""
+        """Where runs began, this one and those that it continues [m]."""
+        self._num_prior = 0
+        """The first places of the trajectory are of prior runs; their number."""
         self._new_trajectory_xy_m: list[Float[np.ndarray, 2]] = []
-        self._blocked_xy_m: list[Float[np.ndarray, 2]] = []
-        self._new_blocked_xy_m: list[Float[np.ndarray, 2]] = []
-        self._blocked_cells = BLOCKED_CELLS
+        self._collisions_xy_m: list[Float[np.ndarray, 2]] = []
+        self._new_collisions_xy_m: list[Float[np.ndarray, 2]] = []
+        self._collision_cells = COLLISION_CELLS
         self._origin_xy_m = np.zeros(2)
+        self._truncation_m = 0.0
+        """Distance beyond which the SDF says no more than 'far', as the map has it [m]."""
         self._layers = _Layers()
         self._borders = BorderPoints()
         self._start_radius_m = config.start_radius_m
 
-    def add_blocked(self, xy_m: Float[np.ndarray, 2]) -> None:
-        """Remember a place where the robot met something the map does not show [m]."""
-        self._blocked_xy_m.append(xy_m)
-        self._new_blocked_xy_m.append(xy_m)
+    def add_collision(self, xy_m: Float[np.ndarray, 2]) -> None:
+        """Remember a place where the robot met something that the map does not show [m]."""
+        self._collisions_xy_m.append(xy_m)
+        self._new_collisions_xy_m.append(xy_m)
 
-    def shrink_blocked(self) -> bool:
-        """Draw the obstacles that refused steps left as small as they may be, now and from now on.
+    def shrink_collisions(self) -> bool:
+        """Draw the obstacles that collisions left as small as they may be, from now on; whether this may open a path.
 
         What the robot met is often smaller than what is drawn to keep it from bumping into it again. Where that closes
         the only way on, passing beside it is worth a try.
-
-        Returns:
-            Whether this may open a way.
         """
-        if not self._blocked_xy_m or self._blocked_cells == LEAST_BLOCKED_CELLS:
+        if not self._collisions_xy_m or self._collision_cells == SMALL_COLLISION_CELLS:
             return False
-        self._blocked_cells = LEAST_BLOCKED_CELLS
-        self._layers.blocked.fill(False)
-        self._new_blocked_xy_m = list(self._blocked_xy_m)
+        self._collision_cells = SMALL_COLLISION_CELLS
+        self._layers.collision.fill(False)
+        self._new_collisions_xy_m = list(self._collisions_xy_m)
         return True
 
     @property
-    def any_blocked(self) -> bool:
-        """Whether any step was refused so far."""
-        return bool(self._blocked_xy_m)
+    def any_collision(self) -> bool:
+        """Whether the robot has collided so far."""
+        return bool(self._collisions_xy_m)
 
     def visit(self, xy_m: Float[np.ndarray, 2]) -> None:
         """Add a place to the robot's trajectory: the floor there is free [m]."""
-        is_start = len(self.trajectory_xy_m) == self._num_former
+        is_start = len(self.trajectory_xy_m) == self._num_prior
         if not is_start and math.dist(xy_m, self.trajectory_xy_m[-1]) < SAME_PLACE_M:
             return
         if is_start:
@@ -130,99 +115,65 @@ class TopDownMapper:
         self._new_trajectory_xy_m.append(xy_m)
 
     def continue_from(self, places_xy_m: Float[np.ndarray, "n 2"]) -> None:
-        """Begin with the trajectory of a former run, in order [m]; to be called before the first place is added."""
+        """Begin with the trajectory of a prior run, in order [m]; call it before the first place is added."""
         for xy in places_xy_m:
             self.visit(xy)
-        self._num_former = len(self.trajectory_xy_m)
+        self._num_prior = len(self.trajectory_xy_m)
 
-    def update(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2, camera: FieldOfView | None = None) -> TopDownMap:
-        """The map as known now.
+    def update(self, mapper: Mapper, pose: Pose2, camera: FieldOfView) -> tuple[TopDownMap, Window | None]:
+        """Bring the map up to date.
 
         Args:
-            grid: the occupancy; always the same one, as it grows.
-            sdf: metric SDF of world points (N, 3), truncated at ``TRUNCATION_M``.
+            mapper: occupancy and SDF; always the same one.
             pose: where the robot stands: the centre of the horizon, and proof that the floor there is free.
-            camera: what the robot sees with; its first one tells how much of the floor at the start it cannot see. None
-                for one whose views are no wider than deep.
+            camera: what the robot sees with; its first one tells how much of the floor at the start it cannot see.
+
+        Returns:
+            The map, and the part of the occupancy grid that was read for it; None for none.
         """
+        grid = mapper.occupancy
         first = not self._layers.state.size
-        if camera is not None and first:
-            self._start_radius_m = self._unseen_radius_m(camera)
+        self._truncation_m = mapper.truncation_m
+        if first:
+            self._start_radius_m = blind_radius_m(camera, self.footprint, self.config)
         self.visit(pose.xy_m)
         self._follow_growth(grid)
-        self.read_window = self._changed_window(grid, pose, camera)
-        changed = self._read_columns(grid, self.read_window)
+        window = self._changed_window(grid, pose, camera)
+        changed = self._read_columns(grid, window)
         if first:
-            self._start_radius_m = self._radius_to_seen_floor(grid)
-        changed += self._stamp(grid) + self._ask_sdf(grid, sdf, pose)
+            known = np.where(self._layers.hit, 2, self._layers.num_free >= self._enough(grid))
+            self._start_radius_m = radius_to_seen_floor_m(known, grid, self._starts_xy_m[-1], self._start_radius_m)
+        changed += self._stamp(grid) + self._ask_sdf(grid, mapper.sdf, pose)
         if changed:
             self._decide(grid, union(changed))
         layers, resolution, origin = self._layers, grid.resolution_m, self._origin_xy_m
         surface, frontier = (
             origin + xy * resolution for xy in (self._borders.surface_cells, self._borders.frontier_cells)
         )
-        return TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
+        topdown = TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
+        return topdown, window
 
-    def _changed_window(self, grid: VoxelGrid, pose: Pose2, camera: FieldOfView | None) -> Window | None:
+    def _changed_window(self, grid: VoxelGrid, pose: Pose2, camera: FieldOfView) -> Window | None:
         """What changed within reach of where the robot has been since the last update; at first in the whole grid."""
         if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m):
             return self._changes.take(grid)
         places = np.array([*self._new_trajectory_xy_m, pose.xy_m])
-        # To the edges of the views.
-        reach_m = self.config.update_reach_m * (1.0 if camera is None else camera.corner_ratio)
+        reach_m = self.config.update_reach_m * camera.corner_ratio  # To the edges of the views.
         return self._changes.take(grid, np.stack([places.min(axis=0) - reach_m, places.max(axis=0) + reach_m]))
-
-    def _unseen_radius_m(self, camera: FieldOfView) -> float:
-        """Up to where the camera cannot see enough of the columns about the start to tell that they are free [m]."""
-        config = self.config
-        blind_m = camera.blind_radius_m(self.footprint, config.free_share)
-        if math.isinf(blind_m):
-            _logger.warning(
-                "The camera, %.2f m high and tilted by %.0f degrees, never shows %.0f %% of the heights of the robot's "
-                "body (%.2f m to %.2f m): it sees no place as free. Tilt it down, or lower planning.free_share.",
-                camera.height_m,
-                math.degrees(camera.pitch_rad),
-                100.0 * config.free_share,
-                self.footprint.z_min_m,
-                self.footprint.z_max_m,
-            )
-            return config.start_radius_m
-        return max(config.start_radius_m, blind_m + BLIND_SLACK_M)
-
-    def _radius_to_seen_floor(self, grid: VoxelGrid) -> float:
-        """Up to where the floor at the start counts as free, so that no ring of unknown floor encloses the robot [m].
-
-        A noisy sensor sees the nearest floor later than the camera's geometry tells. The disc reaches as far out as the
-        floor is seen free in three quarters of the directions in which nothing stands before.
-        """
-        layers, cell = self._layers, grid.resolution_m
-        known = np.where(layers.hit, 2, layers.num_free >= self._enough(grid))
-        angle = np.arange(_START_DIRECTIONS) * math.tau / _START_DIRECTIONS
-        reach_m = np.arange(0.0, self._start_radius_m + MAX_START_GAP_M + cell / 2, cell)
-        place = self._starts_xy_m[-1] + reach_m[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        row, col = world_to_cell(place.reshape(-1, 2), grid.origin_m[:2], cell).T.reshape(2, *place.shape[:2])
-        inside = (row >= 0) & (col >= 0) & (row < known.shape[0]) & (col < known.shape[1])
-        seen = np.zeros(row.shape, np.int8)
-        seen[inside] = known[row[inside], col[inside]]
-        seen[(seen == 1) & (reach_m < self._start_radius_m)[:, None]] = 0
-        first = np.take_along_axis(seen, seen.astype(bool).argmax(axis=0)[None], axis=0)[0]
-        free_m = reach_m[seen.astype(bool).argmax(axis=0)][first == 1]
-        if len(free_m) < _LEAST_DIRECTIONS:
-            return self._start_radius_m
-        return float(np.quantile(free_m, _START_SHARE, method="higher"))
 
     def _decide(self, grid: VoxelGrid, changed: Window) -> None:
         """Derive state, field, clearance and borders again around a window in which what they derive from changed."""
         layers = self._layers
         # Whether an unknown patch is a hole may change as far away as the patch is wide.
         window = dilate(changed, _HOLE_WIDTH_CELLS, layers.state.shape)
+        far_m = self._truncation_m
         state = self._column_state(grid, window)
-        field = np.where(state == OCCUPIED, np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
+        field = np.where(state == OCCUPIED, np.float32(-far_m / 2), np.float32(far_m))
         field = np.minimum(field, layers.min_sdf_m[window])
         # A body has stood here: whatever voxels and field say, the floor was passable.
-        passable, blocked = layers.under_robot[window], layers.blocked[window]
-        field[passable], state[passable] = TRUNCATION_M, FREE
-        field[blocked], state[blocked] = -TRUNCATION_M / 2, OCCUPIED
+        passable, collided = layers.under_robot[window], layers.collision[window]
+        field[passable], state[passable] = far_m, FREE
+        field[collided], state[collided] = -far_m / 2, OCCUPIED
         state[(field <= 0) & (state == FREE)] = OCCUPIED
         freed = bounds((state == FREE) != (layers.state[window] == FREE), window)
         moved = bounds((state != layers.state[window]) | (field != layers.field_m[window]), window)
@@ -276,7 +227,7 @@ class TopDownMapper:
         if old.state.shape == shape and np.allclose(self._origin_xy_m, grid.origin_m[:2]):
             return
         start = np.rint((self._origin_xy_m - grid.origin_m[:2]) / grid.resolution_m).astype(int)[::-1]
-        old.grow(shape, start if old.state.size else np.zeros(2, int))
+        old.grow(shape, start, self._truncation_m)
         self._origin_xy_m = grid.origin_m[:2].astype(float)
         # Borders are counted from the corner, which has moved even if nothing within reach has changed.
         self._borders.update(old.state, old.field_m, slice(0, 0))
@@ -288,19 +239,19 @@ class TopDownMapper:
         for number, xy in enumerate(self._new_trajectory_xy_m):
             is_start = any(xy is start for start in self._starts_xy_m)
             _stamp_disc(layers.near_trajectory, grid, xy, max(body, self._start_radius_m) if is_start else body)
-            # Where a former run stood, something may stand now.
-            if not is_first or number >= self._num_former:
+            # Where a prior run stood, something may stand now.
+            if not is_first or number >= self._num_prior:
                 _stamp_disc(layers.under_robot, grid, xy, body - cell)
-        for xy in self._new_blocked_xy_m:
-            _stamp_disc(layers.blocked, grid, xy, self._blocked_cells * cell)
-        stamped = np.array([*self._new_trajectory_xy_m, *self._new_blocked_xy_m])
+        for xy in self._new_collisions_xy_m:
+            _stamp_disc(layers.collision, grid, xy, self._collision_cells * cell)
+        stamped = np.array([*self._new_trajectory_xy_m, *self._new_collisions_xy_m])
         if not len(stamped):
             return []
         start = self._start_radius_m if is_first else 0.0
-        around = max(body, BLOCKED_CELLS * cell, start) + cell
+        around = max(body, COLLISION_CELLS * cell, start) + cell
         low = np.floor((stamped.min(axis=0) - around - grid.origin_m[:2]) / cell).astype(int)[::-1]
         high = np.ceil((stamped.max(axis=0) + around - grid.origin_m[:2]) / cell).astype(int)[::-1]
-        self._new_trajectory_xy_m, self._new_blocked_xy_m = [], []
+        self._new_trajectory_xy_m, self._new_collisions_xy_m = [], []
         return [clamp(low, high, layers.state.shape)]
 
     def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
@@ -318,7 +269,7 @@ class TopDownMapper:
         cells = np.argwhere(beside & ~layers.hit[window] & (layers.num_free[window] > 0))
         remembered = layers.min_sdf_m[window]
         before = remembered.copy()
-        remembered[...] = TRUNCATION_M
+        remembered[...] = self._truncation_m
         if len(cells):
             z_min_m, z_max_m = self.footprint.z_min_m, self.footprint.z_max_m
             heights = np.arange(z_min_m + 0.05, z_max_m + 1e-6, self.config.sdf_height_spacing_m)
@@ -343,41 +294,26 @@ class TopDownMapper:
         layers.clearance_m[reached] = np.maximum(clearance * np.float32(resolution_m), np.float32(-MAX_DEPTH_M))
 
 
-_BLANK = {
-    "num_free": np.uint8(0),
-    "hit": np.False_,
-    "min_sdf_m": np.float32(TRUNCATION_M),
-    "near_trajectory": np.False_,
-    "under_robot": np.False_,
-    "blocked": np.False_,
-    "state": np.int8(UNKNOWN),
-    "field_m": np.float32(TRUNCATION_M),
-    "clearance_m": np.float32(-MAX_DEPTH_M),
-}
-"""What each layer holds where nothing is known."""
-
-
 class _Layers:
     """What is remembered of every cell."""
 
-    num_free: UInt8[np.ndarray, "rows cols"]
-    hit: Bool[np.ndarray, "rows cols"]
-    min_sdf_m: Float32[np.ndarray, "rows cols"]
-    near_trajectory: Bool[np.ndarray, "rows cols"]
-    under_robot: Bool[np.ndarray, "rows cols"]
-    blocked: Bool[np.ndarray, "rows cols"]
-    state: Int8[np.ndarray, "rows cols"]
-    field_m: Float32[np.ndarray, "rows cols"]
-    clearance_m: Float32[np.ndarray, "rows cols"]
-
     def __init__(self) -> None:
-        for name, blank in _BLANK.items():
-            setattr(self, name, np.full((0, 0), blank))
+        shape = 0, 0
+        self.num_free: UInt8[np.ndarray, "rows cols"] = np.zeros(shape, np.uint8)
+        self.hit: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.min_sdf_m: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
+        self.near_trajectory: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.under_robot: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.collision: Bool[np.ndarray, "rows cols"] = np.zeros(shape, bool)
+        self.state: Int8[np.ndarray, "rows cols"] = np.zeros(shape, np.int8)
+        self.field_m: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
+        self.clearance_m: Float32[np.ndarray, "rows cols"] = np.zeros(shape, np.float32)
 
-    def grow(self, shape: tuple[int, ...], start: Int[np.ndarray, 2]) -> None:
-        """Make all layers larger; ``start`` is where the present cell [0, 0] moves to."""
-        for name, blank in _BLANK.items():
-            setattr(self, name, embed(getattr(self, name), shape, start, blank))
+    def grow(self, shape: tuple[int, ...], start: Int[np.ndarray, 2], far_m: float) -> None:
+        """Make all layers larger; ``start`` is where the present cell [0, 0] moves to, ``far_m`` the SDF far away."""
+        blank = {"min_sdf_m": far_m, "field_m": far_m, "state": UNKNOWN, "clearance_m": -MAX_DEPTH_M}
+        for name, layer in vars(self).items():
+            setattr(self, name, embed(layer, shape, start, blank.get(name, 0)))
 
 
 def _stamp_disc(

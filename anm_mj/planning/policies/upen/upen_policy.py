@@ -25,7 +25,6 @@ from anm_mj.frames import world_to_cell
 from anm_mj.planning.paths import NEAR_ROBOT_M, shortcut_path
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.scan_policy import ScanPolicy
-from anm_mj.planning.policies.upen.config import UpenConfig
 from anm_mj.planning.policies.upen.occupancy_net import (
     CELL_M,
     CROP_CELLS,
@@ -35,7 +34,8 @@ from anm_mj.planning.policies.upen.occupancy_net import (
     load_ensemble,
     predict,
 )
-from anm_mj.planning.rrt import Tree, grow_tree
+from anm_mj.planning.policies.upen.rrt import Tree, grow_tree
+from anm_mj.planning.policies.upen.upen_config import UpenConfig
 from anm_mj.planning.scan_grid import RESOLUTION_M
 from anm_mj.protocols import Mapper
 from anm_mj.types import (

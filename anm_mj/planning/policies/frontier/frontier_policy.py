@@ -34,7 +34,7 @@ from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.planning.grid_route import GridRoutes
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import remembered
-from anm_mj.planning.policies.frontier.config import FrontierConfig
+from anm_mj.planning.policies.frontier.frontier_config import FrontierConfig
 from anm_mj.planning.policies.scan_policy import ScanPolicy
 from anm_mj.protocols import Mapper
 from anm_mj.types import (

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
 from anm_mj.geometry.room_merging import merge_into_rooms
-from anm_mj.planning.bottlenecks import edge_bottlenecks
+from anm_mj.planning.policies.anm_s.bottlenecks import edge_bottlenecks
 from anm_mj.types import FREE, OCCUPIED, TopDownMap, VoronoiGraph
 
 DOOR_HALF_WIDTH_M = 0.8
@@ -48,7 +48,7 @@ class Rooms:
     """The bottlenecks between rooms [m]."""
 
 
-def find_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, 2]) -> Rooms:
+def segment_rooms(graph: VoronoiGraph, topdown: TopDownMap, start_xy_m: Float[np.ndarray, 2]) -> Rooms:
     """The rooms of a graph and the doors between them; spurs have rooms too.
 
     Args:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool
 
-from anm_mj.planning.contracted_edges import contracted_edges
+from anm_mj.planning.policies.anm_s.contracted_edges import contracted_edges
 from anm_mj.types import VoronoiGraph
 
 SPUR_SLOPE = 0.5

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import SPACING_M, decision_vertices
-from anm_mj.planning.spurs import prune_spurs
-from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.planning.traversable_frontier import borders_unknown, traversable_frontier
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import contract
+from anm_mj.planning.policies.anm_s.decision_vertices import SPACING_M, decision_vertices
+from anm_mj.planning.policies.anm_s.spurs import prune_spurs
+from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown, traversable_frontier
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import Footprint, Pose2, VoronoiGraph
-from tests.planning.worlds import room
+from tests.planning.worlds import room, topdown_map
 
 NOWHERE = np.zeros((0, 2))
 
@@ -73,7 +73,7 @@ def test_long_paths_and_circles_have_decision_vertices_near_every_place(closed):
 def test_corners_of_a_bare_room_have_no_decision_vertices():
     world = room(6, 3)
     mapper = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.05, 1.35))
-    topdown = mapper.update(world.occupancy, world.sdf, Pose2(3.2, 1.7, 0.0))
+    topdown = topdown_map(mapper, world.occupancy, world.sdf, Pose2(3.2, 1.7, 0.0))
     graph = voronoi_graph(topdown, np.array([3.2, 1.7]), PlanningConfig(), 0.22)
     chosen = graph.vertex_xy_m[decide(graph, topdown.frontier_xy_m)]
     corners = np.array([[0.2, 0.2], [6.2, 0.2], [0.2, 3.2], [6.2, 3.2]])
@@ -84,7 +84,7 @@ def test_corners_of_a_bare_room_have_no_decision_vertices():
 def test_frontier_is_traversable_where_a_disc_fits():
     world = room(6, 3, unknown=[(2.0, 0.2, 4.0, 0.4), (5.2, 0.2, 6.2, 3.2)])
     mapper = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.05, 1.35))
-    topdown = mapper.update(world.occupancy, world.sdf, Pose2(1.2, 1.7, 0.0))
+    topdown = topdown_map(mapper, world.occupancy, world.sdf, Pose2(1.2, 1.7, 0.0))
     assert (topdown.frontier_xy_m[:, 0] < 4.5).any()
     traversable = traversable_frontier(topdown, 0.22)
     assert len(traversable) > 40

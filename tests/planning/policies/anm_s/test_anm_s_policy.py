@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from anm_mj.planning.policies.anm_s.config import TARGETS, AnmSConfig
-from anm_mj.planning.policies.anm_s.policy import AnmS
+from anm_mj.planning.policies.anm_s.anm_s_config import TARGETS, AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_policy import AnmS
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.stages import TRY_AGAIN
 from anm_mj.types import (

@@ -1,8 +1,8 @@
 import numpy as np
 
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.gvg.config import GvgConfig
-from anm_mj.planning.policies.gvg.policy import Gvg
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_policy import Gvg
 from anm_mj.planning.stages import TRY_AGAIN
 from anm_mj.types import Action, Footprint, Observation, Pose2, StopReason, SurfaceErrors
 from tests.box_room import CAMERA, camera_pose, room_depth

@@ -1,7 +1,7 @@
 import numpy as np
 
-from anm_mj.planning.policies.gvg.candidates import HERE, CandidatePlaces
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.candidate_places import HERE, CandidatePlaces
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 
 CONFIG = GvgConfig(max_candidates=2)
 

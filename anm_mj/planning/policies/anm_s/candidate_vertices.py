@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from anm_mj.planning.paths import segments_clear
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import view_box
+from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.tiers import tiers
 from anm_mj.planning.policies.anm_s.visited import seen_around, within
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.stages import PlanningState
 from anm_mj.types import FORWARD_STEP_M, Observation, Region, VoxelGrid
 
 
@@ -57,7 +57,7 @@ class CandidateFinder:
 
     def find(
         self,
-        now: PlanningState,
+        now: RegionState,
         regions: tuple[Region, ...],
         grid: VoxelGrid,
         trajectory_xy_m: list[Float[np.ndarray, "2"]],
@@ -92,13 +92,13 @@ class CandidateFinder:
         failed = self._targets.num_failures(xy_m) > 0
         return Candidates(vertex, unvisited, near, tiers(unvisited, near, np.isin(vertex, anchored), failed))
 
-    def _kept(self, now: PlanningState) -> Int[np.ndarray, " k"]:
+    def _kept(self, now: RegionState) -> Int[np.ndarray, " k"]:
         """The vertex that stands for the present target, if that was unvisited: it may be no decision vertex now."""
         if not self._targets.unvisited:
             return np.zeros(0, np.int64)
         return self._targets.match(now.graph.vertex_xy_m)
 
-    def _in_horizon(self, now: PlanningState, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+    def _in_horizon(self, now: RegionState, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
         """Which places lie in the local horizon, in sight and, where there are such, in the view ahead."""
         near = (np.abs(xy_m - now.pose.xy_m) <= self._horizon_m / 2).all(axis=1)
         near &= segments_clear(now.topdown, np.repeat(now.pose.xy_m[None], len(xy_m), axis=0), xy_m, 0.0, now.pose)
