@@ -10,8 +10,8 @@ from anm_mj.scene.generation.building import Building, PlanRoom, RoomWall
 from anm_mj.scene.generation.furniture_catalogue.home import curtains
 from anm_mj.scene.generation.piece import Piece, Placed
 from anm_mj.scene.generation.placement import RoomSpace
+from anm_mj.scene.generation.room_style import RoomStyle, draw_style
 from anm_mj.scene.generation.room_templates import pieces_for
-from anm_mj.scene.generation.style import Style, draw_style
 from anm_mj.scene.generation.traversability import RoomGrid
 from anm_mj.scene.generation.windows import with_given_windows, with_windows
 
@@ -24,7 +24,7 @@ class FurnishedRoom:
 
     room: PlanRoom
     walls: tuple[RoomWall, ...]
-    style: Style
+    style: RoomStyle
     placed: tuple[Placed, ...]
     grid: RoomGrid
 
@@ -59,7 +59,7 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     if not furniture:
         return FurnishedRoom(room, walls, style, (), grid)
     space = RoomSpace(room.floor, walls, rng)
-    room_type = "office corridor" if room.room_type == "corridor" and building.style == "office" else room.room_type
+    room_type = "office corridor" if room.room_type == "corridor" and building.kind == "office" else room.room_type
     area_m2 = float(room.floor.area)
     placed: list[Placed] = []
     # What is large is made from several rooms' worth of furniture.

@@ -14,7 +14,7 @@ from anm_mj.scene.generation.atlas import Cuts
 from anm_mj.scene.generation.building import Building, Passage, RoomWall
 from anm_mj.scene.generation.furnish import FurnishedRoom
 from anm_mj.scene.generation.quads import Material, Quads, join, rectangle
-from anm_mj.scene.generation.style import CEILING
+from anm_mj.scene.generation.room_style import CEILING
 from anm_mj.scene.generation.textures import view_outside
 from anm_mj.scene.generation.wall import (
     CASING_WIDTH_M,

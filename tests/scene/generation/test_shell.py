@@ -8,10 +8,10 @@ from anm_mj.scene.generation.layout import plan_building
 from anm_mj.scene.generation.shell import Surface, add_room_shell
 
 
-@pytest.mark.parametrize("style", ["apartment", "office"])
-def test_a_shell_faces_the_inside_of_its_room(style):
+@pytest.mark.parametrize("kind", ["apartment", "office"])
+def test_a_shell_faces_the_inside_of_its_room(kind):
     """From the middle of the room no wall, floor or ceiling is seen from behind."""
-    building = plan_building(6, 1, style)
+    building = plan_building(6, 1, kind)
     for room in furnish(building, 1, furniture=False):
         surface = Surface()
         add_room_shell(surface, building, room, 1)

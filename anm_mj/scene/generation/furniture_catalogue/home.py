@@ -7,11 +7,11 @@ import numpy as np
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
 from anm_mj.scene.generation.piece import GAP_M, Piece, against_wall, in_corner, on_wall
 from anm_mj.scene.generation.quads import Quads, box, join
-from anm_mj.scene.generation.style import DARK, METAL, PORCELAIN, WHITE, Style
+from anm_mj.scene.generation.room_style import DARK, METAL, PORCELAIN, WHITE, RoomStyle
 from anm_mj.scene.generation.textures import abstract, landscape, plain, rgb, stone, stripes, tiles
 
 
-def sofa_group(width_m: float, s: Style, rng: np.random.Generator) -> Piece:
+def sofa_group(width_m: float, s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A sofa with a low table before it, a rug below."""
     pillows = (plain(s.colours[3]), plain(s.colours[4]), s.cloth_2)[: max(1, round(width_m / 0.8))]
     seed, books = int(rng.integers(1000)), int(rng.integers(2, 5))
@@ -30,7 +30,7 @@ def sofa_group(width_m: float, s: Style, rng: np.random.Generator) -> Piece:
     return Piece("sofa", "wall", solids, make, 0.5, 0.85)
 
 
-def armchair(s: Style, rng: np.random.Generator) -> Piece:
+def armchair(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A chair to sit back in."""
     cover = s.cloth_2 if rng.random() < 0.5 else s.cloth
 
@@ -40,7 +40,7 @@ def armchair(s: Style, rng: np.random.Generator) -> Piece:
     return in_corner("armchair", 0.55, (0.05, 1.05), 0.85, make, front_m=0.4)
 
 
-def television(s: Style, rng: np.random.Generator) -> Piece:
+def television(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A low chest with a television on it."""
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
 
@@ -54,7 +54,7 @@ def television(s: Style, rng: np.random.Generator) -> Piece:
     return against_wall("television", width, 0.45, 1.2, make)
 
 
-def bookcase(s: Style, rng: np.random.Generator, high: bool = True) -> Piece:
+def bookcase(s: RoomStyle, rng: np.random.Generator, high: bool = True) -> Piece:
     """Shelves with books, low ones with something on them."""
     width, seed = float(rng.uniform(0.8, 1.5)), int(rng.integers(1000))
     height = float(rng.uniform(1.8, 2.1)) if high else 1.1
@@ -70,7 +70,7 @@ def bookcase(s: Style, rng: np.random.Generator, high: bool = True) -> Piece:
     return against_wall("bookcase", width, 0.28, height, make)
 
 
-def drawers(s: Style, rng: np.random.Generator) -> Piece:
+def drawers(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A chest of drawers with a lamp and small things."""
     width, rows, seed = float(rng.uniform(0.9, 1.4)), int(rng.integers(2, 4)), int(rng.integers(1000))
     height = 0.28 * rows + 0.1
@@ -86,7 +86,7 @@ def drawers(s: Style, rng: np.random.Generator) -> Piece:
     return against_wall("drawers", width, 0.44, height, make)
 
 
-def bed(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
+def bed(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Piece:
     """A bed with its head to the wall and a small chest beside it, or two."""
     sides = (-1, 1) if width_m > 1.3 else (1,)
     seed = int(rng.integers(1000))
@@ -110,7 +110,7 @@ def bed(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
     return Piece("bed", "wall", tuple(solids), make, 0.5, 0.9)
 
 
-def couch_bed(s: Style) -> Piece:
+def couch_bed(s: RoomStyle) -> Piece:
     """A narrow bed with its side to the wall."""
     pillow = (plain(s.colours[3]),)
 
@@ -120,7 +120,7 @@ def couch_bed(s: Style) -> Piece:
     return Piece("bed", "wall", ((-1.07, -0.93, 1.07, -GAP_M),), make, 0.6, 0.9)
 
 
-def wardrobe(s: Style, rng: np.random.Generator) -> Piece:
+def wardrobe(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A closed wardrobe."""
     width = float(rng.choice([1.0, 1.5, 2.0]))
     return against_wall(
@@ -128,7 +128,7 @@ def wardrobe(s: Style, rng: np.random.Generator) -> Piece:
     )
 
 
-def desk(s: Style, rng: np.random.Generator) -> Piece:
+def desk(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A desk with a screen and a swivel chair."""
     width, seed = float(rng.uniform(1.3, 1.7)), int(rng.integers(1000))
     turn = float(rng.uniform(120.0, 240.0))
@@ -147,7 +147,7 @@ def desk(s: Style, rng: np.random.Generator) -> Piece:
     return Piece("desk", "wall", solids, make, 0.45, 0.8)
 
 
-def dining(s: Style, rng: np.random.Generator, seats: int) -> Piece:
+def dining(s: RoomStyle, rng: np.random.Generator, seats: int) -> Piece:
     """A table with chairs about it, pulled out a little."""
     width = 0.9 if seats == 2 else 1.3 if seats == 4 else 1.9
     depth, seed = 0.85, int(rng.integers(1000))
@@ -174,7 +174,7 @@ def dining(s: Style, rng: np.random.Generator, seats: int) -> Piece:
     return Piece("dining table", "middle", tuple(solids), make, 0.5, 0.9)
 
 
-def kitchen_counter(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
+def kitchen_counter(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Piece:
     """Worktop with oven and sink, cupboards above, things lying about, a fridge at its end."""
     top = stone(rgb("e4ded2"), rgb("8f8578"))
     total = width_m + 0.65
@@ -196,7 +196,7 @@ def kitchen_counter(s: Style, rng: np.random.Generator, width_m: float) -> Piece
     return Piece("kitchen counter", "wall", solids, make, 0.8, 1.8)
 
 
-def worktop(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
+def worktop(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Piece:
     """Worktop with oven and sink, low enough for below a window."""
     top = stone(rgb("e4ded2"), rgb("8f8578"))
 
@@ -211,7 +211,7 @@ def worktop(s: Style, rng: np.random.Generator, width_m: float) -> Piece:
     return Piece("worktop", "wall", ((-width_m / 2, -0.65, width_m / 2, 0.0),), make, 0.7, 0.9)
 
 
-def bathtub(s: Style, rng: np.random.Generator) -> Piece:
+def bathtub(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A tub with tiles before it."""
     apron = tiles(s.colours[0], s.colours[0], 0.1, rgb("e9f2f4"))
     width = float(rng.uniform(1.5, 1.75))
@@ -231,7 +231,7 @@ def toilet() -> Piece:
     return against_wall("toilet", 0.46, 0.66, 0.82, kitchen.toilet, 0.5)
 
 
-def basin(s: Style) -> Piece:
+def basin(s: RoomStyle) -> Piece:
     """A wash-basin with a mirror."""
 
     def make() -> Quads:
@@ -249,7 +249,7 @@ def washing_machine() -> Piece:
     return against_wall("washing machine", 0.6, 0.6, 0.85, kitchen.washing_machine, 0.6)
 
 
-def cubbies(s: Style, rng: np.random.Generator) -> Piece:
+def cubbies(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A low shelf of boxes and toys."""
     seed = int(rng.integers(1000))
 
@@ -263,7 +263,7 @@ def cubbies(s: Style, rng: np.random.Generator) -> Piece:
     return against_wall("cubbies", 1.46, 0.34, 0.74, make)
 
 
-def plant(s: Style, rng: np.random.Generator) -> Piece:
+def plant(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A plant in a pot on the floor."""
     height, seed, leaves = float(rng.uniform(0.9, 1.5)), int(rng.integers(1000)), int(rng.integers(11, 18))
     reach = 0.1 + 0.3 * height
@@ -279,7 +279,7 @@ def floor_lamp() -> Piece:
     return in_corner("floor lamp", 0.2, (0.02, 0.42), 1.6, lambda: decor.floor_lamp(rgb("ffe9b8")).placed(0.0, -0.22))
 
 
-def basket(s: Style, rng: np.random.Generator) -> Piece:
+def basket(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A basket or bin."""
     radius, height = float(rng.uniform(0.13, 0.2)), float(rng.uniform(0.3, 0.5))
 
@@ -303,7 +303,7 @@ def cartons(rng: np.random.Generator) -> Piece:
     return in_corner("cartons", half, (0.0, 2 * half), 0.6, make)
 
 
-def shoes(s: Style) -> Piece:
+def shoes(s: RoomStyle) -> Piece:
     """A pair of shoes by the wall."""
 
     def make() -> Quads:
@@ -312,7 +312,7 @@ def shoes(s: Style) -> Piece:
     return Piece("shoes", "wall", ((-0.13, -0.33, 0.15, -0.02),), make, 0.0, 0.12)
 
 
-def toys(s: Style, rng: np.random.Generator) -> Piece:
+def toys(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """Building blocks, a car and a ball on the floor."""
     seed = int(rng.integers(1000))
 
@@ -326,12 +326,12 @@ def toys(s: Style, rng: np.random.Generator) -> Piece:
     return Piece("toys", "middle", ((-0.47, -0.45, 0.5, 0.4),), make, 0.0, 0.2)
 
 
-def beanbag(s: Style) -> Piece:
+def beanbag(s: RoomStyle) -> Piece:
     """A soft seat."""
     return in_corner("beanbag", 0.43, (0.02, 0.88), 0.6, lambda: seating.beanbag(s.cloth_2).placed(0.0, -0.45))
 
 
-def chair(s: Style) -> Piece:
+def chair(s: RoomStyle) -> Piece:
     """A chair by the wall."""
 
     def make() -> Quads:
@@ -340,12 +340,12 @@ def chair(s: Style) -> Piece:
     return Piece("chair", "wall", ((-0.22, -0.45, 0.22, -0.02),), make, 0.3, 0.9)
 
 
-def stool(s: Style) -> Piece:
+def stool(s: RoomStyle) -> Piece:
     """A stool with three thin legs."""
     return in_corner("stool", 0.2, (0.02, 0.42), 0.46, lambda: seating.stool(s.wood, s.cloth).placed(0.0, -0.22))
 
 
-def hall_table(s: Style, rng: np.random.Generator) -> Piece:
+def hall_table(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A narrow chest with a lamp."""
     seed = int(rng.integers(1000))
 
@@ -359,7 +359,7 @@ def hall_table(s: Style, rng: np.random.Generator) -> Piece:
     return against_wall("hall table", 0.9, 0.31, 0.75, make, 0.75)
 
 
-def coat_rack(s: Style, rng: np.random.Generator) -> Piece:
+def coat_rack(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """Coats on hooks."""
     coats = (s.cloth, s.cloth_2, plain(s.colours[7]), plain(s.colours[9]))[: int(rng.integers(2, 5))]
     width = 0.36 * len(coats)
@@ -367,7 +367,7 @@ def coat_rack(s: Style, rng: np.random.Generator) -> Piece:
     return Piece("coat rack", "wall", solids, lambda: storage.coat_rack(width, s.wood_dark, coats), 0.75, 1.74)
 
 
-def rug(s: Style, size_m: tuple[float, float]) -> Piece:
+def rug(s: RoomStyle, size_m: tuple[float, float]) -> Piece:
     """A carpet in the middle."""
     x, y = size_m[0] / 2, size_m[1] / 2
 
@@ -377,7 +377,7 @@ def rug(s: Style, size_m: tuple[float, float]) -> Piece:
     return Piece("rug", "rug", ((-x, -y, x, y),), make, 0.0, 0.01)
 
 
-def picture(s: Style, rng: np.random.Generator) -> Piece:
+def picture(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A painting."""
     width, height, seed = float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.4, 0.65)), int(rng.integers(1000))
     image = landscape(seed, width, height) if rng.random() < 0.5 else abstract(seed, width, height)
@@ -386,12 +386,12 @@ def picture(s: Style, rng: np.random.Generator) -> Piece:
     )
 
 
-def towels(s: Style) -> Piece:
+def towels(s: RoomStyle) -> Piece:
     """Towels on a rail."""
     return on_wall("towels", 0.37, 0.09, 1.3, lambda: kitchen.towel_rail(0.7, (s.cloth, s.cloth_2)))
 
 
-def curtains(s: Style, rng: np.random.Generator, window_m: float) -> Piece:
+def curtains(s: RoomStyle, rng: np.random.Generator, window_m: float) -> Piece:
     """A curtain on either side of a window."""
     cloth = stripes(s.colours[3], s.colours[5], 0.07) if rng.random() < 0.5 else s.cloth_2
     reach = window_m / 2 + 0.2

@@ -7,13 +7,13 @@ import numpy as np
 from anm_mj.scene.generation.furniture import clutter, decor, kitchen, seating, storage, tables
 from anm_mj.scene.generation.piece import Piece, against_wall, on_wall
 from anm_mj.scene.generation.quads import Quads, box, join, lathe
-from anm_mj.scene.generation.style import DARK, METAL, WHITE, Style
+from anm_mj.scene.generation.room_style import DARK, METAL, WHITE, RoomStyle
 from anm_mj.scene.generation.textures import abstract, glow, landscape, plain, rgb
 
 _GREY = plain(rgb("c9ccd1"), 0.03)
 
 
-def desk_island(s: Style, rng: np.random.Generator, per_side: int) -> Piece:
+def desk_island(s: RoomStyle, rng: np.random.Generator, per_side: int) -> Piece:
     """Desks face to face with screens, a low partition between them and a swivel chair at each."""
     width, depth = 1.5, 0.7
     total = per_side * width
@@ -43,7 +43,7 @@ def desk_island(s: Style, rng: np.random.Generator, per_side: int) -> Piece:
     return Piece("desk island", "middle", tuple(solids), make, 0.5, 1.2)
 
 
-def meeting_table(s: Style, rng: np.random.Generator, seats: int) -> Piece:
+def meeting_table(s: RoomStyle, rng: np.random.Generator, seats: int) -> Piece:
     """A long table with swivel chairs."""
     per_side = seats // 2
     width, depth = 0.8 * per_side, 1.1
@@ -79,7 +79,7 @@ def whiteboard(rng: np.random.Generator) -> Piece:
     return on_wall("whiteboard", width / 2 + 0.05, 0.05, 1.95, make)
 
 
-def filing(s: Style, rng: np.random.Generator) -> Piece:
+def filing(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """Cabinets of drawers side by side, a printer or a plant on top."""
     width, seed = float(rng.choice([0.8, 1.2])), int(rng.integers(1000))
 
@@ -119,18 +119,18 @@ def copier() -> Piece:
     return against_wall("copier", 1.26, 0.68, 1.02, make, 0.7)
 
 
-def racks(s: Style, rng: np.random.Generator) -> Piece:
+def racks(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """Open metal shelves full of boxes and folders."""
     width, seed = float(rng.uniform(1.0, 1.6)), int(rng.integers(1000))
     return against_wall("shelves", width, 0.4, 2.0, lambda: storage.bookcase(width, 2.0, 5, METAL, seed, 0.4), 0.6)
 
 
-def lockers(s: Style) -> Piece:
+def lockers(s: RoomStyle) -> Piece:
     """A row of lockers."""
     return against_wall("lockers", 1.2, 0.5, 1.9, lambda: storage.wardrobe(1.2, 1.9, 0.45, METAL, s.paint, DARK), 0.6)
 
 
-def reception_desk(s: Style, rng: np.random.Generator) -> Piece:
+def reception_desk(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A counter to stand at, with a screen behind it."""
     width, seed = float(rng.uniform(1.8, 2.4)), int(rng.integers(1000))
 
@@ -150,7 +150,7 @@ def reception_desk(s: Style, rng: np.random.Generator) -> Piece:
     return Piece("reception desk", "middle", solids, make, 0.8, 1.2)
 
 
-def laboratory_bench(s: Style, rng: np.random.Generator) -> Piece:
+def laboratory_bench(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A bench with instruments."""
     width, seed = float(rng.uniform(1.8, 2.6)), int(rng.integers(1000))
 
@@ -166,7 +166,7 @@ def laboratory_bench(s: Style, rng: np.random.Generator) -> Piece:
     return against_wall("laboratory bench", width, 0.66, 1.5, make, 0.8)
 
 
-def laboratory_island(s: Style, rng: np.random.Generator) -> Piece:
+def laboratory_island(s: RoomStyle, rng: np.random.Generator) -> Piece:
     """A high table on thin legs with stools about it."""
     width, seed = float(rng.uniform(1.5, 2.0)), int(rng.integers(1000))
 

@@ -17,7 +17,7 @@ from anm_mj.scene.generation.atlas import paint, points_on
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
 from anm_mj.scene.generation.lamps import lamps, lights
-from anm_mj.scene.generation.layout import Style, plan_building
+from anm_mj.scene.generation.layout import BuildingKind, plan_building
 from anm_mj.scene.generation.move_furniture import Move, move_furniture
 from anm_mj.scene.generation.quads import Quads, join
 from anm_mj.scene.generation.shell import Surface, add_passage, add_room_shell
@@ -43,7 +43,7 @@ def generate_scene(
     out: Path,
     rooms: int,
     seed: int,
-    style: Style = "apartment",
+    kind: BuildingKind = "apartment",
     name: str | None = None,
     *,
     overwrite: bool = True,
@@ -55,10 +55,10 @@ def generate_scene(
         out: The scene folder to make; one already there is replaced.
         rooms: Number of rooms, corridors counted; 1 to 60.
         seed: Which of the buildings of this size; 0 or more.
-        style: "apartment" or "office".
+        kind: "apartment" or "office".
         name: Name of the scene; that of the folder by default.
         overwrite: False to refuse a folder that holds a scene already.
-        moved: So many pieces of furniture stand somewhere else than in the scene of the same rooms, seed and style;
+        moved: So many pieces of furniture stand somewhere else than in the scene of the same rooms, seed and kind;
             ``moved.json`` in the folder says which, from where and to where.
 
     Raises:
@@ -67,9 +67,9 @@ def generate_scene(
     check_destination(out, overwrite)
     if moved < 0:
         raise SceneError(f"--moved is {moved}; give a number of pieces from 0 up.")
-    source = f"anm-mj scene generate --rooms {rooms} --seed {seed} --kind {style}{f' --moved {moved}' * (moved > 0)}"
+    source = f"anm-mj scene generate --rooms {rooms} --seed {seed} --kind {kind}{f' --moved {moved}' * (moved > 0)}"
     info = SceneInfo(name or out.resolve().name, source, "MIT", rooms=rooms)
-    return write_building(plan_building(rooms, seed, style), seed, info, out, moved=moved)
+    return write_building(plan_building(rooms, seed, kind), seed, info, out, moved=moved)
 
 
 def write_building(

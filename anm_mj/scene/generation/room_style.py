@@ -43,7 +43,7 @@ _CARPETS = ("5d6b78", "7a8a6b", "4b5d7c", "8a5f5a", "6f6a62", "3f5e5a", "8d7a5f"
 
 
 @dataclass(frozen=True, eq=False)
-class Style:
+class RoomStyle:
     """Materials of one room."""
 
     floor: Material
@@ -59,11 +59,11 @@ class Style:
     """Bright colours for small things."""
 
 
-def draw_style(room_type: str, rng: np.random.Generator) -> Style:
+def draw_style(room_type: str, rng: np.random.Generator) -> RoomStyle:
     """Materials that suit a type of room."""
     accents = [rgb(str(code)) for code in rng.permutation(_ACCENTS)]
     light = rgb(str(rng.choice(_LIGHTS)))
-    return Style(
+    return RoomStyle(
         floor=_floor(room_type, rng),
         wall=_wall(room_type, light, accents[5], rng),
         trim=WHITE if rng.random() < 0.7 else wood(rgb(str(rng.choice(_WOODS))), 0.15),
