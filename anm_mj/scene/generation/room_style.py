@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ WHITE = plain(rgb("f4f1ea"), 0.01)
 DARK = plain(rgb("2b2d31"))
 METAL = plain(rgb("8f959c"))
 PORCELAIN = plain(rgb("f3f4f2"), 0.005)
-CEILING = plaster(rgb("f3f1ec"), 0.02, texel_m=0.06)
+CEILING = replace(plaster(rgb("f3f1ec"), 0.02), texel_m=0.06)
 
 _WOODS = ("b98a56", "dcb887", "6e4a32", "9c5f3c", "c79a63", "8a6a4f", "e0c79a")
 _ACCENTS = (
@@ -107,4 +107,4 @@ def _wall(room_type: str, light: Colour, accent: Colour, rng: np.random.Generato
     chance = rng.random()
     if room_type in ("bedroom", "living", "child", "corridor", "dining", "library") and chance < 0.45:
         return [stripes(light, second, 0.18), leaves(light, second), dots(light, second)][int(rng.integers(3))]
-    return plaster(light if chance < 0.85 else second, 0.05, texel_m=0.03)
+    return plaster(light if chance < 0.85 else second)
