@@ -273,6 +273,17 @@ def roadmap_path(
     bits: NDArray[np.uint64],
     cover: NDArray[np.uint64],
 ) -> tuple[int, int, int]: ...
+def cover_samples(
+    points: NDArray[np.float64],
+    samples: NDArray[np.float64],
+    level: NDArray[np.int32],
+    column_start: NDArray[np.int64],
+    low: NDArray[np.float64],
+    cell: float,
+    within: float,
+    covered: NDArray[np.uint8],
+    near: NDArray[np.uint8],
+) -> int: ...
 def lend_cores(cores: int) -> None: ...
 def kernel_names() -> list[str]: ...
 def roofline(table_bytes: int, kernel: str) -> dict[str, float]: ...

@@ -12,7 +12,7 @@ from shapely.errors import ShapelyError
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.generation.building import Building
-from anm_mj.scene.generation.scene import write_building
+from anm_mj.scene.generation.generate_scene import write_building
 from anm_mj.scene.importing.floorplans.houseexpo import is_houseexpo, read_houseexpo
 from anm_mj.scene.importing.floorplans.plan1 import is_plan1, read_plan1
 from anm_mj.scene.importing.floorplans.procthor import is_procthor, read_procthor

@@ -1,7 +1,7 @@
 """Plans of HouseExpo (Li et al., "HouseExpo", IROS 2020): one outline of all free floor, interior walls folded in.
 
-It lists no rooms and no doors. Room segmentation finds them (:func:`anm_mj.scene.rooms.segment_floor`), and the boxes
-of ``room_category`` name the rooms.
+It lists no rooms and no doors. Segmentation finds them (:func:`anm_mj.scene.room_segmentation.segment_floor`), and the
+boxes of ``room_category`` name the rooms.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from anm_mj.scene.generation.building import Building, named_rooms
 from anm_mj.scene.importing.floorplans.cells import CellPlan, grid_axes, take_passages, whole_rooms
 from anm_mj.scene.importing.floorplans.room_types import room_type_of_word
-from anm_mj.scene.rooms import segment_floor
+from anm_mj.scene.room_segmentation import segment_floor
 
 _CELL_M = 0.05
 _PASSAGE_M = 0.1

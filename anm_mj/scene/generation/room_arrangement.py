@@ -64,16 +64,16 @@ def _halve(
     _halve(room_types[num:], areas[num:], second_low, high, rng, cells)
 
 
-def wings(num_rooms: int, style: str, room_types: list[str], rng: np.random.Generator) -> list[Cell]:
+def wings(num_rooms: int, kind: str, room_types: list[str], rng: np.random.Generator) -> list[Cell]:
     """Rows of rooms on both sides of corridors, which cross corridors join where there are several.
 
     Args:
         num_rooms: Number of rooms, corridors counted; at least 4.
-        style: "apartment" or "office": offices have deeper rooms and wider corridors.
+        kind: "apartment" or "office": offices have deeper rooms and wider corridors.
         room_types: Types of at least as many rooms; those that do not find a place are left out.
         rng: Where chance comes from.
     """
-    office = style == "office"
+    office = kind == "office"
     num_corridors = max(1, round(num_rooms / _ROOMS_PER_CORRIDOR))
     num_links = 0 if num_corridors == 1 else 2
     room_types = room_types[: num_rooms - num_corridors - num_links * (num_corridors - 1)]

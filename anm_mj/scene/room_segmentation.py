@@ -55,11 +55,11 @@ class RoomPlan:
     doors: tuple[Door, ...]
 
 
-def find_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> RoomPlan:
+def segment_rooms(triangles_m: Float[np.ndarray, "f 3 3"], area: NavigableArea) -> RoomPlan:
     """The rooms connected to most of the floor, and the doors between them."""
     coarser = math.ceil(math.sqrt(area.component.size / _MAX_CELLS))
     if coarser > 1:
-        plan = find_rooms(triangles_m, pooled(area, coarser))
+        plan = segment_rooms(triangles_m, pooled(area, coarser))
         rows, cols = area.component.shape
         finer = np.repeat(np.repeat(plan.room, coarser, axis=0), coarser, axis=1)[:rows, :cols]
         return RoomPlan(finer, plan.area_m2, plan.doors)

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float64, Int16
 
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
-from anm_mj.scene.generation.layout import Style, plan_building
+from anm_mj.scene.generation.layout import BuildingKind, plan_building
 from anm_mj.scene.generation.traversability import CELL_M
 
 _MARGIN_CELLS = 4
@@ -17,7 +17,7 @@ _MARGIN_CELLS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class TopdownMap:
+class BuildingMap:
     """A building seen from above at body heights (0.05 to 1.35 m); ``[row, col]``, row along y and col along x."""
 
     obstacles: Bool[np.ndarray, "rows cols"]
@@ -31,23 +31,23 @@ class TopdownMap:
     resolution_m: float
 
 
-def topdown(rooms: int, seed: int, style: Style = "apartment", furniture: bool = True) -> TopdownMap:
+def generated_map(rooms: int, seed: int, kind: BuildingKind = "apartment", furniture: bool = True) -> BuildingMap:
     """The map of the very building that ``generate_scene`` makes of the same arguments, at 5 cm.
 
     Args:
         rooms: Number of rooms; 1 to 60.
         seed: Which of the buildings of this size; 0 or more.
-        style: "apartment" or "office".
+        kind: "apartment" or "office".
         furniture: False for empty rooms.
 
     Raises:
         SceneError: if an argument is out of its range.
     """
-    building = plan_building(rooms, seed, style)
+    building = plan_building(rooms, seed, kind)
     return building_map(building, furnish(building, seed, furniture=furniture))
 
 
-def building_map(building: Building, furnished: list[FurnishedRoom]) -> TopdownMap:
+def building_map(building: Building, furnished: list[FurnishedRoom]) -> BuildingMap:
     """The map of a furnished building."""
     low = np.min([room.grid.low_cell for room in furnished], axis=0) - _MARGIN_CELLS
     ends = [np.add(room.grid.low_cell, room.grid.floor.shape[::-1]) for room in furnished]
@@ -63,4 +63,4 @@ def building_map(building: Building, furnished: list[FurnishedRoom]) -> TopdownM
         part = (slice(row, row + room.grid.floor.shape[0]), slice(col, col + room.grid.floor.shape[1]))
         labels[part][room.grid.floor] = index
         obstacles[part][room.grid.floor] = room.grid.solid(list(room.placed))[room.grid.floor]
-    return TopdownMap(obstacles, labels, tuple(room.room.room_type for room in furnished), low * CELL_M, CELL_M)
+    return BuildingMap(obstacles, labels, tuple(room.room.room_type for room in furnished), low * CELL_M, CELL_M)

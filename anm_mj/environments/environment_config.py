@@ -26,7 +26,7 @@ REWARDS = ("surface", "area", "information")
 
 
 @dataclasses.dataclass(frozen=True)
-class ExploreConfig:
+class EnvironmentConfig:
     """Settings of an episode of exploration, apart from the scene."""
 
     num_steps: int | None = None
@@ -80,19 +80,19 @@ class ExploreConfig:
         return MAX_VELOCITY_STEPS if self.actions == "velocity" else MAX_STEPS
 
 
-def explore_config(**options: Any) -> ExploreConfig:
+def explore_config(**options: Any) -> EnvironmentConfig:
     """A configuration from keyword options.
 
     Raises:
         TaskError: an unknown option, an invalid start, or a value out of range.
     """
-    known = [field.name for field in dataclasses.fields(ExploreConfig)]
+    known = [field.name for field in dataclasses.fields(EnvironmentConfig)]
     unknown = sorted(set(options) - set(known))
     if unknown:
         raise TaskError(f'The task has no option "{unknown[0]}"; it has {", ".join(known)}.')
     if options.get("start") is not None:
         require_start(options["start"])
-    return ExploreConfig(**options)
+    return EnvironmentConfig(**options)
 
 
 def require_start(start: Any) -> None:

@@ -10,11 +10,11 @@ from scipy.sparse.csgraph import connected_components
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
+from anm_mj.scene.generation.building_map import generated_map
 from anm_mj.scene.generation.furnish import furnish
+from anm_mj.scene.generation.generate_scene import generate_scene
 from anm_mj.scene.generation.layout import plan_building
 from anm_mj.scene.generation.move_furniture import move_furniture
-from anm_mj.scene.generation.scene import generate_scene
-from anm_mj.scene.generation.topdown import topdown
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear, navigable_area
 
 
@@ -23,10 +23,10 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return generate_scene(tmp_path_factory.mktemp("scenes") / "flat", 2, 4)
 
 
-@pytest.mark.parametrize("style", ["apartment", "office"])
+@pytest.mark.parametrize("kind", ["apartment", "office"])
 @pytest.mark.parametrize("rooms", [1, 2, 3, 5, 8, 13, 21, 40])
-def test_a_plan_has_the_rooms_asked_for_all_joined_and_circles_from_five_on(rooms, style):
-    building = plan_building(rooms, 11, style)
+def test_a_plan_has_the_rooms_asked_for_all_joined_and_circles_from_five_on(rooms, kind):
+    building = plan_building(rooms, 11, kind)
     joined = np.eye(rooms, dtype=bool)
     for passage in building.passages:
         i, j = passage.rooms
@@ -38,10 +38,10 @@ def test_a_plan_has_the_rooms_asked_for_all_joined_and_circles_from_five_on(room
     assert len(building.passages) >= rooms - 1 + (rooms >= 5)
 
 
-@pytest.mark.parametrize("style", ["apartment", "office"])
+@pytest.mark.parametrize("kind", ["apartment", "office"])
 @pytest.mark.parametrize("rooms", [4, 9, 30])
-def test_rooms_do_not_overlap_and_passages_are_as_wide_as_a_robot_needs(rooms, style):
-    building = plan_building(rooms, 3, style)
+def test_rooms_do_not_overlap_and_passages_are_as_wide_as_a_robot_needs(rooms, kind):
+    building = plan_building(rooms, 3, kind)
     floors = [room.floor for room in building.rooms] + [passage.floor for passage in building.passages]
 
     assert sum(floor.area for floor in floors) == pytest.approx(shapely.union_all(floors).area)
@@ -64,10 +64,10 @@ def test_walls_are_open_exactly_where_passages_are():
     assert gaps == pytest.approx(widths)
 
 
-@pytest.mark.parametrize(("rooms", "seed", "style"), [(0, 1, "apartment"), (61, 1, "office"), (3, -1, "office")])
-def test_what_cannot_be_made_is_refused(rooms, seed, style):
+@pytest.mark.parametrize(("rooms", "seed", "kind"), [(0, 1, "apartment"), (61, 1, "office"), (3, -1, "office")])
+def test_what_cannot_be_made_is_refused(rooms, seed, kind):
     with pytest.raises(SceneError, match="give"):
-        plan_building(rooms, seed, style)
+        plan_building(rooms, seed, kind)
 
 
 def test_furniture_stands_inside_its_room_and_off_the_doors():
@@ -82,8 +82,8 @@ def test_furniture_stands_inside_its_room_and_off_the_doors():
 
 def test_drawn_furniture_keeps_to_its_outline():
     """What the robot could bump into lies inside the outline that the map shows."""
-    for style in ("apartment", "office"):
-        for room in furnish(plan_building(7, 8, style), 8):
+    for kind in ("apartment", "office"):
+        for room in furnish(plan_building(7, 8, kind), 8):
             for placed in room.placed:
                 corners = placed.quads().corners_m.reshape(-1, 3)
                 at_body = corners[(corners[:, 2] > 0.05) & (corners[:, 2] < 1.35)]
@@ -92,7 +92,7 @@ def test_drawn_furniture_keeps_to_its_outline():
 
 
 def test_a_topdown_map_is_the_same_every_time_and_all_of_one_piece():
-    one, two = topdown(6, 9), topdown(6, 9)
+    one, two = generated_map(6, 9), generated_map(6, 9)
     free, num = ndimage.label(ndimage.binary_erosion(~one.obstacles, iterations=4))
     sizes = np.bincount(free.ravel())[1:]
 
@@ -100,11 +100,12 @@ def test_a_topdown_map_is_the_same_every_time_and_all_of_one_piece():
     assert num >= 1
     assert set(np.unique(one.rooms[free == 1 + np.argmax(sizes)])) >= set(range(6))
     assert len(one.room_types) == 6
-    assert (topdown(6, 10).obstacles.shape != one.obstacles.shape) or (topdown(6, 10).obstacles != one.obstacles).any()
+    other = generated_map(6, 10)
+    assert other.obstacles.shape != one.obstacles.shape or (other.obstacles != one.obstacles).any()
 
 
 def test_a_bare_map_shows_walls_only():
-    bare, full = topdown(4, 1, furniture=False), topdown(4, 1)
+    bare, full = generated_map(4, 1, furniture=False), generated_map(4, 1)
 
     assert (bare.obstacles <= full.obstacles).all()
     assert not bare.obstacles[bare.rooms >= 0].any()
@@ -136,7 +137,7 @@ def test_the_map_agrees_with_the_scene(flat: Scene):
     """Where the triangles leave room for the robot, the map shows no obstacle at its axis."""
     vertices, faces = flat.triangles()
     places = navigable_area(vertices[faces], DEFAULT_FOOTPRINT).places(1)
-    made = topdown(2, 4)
+    made = generated_map(2, 4)
     cols, rows = ((places - made.origin_xy_m) / made.resolution_m).astype(int).T
 
     assert made.obstacles[rows, cols].mean() < 0.03

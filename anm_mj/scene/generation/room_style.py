@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ WHITE = plain(rgb("f4f1ea"), 0.01)
 DARK = plain(rgb("2b2d31"))
 METAL = plain(rgb("8f959c"))
 PORCELAIN = plain(rgb("f3f4f2"), 0.005)
-CEILING = plaster(rgb("f3f1ec"), 0.02, texel_m=0.06)
+CEILING = replace(plaster(rgb("f3f1ec"), 0.02), texel_m=0.06)
 
 _WOODS = ("b98a56", "dcb887", "6e4a32", "9c5f3c", "c79a63", "8a6a4f", "e0c79a")
 _ACCENTS = (
@@ -43,7 +43,7 @@ _CARPETS = ("5d6b78", "7a8a6b", "4b5d7c", "8a5f5a", "6f6a62", "3f5e5a", "8d7a5f"
 
 
 @dataclass(frozen=True, eq=False)
-class Style:
+class RoomStyle:
     """Materials of one room."""
 
     floor: Material
@@ -59,11 +59,11 @@ class Style:
     """Bright colours for small things."""
 
 
-def draw_style(room_type: str, rng: np.random.Generator) -> Style:
+def draw_style(room_type: str, rng: np.random.Generator) -> RoomStyle:
     """Materials that suit a type of room."""
     accents = [rgb(str(code)) for code in rng.permutation(_ACCENTS)]
     light = rgb(str(rng.choice(_LIGHTS)))
-    return Style(
+    return RoomStyle(
         floor=_floor(room_type, rng),
         wall=_wall(room_type, light, accents[5], rng),
         trim=WHITE if rng.random() < 0.7 else wood(rgb(str(rng.choice(_WOODS))), 0.15),
@@ -107,4 +107,4 @@ def _wall(room_type: str, light: Colour, accent: Colour, rng: np.random.Generato
     chance = rng.random()
     if room_type in ("bedroom", "living", "child", "corridor", "dining", "library") and chance < 0.45:
         return [stripes(light, second, 0.18), leaves(light, second), dots(light, second)][int(rng.integers(3))]
-    return plaster(light if chance < 0.85 else second, 0.05, texel_m=0.03)
+    return plaster(light if chance < 0.85 else second)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import shapely
-from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
@@ -17,10 +18,10 @@ from anm_mj.scene.generation.atlas import paint, points_on
 from anm_mj.scene.generation.building import Building
 from anm_mj.scene.generation.furnish import FurnishedRoom, furnish
 from anm_mj.scene.generation.lamps import lamps, lights
-from anm_mj.scene.generation.layout import Style, plan_building
+from anm_mj.scene.generation.layout import BuildingKind, plan_building
 from anm_mj.scene.generation.move_furniture import Move, move_furniture
 from anm_mj.scene.generation.quads import Quads, join
-from anm_mj.scene.generation.shell import Surface, add_passage, add_room_shell
+from anm_mj.scene.generation.shell import Patch, Surface, passage_shell, room_shell
 from anm_mj.scene.generation.voxel_light import VOXEL_M, VoxelLighting
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
 from anm_mj.scene.writer import SceneInfo, check_destination, write_scene
@@ -43,7 +44,7 @@ def generate_scene(
     out: Path,
     rooms: int,
     seed: int,
-    style: Style = "apartment",
+    kind: BuildingKind = "apartment",
     name: str | None = None,
     *,
     overwrite: bool = True,
@@ -55,10 +56,10 @@ def generate_scene(
         out: The scene folder to make; one already there is replaced.
         rooms: Number of rooms, corridors counted; 1 to 60.
         seed: Which of the buildings of this size; 0 or more.
-        style: "apartment" or "office".
+        kind: "apartment" or "office".
         name: Name of the scene; that of the folder by default.
         overwrite: False to refuse a folder that holds a scene already.
-        moved: So many pieces of furniture stand somewhere else than in the scene of the same rooms, seed and style;
+        moved: So many pieces of furniture stand somewhere else than in the scene of the same rooms, seed and kind;
             ``moved.json`` in the folder says which, from where and to where.
 
     Raises:
@@ -67,9 +68,9 @@ def generate_scene(
     check_destination(out, overwrite)
     if moved < 0:
         raise SceneError(f"--moved is {moved}; give a number of pieces from 0 up.")
-    source = f"anm-mj scene generate --rooms {rooms} --seed {seed} --kind {style}{f' --moved {moved}' * (moved > 0)}"
+    source = f"anm-mj scene generate --rooms {rooms} --seed {seed} --kind {kind}{f' --moved {moved}' * (moved > 0)}"
     info = SceneInfo(name or out.resolve().name, source, "MIT", rooms=rooms)
-    return write_building(plan_building(rooms, seed, style), seed, info, out, moved=moved)
+    return write_building(plan_building(rooms, seed, kind), seed, info, out, moved=moved)
 
 
 def write_building(
@@ -88,98 +89,89 @@ def write_building(
     Raises:
         SceneError: if so many pieces cannot be moved, the robot fits nowhere or the folder cannot be written.
     """
-    furnished, surfaces, area = _reachable(building, seed, furniture)
+    interior = _reachable(building, seed, furniture)
     moves: list[Move] = []
     if moved:
-        reached = _reached(area, building)
-
-        def is_passable(rooms: list[FurnishedRoom]) -> bool:
-            return _reached(_area(_surfaces(building, rooms, seed)), building) >= reached
-
-        furnished, moves = move_furniture(furnished, moved, seed, is_passable)
-        surfaces = _surfaces(building, furnished, seed)
-        area = _area(surfaces)
-    lighting = _lighting(building, furnished)
+        reached = interior.reached
+        furnished, moves = move_furniture(
+            interior.furnished, moved, seed, lambda rooms: _Interior(building, rooms, seed).reached >= reached
+        )
+        interior = _Interior(building, furnished, seed)
+    lighting = _lighting(building, interior.furnished)
     submeshes = [
-        paint(room.room.name, _coarsened(surface.quads()), lighting, _LIGHT_SPACING_M, surface.cuts, _SHADES)
-        for room, surface in zip(furnished, surfaces, strict=True)
+        paint(room.room.name, _coarsened(surface.quads), lighting, _LIGHT_SPACING_M, surface.cuts, _SHADES)
+        for room, surface in zip(interior.furnished, interior.surfaces, strict=True)
     ]
     num = len(building.rooms)
     info = replace(info, rooms=num, budget_steps=_BASE_STEPS + _STEPS_PER_ROOM * num, cull_face=True)
-    scene = write_scene(submeshes, info, out, choose_starts(area, DEFAULT_FOOTPRINT))
+    scene = write_scene(submeshes, info, out, choose_starts(interior.area, DEFAULT_FOOTPRINT))
     if moves:
         write_text(out / MOVED, json.dumps({"moved": [move.entry for move in moves]}, indent=1) + "\n")
     return scene
 
 
-def _reachable(
-    building: Building, seed: int, furniture: bool
-) -> tuple[list[FurnishedRoom], list[Surface], NavigableArea]:
-    """The furnished rooms, those emptied that the robot would not get into otherwise, and where it may stand."""
-    furnished, surfaces, area = _attempt(building, seed, frozenset(), furniture)
-    everywhere = set(range(len(building.rooms)))
-    if not furniture or _reached(area, building) == everywhere:
-        return furnished, surfaces, area
-    # A plan may hold rooms that the robot does not fit into even when they are empty.
-    reachable = _reached(_attempt(building, seed, frozenset(), False)[2], building)
+@dataclass(frozen=True, eq=False)
+class _Interior:
+    """A furnished building."""
+
+    building: Building
+    furnished: list[FurnishedRoom]
+    seed: int
+
+    @cached_property
+    def surfaces(self) -> list[Surface]:
+        """All surfaces of each room."""
+        return [Surface(self._patches(index)) for index in range(len(self.furnished))]
+
+    def _patches(self, index: int) -> Iterator[Patch]:
+        """Those of one room; a passage belongs to the first of its rooms."""
+        building, room = self.building, self.furnished[index]
+        yield from room_shell(building, room, 1000 * self.seed + 100 * index)
+        for passage in building.passages:
+            if passage.rooms[0] == index:
+                yield from passage_shell(building, passage, room.style.floor, room.style.trim)
+        for piece in (*lamps(building, room), *(placed.quads() for placed in room.placed)):
+            yield piece, None
+
+    @cached_property
+    def area(self) -> NavigableArea:
+        """Where the robot may stand."""
+        # Two triangles for every quad; cut ones whole, which adds nothing but floor and ceiling inside of walls.
+        corners = [surface.quads.corners_m for surface in self.surfaces]
+        triangles = [np.concatenate([own[:, [0, 1, 2]], own[:, [0, 2, 3]]]) for own in corners]
+        return navigable_area(np.concatenate(triangles), DEFAULT_FOOTPRINT)
+
+    @cached_property
+    def reached(self) -> set[int]:
+        """Rooms that the largest component gets into."""
+        tree = shapely.STRtree(np.array([room.floor for room in self.building.rooms], dtype=object))
+        _, room = tree.query(shapely.points(self.area.places(1)), predicate="within")
+        counts = np.bincount(room, minlength=len(self.furnished)) * self.area.grid.resolution_m**2
+        return {int(k) for k in np.flatnonzero(counts >= _MIN_REACHED_M2)}
+
+
+def _reachable(building: Building, seed: int, furniture: bool) -> _Interior:
+    """The furnished building, those rooms emptied that the robot would not get into otherwise."""
+
+    def attempt(bare: frozenset[int], furniture: bool) -> _Interior:
+        return _Interior(building, furnish(building, seed, bare, furniture), seed)
+
     bare: frozenset[int] = frozenset()
-    while missing := reachable - _reached(area, building):
+    interior = attempt(bare, furniture)
+    everywhere = set(range(len(building.rooms)))
+    if not furniture or interior.reached == everywhere:
+        return interior
+    # A plan may hold rooms that the robot does not fit into even when they are empty.
+    reachable = attempt(bare, False).reached
+    while missing := reachable - interior.reached:
         beside = {k for passage in building.passages if missing & set(passage.rooms) for k in passage.rooms}
         closed = missing | beside
         if closed <= bare:
             closed = everywhere
         bare |= closed
         _logger.info("emptied to let the robot through: %s", ", ".join(building.rooms[k].name for k in sorted(closed)))
-        furnished, surfaces, area = _attempt(building, seed, bare, furniture)
-    return furnished, surfaces, area
-
-
-def _attempt(
-    building: Building, seed: int, bare: frozenset[int], furniture: bool
-) -> tuple[list[FurnishedRoom], list[Surface], NavigableArea]:
-    """Furnished rooms, their surfaces, and where the robot may stand among them."""
-    furnished = furnish(building, seed, bare, furniture)
-    surfaces = _surfaces(building, furnished, seed)
-    return furnished, surfaces, _area(surfaces)
-
-
-def _surfaces(building: Building, furnished: list[FurnishedRoom], seed: int) -> list[Surface]:
-    """The surfaces of all rooms."""
-    return [_surface(building, furnished, index, seed) for index in range(len(furnished))]
-
-
-def _area(surfaces: list[Surface]) -> NavigableArea:
-    """Where the robot may stand among surfaces."""
-    triangles = np.concatenate([_triangles(surface.quads().corners_m) for surface in surfaces])
-    return navigable_area(triangles, DEFAULT_FOOTPRINT)
-
-
-def _reached(area: NavigableArea, building: Building) -> set[int]:
-    """Rooms that the largest component gets into."""
-    places = shapely.points(area.places(1))
-    tree = shapely.STRtree(np.array([room.floor for room in building.rooms], dtype=object))
-    _, room = tree.query(places, predicate="within")
-    counts = np.bincount(room, minlength=len(building.rooms)) * area.grid.resolution_m**2
-    return {int(k) for k in np.flatnonzero(counts >= _MIN_REACHED_M2)}
-
-
-def _surface(building: Building, furnished: list[FurnishedRoom], index: int, seed: int) -> Surface:
-    """All surfaces of one room; a passage belongs to the first of its rooms."""
-    room, surface = furnished[index], Surface()
-    add_room_shell(surface, building, room, 1000 * seed + 100 * index)
-    for passage in building.passages:
-        if passage.rooms[0] == index:
-            add_passage(surface, building, passage, room.style.floor, room.style.trim)
-    for lamp in lamps(building, room):
-        surface.add(lamp)
-    for piece in room.placed:
-        surface.add(piece.quads())
-    return surface
-
-
-def _triangles(corners_m: Float64[np.ndarray, "n 4 3"]) -> Float64[np.ndarray, "f 3 3"]:
-    """Two triangles for every quad; cut ones whole, which adds nothing but floor and ceiling inside of walls."""
-    return np.concatenate([corners_m[:, [0, 1, 2]], corners_m[:, [0, 2, 3]]])
+        interior = attempt(bare, furniture)
+    return interior
 
 
 def _lighting(building: Building, furnished: list[FurnishedRoom]) -> VoxelLighting:
