@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from anm_mj.checkpoint.classes import KnownClasses
+from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.config import RunConfig
 from anm_mj.errors import RunFolderError

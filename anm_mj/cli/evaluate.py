@@ -37,7 +37,7 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.folder_line import print_folder
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import ProgressLine
-    from anm_mj.evaluation.evaluate import completion_with_halved_intrinsics, evaluate_run
+    from anm_mj.evaluation.run_evaluation import completion_with_halved_intrinsics, evaluate_run
 
     console = PlainConsole()
     novel_views, fixed_views = None, None

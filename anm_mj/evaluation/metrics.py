@@ -10,7 +10,7 @@ from typing import Any
 
 from anm_mj.evaluation.completion import Completion
 from anm_mj.evaluation.completion_curve import CompletionCurve, CurveRow
-from anm_mj.evaluation.mesh import MeshQuality
+from anm_mj.evaluation.mesh_quality import MeshQuality
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.ground_truth.ground_truth import GroundTruth

@@ -23,8 +23,8 @@ from jaxtyping import Float, Float32
 
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve, CurveRow
 from anm_mj.evaluation.covered_before import write_covered_before
-from anm_mj.evaluation.evaluate import quality_of_mesh, without_cap_cm, write_curve
 from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, RunSummary, pictured, summarise
+from anm_mj.evaluation.run_evaluation import quality_of_mesh, without_cap_cm, write_curve
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.io.changes_file import write_changes

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation.oracle.discretize import discretize, turn
-from anm_mj.evaluation.oracle.measure import Measure
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
-from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle.tour_annealing import Level, Task, TourAnnealer, greedy_tour
+from anm_mj.evaluation.oracle.tour_measure import Measure
 from anm_mj.evaluation.oracle.visibility import count
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.utils.native_functions import native_function
@@ -17,7 +17,7 @@ def search_in(views, seed=0, measure=None):
     task = Task(
         int(roadmap.nearest(np.array([[-1.5, 0.0]]))[0]), 0, np.zeros(bits.shape[2], np.uint64), levels, measure
     )
-    return TourSearch(segments, roadmap, task, seed), segments, task
+    return TourAnnealer(segments, roadmap, task, seed), segments, task
 
 
 def test_coverage_of_a_tour_is_that_of_its_frames(views):

@@ -1,19 +1,19 @@
 import numpy as np
 import pytest
-from tests.evaluation.test_observable import CAMERA_ON_BASE
 
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.completion import Coverage
-from anm_mj.evaluation.oracle.planner import TourPlanner
-from anm_mj.evaluation.oracle.policy import Oracle, OracleConfig
-from anm_mj.evaluation.oracle.tour import TourSearch
+from anm_mj.evaluation.oracle.oracle_policy import Oracle, OracleConfig
+from anm_mj.evaluation.oracle.tour_annealing import TourAnnealer
+from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import Action, Footprint, MapUpdate, Pose2, StopReason, SurfacePoints, VoxelGrid
 from tests.evaluation.oracle.ray_robot import RayRobot
+from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
 ROUNDS = 40
 """Annealing rounds."""
@@ -90,7 +90,7 @@ def first_plan(rooms):
 
 def test_a_cached_tour_is_not_searched_again(rooms, monkeypatch):
     plan = first_plan(rooms)
-    monkeypatch.setattr(TourSearch, "anneal", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(TourAnnealer, "anneal", lambda *_: pytest.fail("searched again"))
 
     assert first_plan(rooms).actions == plan.actions
 

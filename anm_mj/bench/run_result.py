@@ -17,7 +17,7 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 from msgspec.structs import asdict
 
-from anm_mj.bench.engine import RESULT
+from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.sweep import BenchError
 from anm_mj.bench.worker import BOUND
@@ -121,10 +121,10 @@ class Result:
     @property
     def variant(self) -> str:
         """Policy, with preset, robot, drive, pose, sensor, goal and settings if these are not the defaults."""
-        return variant({**self.job, **self.apparatus, "settings": " ".join(self.job["settings"])})
+        return variant({**self.job, **self.conditions, "settings": " ".join(self.job["settings"])})
 
     @property
-    def apparatus(self) -> dict[str, str]:
+    def conditions(self) -> dict[str, str]:
         """Preset, robot, drive, pose, sensor and goal."""
         return {key: self.job.get(key, usual) for key, usual in USUAL.items()}
 
@@ -166,7 +166,7 @@ class Result:
         return np.array([(x_m, y_m), *((place.x_m, place.y_m) for place in places)])
 
     def bound(self) -> Float[np.ndarray, "n 2"] | None:
-        """Step, and what the relaxation has covered by then [%]; None for runs that no oracle made."""
+        """Step, and the estimated upper bound of what is covered by then [%]; None for runs that no oracle made."""
         path = self.folder / BOUND
         if not path.exists():
             return None

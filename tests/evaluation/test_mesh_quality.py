@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from anm_mj.errors import SceneError
-from anm_mj.evaluation.mesh import mesh_quality
+from anm_mj.evaluation.mesh_quality import mesh_quality
 from anm_mj.evaluation.surface_distance import triangle_distance_squared
 from anm_mj.ground_truth.ground_truth import GroundTruth, sample_triangles
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.evaluate import add_views, completion_with_halved_intrinsics, evaluate_run
+from anm_mj.evaluation.run_evaluation import add_views, completion_with_halved_intrinsics, evaluate_run
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.frames import pose_matrix
 from anm_mj.types import Pose2, StopReason, TrueView
@@ -174,7 +174,7 @@ def test_former_keys_of_metrics_are_read(run):
 
 def test_completion_with_halved_intrinsics_is_that_of_the_run_where_nothing_was_halved(run, monkeypatch):
     own = evaluate_run(run)
-    monkeypatch.setattr("anm_mj.evaluation.evaluate.halved_intrinsics", lambda intrinsics: intrinsics)
+    monkeypatch.setattr("anm_mj.evaluation.run_evaluation.halved_intrinsics", lambda intrinsics: intrinsics)
     assert completion_with_halved_intrinsics(run).ratio_percent == own.completion_ratio
     monkeypatch.undo()
     shifted = completion_with_halved_intrinsics(run)

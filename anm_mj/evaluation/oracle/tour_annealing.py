@@ -3,8 +3,8 @@
 Set cover, the order of views and the paths between them are one problem, because a tour sees most of what it sees on
 its way: a camera that passes a door shows the room behind it. So the cost of a tour depends on nothing but its coverage
 curve: the samples covered by the frames after each of its actions, in order. With a budget the cost is the area above
-the curve or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.measure`). Without one it is a
-weighted mean of the steps at which the curve reaches certain levels, such as 90 % of the observable samples.
+the curve or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.tour_measure`). Without one it
+is a weighted mean of the steps at which the curve reaches certain levels, such as 90 % of the observable samples.
 
 A tour is a list of stops. A stop is a place and, if need be, a yaw to turn to there and the side to turn by. Simulated
 annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983) adds, removes, moves
@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Int, UInt64
 
 from anm_mj.evaluation.oracle.discretize import shorter_side
-from anm_mj.evaluation.oracle.measure import Measure
 from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
+from anm_mj.evaluation.oracle.tour_measure import Measure
 from anm_mj.evaluation.oracle.visibility import WORD, count, unpack
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import FORWARD_STEP_M
@@ -92,7 +92,7 @@ class TourCoverage(NamedTuple):
     """Stops that begin within the budget; the others count for nothing."""
 
 
-class TourSearch:
+class TourAnnealer:
     """Makes tours shorter.
 
     Args:

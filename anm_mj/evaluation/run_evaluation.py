@@ -14,7 +14,7 @@ from anm_mj.errors import RunFolderError, SceneError
 from anm_mj.evaluation.completion import Completion, Coverage, uncapped_completion_cm
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
 from anm_mj.evaluation.covered_before import read_covered_before
-from anm_mj.evaluation.mesh import MeshQuality, mesh_quality
+from anm_mj.evaluation.mesh_quality import MeshQuality, mesh_quality
 from anm_mj.evaluation.metrics import (
     FIXED,
     NOVEL,
