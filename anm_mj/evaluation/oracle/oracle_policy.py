@@ -3,9 +3,9 @@
 It knows the true surface, its observable part, the reachable area and the budget. Before its first step it searches for
 a tour that covers as much of the observable surface as it can within the budget
 (:mod:`anm_mj.evaluation.oracle.tour_annealing`), also from the poses of finished runs. It drives the tour in the
-simulator like every other policy and tracks what the frames cover. At the end of a tour it plans another one through the
-residual samples (:mod:`anm_mj.evaluation.oracle.residual_tour`). What it covers is a lower bound on the most possible;
-:mod:`anm_mj.evaluation.oracle.upper_bound` estimates an upper one.
+simulator like every other policy and tracks what the frames cover. At the end of a tour it plans another one through
+the residual samples (:mod:`anm_mj.evaluation.oracle.residual_tour`). What it covers is a lower bound on the
+most possible; :mod:`anm_mj.evaluation.oracle.upper_bound` estimates an upper one.
 """
 
 from __future__ import annotations
