@@ -30,6 +30,11 @@ class Follower:
         self._leg = 0
         self._headings: list[float] = []
 
+    @property
+    def has_fixed_actions(self) -> bool:
+        """Whether the present plan names its actions instead of a path."""
+        return self._plan is not None and bool(self._plan.actions)
+
     def start(self, plan: Plan) -> None:
         """Replace the present plan."""
         self._plan = plan

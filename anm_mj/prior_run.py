@@ -1,4 +1,4 @@
-"""A finished run as something to go on from: its map, its keyframes, and what it explored."""
+"""A finished run that another one continues: its map, its keyframes, and what it explored."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _BESIDE_MAP_M = 1.0
 
 
 @dataclass(frozen=True)
-class Former:
+class PriorRun:
     """What another run goes on from."""
 
     run: Run
@@ -41,7 +41,7 @@ class Former:
     keyframes: Keyframes
 
     @classmethod
-    def read(cls, path: Path) -> Former:
+    def read(cls, path: Path) -> PriorRun:
         """Read a finished run.
 
         Raises:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.former_run import Former
 from anm_mj.types import FormerRun, VoxelGrid
 
 
