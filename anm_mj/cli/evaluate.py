@@ -17,7 +17,6 @@ def add_evaluate(commands: Any) -> None:
         help="also evaluate the map on views from places the robot never visited, and on the scene's 200 fixed views",
     )
     # Its former name.
-    evaluate.add_argument("--heldout", action="store_true", dest="novel_views", help=argparse.SUPPRESS)
     evaluate.add_argument(
         "--halved-intrinsics",
         action="store_true",

@@ -1,6 +1,5 @@
 import csv
 import importlib.util
-import json
 import os
 import signal
 import subprocess
@@ -204,16 +203,6 @@ def test_a_comparison_locks_its_folder(file, tmp_path):
     run_bench(file, tmp_path / "out", function="tests.bench.fake:quick", on_run=begin_another)
 
     assert refused
-
-
-def test_runs_with_former_metrics_keys_are_tabulated(file, tmp_path):
-    run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
-    for path in (tmp_path / "out" / "runs").glob("*/metrics.json"):
-        path.write_text(json.dumps(json.loads(path.read_text()) | {"heldout_psnr_db": 20.0}))
-
-    run_bench(file, tmp_path / "out", function="tests.bench.fake:refusing")
-
-    assert {row["novel_view_psnr_db"] for row in table(tmp_path / "out")} == {"20.0"}
 
 
 PROGRAM = """

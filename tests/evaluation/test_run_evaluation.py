@@ -157,22 +157,6 @@ def test_metrics_of_views_are_kept(run):
     assert evaluate_run(run, novel_views=ViewsResult(0, None)).novel_view_psnr_db is None
 
 
-FORMER = {"look_arounds": 2, "heldout_views": 3, "heldout_psnr_db": 20.0, "heldout_depth_l1_cm": None}
-
-
-def test_former_keys_of_metrics_are_read(run):
-    path = run / "metrics.json"
-    present = json.loads(path.read_text())
-    kept = {key: value for key, value in present.items() if "novel_view" not in key and key != "full_rotations"}
-    path.write_text(json.dumps(kept | FORMER))
-
-    metrics = evaluate_run(run)
-
-    assert (metrics.novel_views, metrics.novel_view_psnr_db, metrics.novel_view_depth_l1_cm) == (3, 20.0, None)
-    assert (metrics.stop_reason, metrics.full_rotations) == ("COMPLETE", present["full_rotations"])
-    assert json.loads(path.read_text()).keys() == present.keys()
-
-
 def test_completion_with_halved_intrinsics_is_that_of_the_run_where_nothing_was_halved(run, monkeypatch):
     own = evaluate_run(run)
     monkeypatch.setattr("anm_mj.evaluation.run_evaluation.halved_intrinsics", lambda intrinsics: intrinsics)
