@@ -24,7 +24,7 @@ from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
 from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.prior_run import PriorRun
-from anm_mj.recording.recorder import Before, RunRecorder, WayBack
+from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import WayBack, load_writers, write_results
 from anm_mj.run_parts import Parts, make_parts, true_view
 from anm_mj.types import StopReason

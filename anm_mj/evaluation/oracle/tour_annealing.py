@@ -3,8 +3,8 @@
 Set cover, the order of views and the paths between them are one problem, because a tour sees most of what it sees on
 its way: a camera that passes a door shows the room behind it. So the cost of a tour depends on nothing but its coverage
 curve: the samples covered by the frames after each of its actions, in order. With a budget the cost is the area above
-the curve or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.measure`). Without one it is a
-weighted mean of the steps at which the curve reaches certain levels, such as 90 % of the observable samples.
+the curve or its distance from full coverage at the end (:mod:`anm_mj.evaluation.oracle.tour_measure`). Without one it
+is a weighted mean of the steps at which the curve reaches certain levels, such as 90 % of the observable samples.
 
 A tour is a list of stops. A stop is a place and, if need be, a yaw to turn to there and the side to turn by. Simulated
 annealing (Kirkpatrick, Gelatt and Vecchi, Optimization by Simulated Annealing, Science 220, 1983) adds, removes, moves
@@ -20,14 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int, UInt64
 
+from anm_mj import _native
 from anm_mj.evaluation.oracle.discretize import shorter_side
-from anm_mj.evaluation.oracle.measure import Measure
 from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
+from anm_mj.evaluation.oracle.tour_measure import Measure
 from anm_mj.evaluation.oracle.visibility import WORD, count, unpack
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import FORWARD_STEP_M
-from anm_mj.utils.native_functions import native_function
 
 Stop = tuple[int, int, int]
 """Place, yaw (``NO_YAW`` for none), and the side to turn to it by."""
@@ -92,7 +92,7 @@ class TourCoverage(NamedTuple):
     """Stops that begin within the budget; the others count for nothing."""
 
 
-class TourSearch:
+class TourAnnealer:
     """Makes tours shorter.
 
     Args:
@@ -137,13 +137,7 @@ class TourSearch:
         return total
 
     def coverage(self, stops: list[Stop]) -> TourCoverage:
-        """What a tour covers within the budget, segment by segment.
-
-        In C++ (``native/tour.h``) where the engine was built, else in NumPy, which gives the same.
-        """
-        native = native_function("tour_coverage")
-        if native is None:
-            return self.numpy_coverage(stops)
+        """What a tour covers within the budget, segment by segment (``native/tour.h``)."""
         segments, task = self._segments, self._task
         flat = np.array(stops, np.int64).reshape(-1, 3)
         start = np.array([task.place, task.yaw])
@@ -151,7 +145,7 @@ class TourSearch:
         wanted, final = np.empty(4, np.int64), task.seen.copy()
         while True:
             made = segments.turns, segments.paths, segments.yaws, segments.steps, segments.covers
-            count, num_stops = native(flat, start, self._budget, *made, final, numbers, covered, wanted)
+            count, num_stops = _native.tour_coverage(flat, start, self._budget, *made, final, numbers, covered, wanted)
             if count >= 0:
                 return TourCoverage(np.cumsum(segments.steps[numbers[:count]]), covered[:count], final, num_stops)
             place, a, b, side = wanted.tolist()
@@ -159,32 +153,6 @@ class TourSearch:
                 segments.turn(place, a, b, side)
             else:
                 segments.path(place, b)
-
-    def numpy_coverage(self, stops: list[Stop]) -> TourCoverage:
-        """The reference of :meth:`coverage`."""
-        segments = self._segments
-        place, yaw = self._task.place, self._task.yaw
-        numbers = [segments.turn(place, yaw, yaw, 1)]
-        num_stops = 0
-        for to, towards, side in stops:
-            if segments.steps[numbers].sum() >= self._budget:
-                break
-            num_stops += 1
-            if to != place:
-                path, first, last = segments.path(place, to)
-                if first != NO_YAW:
-                    if first != yaw:
-                        numbers.append(segments.turn(place, yaw, first, shorter_side(yaw, first)))
-                    numbers.append(path)
-                    yaw = last
-                place = to
-            if towards not in (NO_YAW, yaw):
-                numbers.append(segments.turn(place, yaw, towards, side))
-                yaw = towards
-        covers = segments.covers[numbers]
-        covers[0] |= self._task.seen
-        covers = np.bitwise_or.accumulate(covers, axis=0)
-        return TourCoverage(np.cumsum(segments.steps[numbers]), count(covers), covers[-1], num_stops)
 
     def anneal(self, stops: list[Stop], rounds: int, hot_steps: float = HOT_STEPS) -> list[Stop]:
         """Anneal a tour and return the best one met.

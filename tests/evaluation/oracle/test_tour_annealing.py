@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation.oracle.discretize import discretize, turn
-from anm_mj.evaluation.oracle.measure import Measure
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
-from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle.tour_annealing import NO_BUDGET, Level, Task, TourAnnealer, greedy_tour
+from anm_mj.evaluation.oracle.tour_measure import Measure
 from anm_mj.evaluation.oracle.visibility import count
 from anm_mj.geometry.polyline import NUM_HEADINGS
-from anm_mj.utils.native_functions import native_function
+from tests.evaluation.oracle import reference
 
 
 def search_in(views, seed=0, measure=None):
@@ -17,7 +17,7 @@ def search_in(views, seed=0, measure=None):
     task = Task(
         int(roadmap.nearest(np.array([[-1.5, 0.0]]))[0]), 0, np.zeros(bits.shape[2], np.uint64), levels, measure
     )
-    return TourSearch(segments, roadmap, task, seed), segments, task
+    return TourAnnealer(segments, roadmap, task, seed), segments, task
 
 
 def test_coverage_of_a_tour_is_that_of_its_frames(views):
@@ -47,13 +47,13 @@ def test_coverage_of_a_tour_is_that_of_its_frames(views):
     assert [curve[k] for k in steps] == covered.tolist()
 
 
-@pytest.mark.skipif(native_function("tour_coverage") is None, reason="the native engine was not built")
 @pytest.mark.parametrize("measure", [None, Measure("end", 150, 640)])
 def test_the_native_coverage_is_that_of_numpy(views, measure):
     roadmap, _, _ = views
     rng = np.random.default_rng(0)
     search, segments, task = search_in(views, measure=measure)
-    reference, _, _ = search_in(views, measure=measure)
+    _, own, _ = search_in(views, measure=measure)
+    budget = NO_BUDGET if measure is None else measure.budget
     for _ in range(60):
         stops = [
             (int(rng.integers(len(roadmap.places_m))), int(rng.integers(-1, NUM_HEADINGS)), int(rng.choice([-1, 1])))
@@ -61,14 +61,14 @@ def test_the_native_coverage_is_that_of_numpy(views, measure):
         ]
         stops += stops[-1:]
         task.seen[:] = rng.integers(0, 2**63, task.seen.shape, np.uint64) * np.uint64(rng.integers(2))
-        reference._task.seen[:] = task.seen
-        for found, expected in zip(search.coverage(stops), reference.numpy_coverage(stops), strict=True):
+        for found, expected in zip(
+            search.coverage(stops), reference.tour_coverage(own, task, budget, stops), strict=True
+        ):
             np.testing.assert_array_equal(found, expected)
         if rng.random() < 0.1:
             segments.clear()
 
 
-@pytest.mark.skipif(native_function("roadmap_path") is None, reason="the native engine was not built")
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.7, -2.3])
 def test_the_native_paths_are_those_of_numpy(views, yaw_rad):
     roadmap, _, bits = views
@@ -76,7 +76,7 @@ def test_the_native_paths_are_those_of_numpy(views, yaw_rad):
     lengths = []
     for a, b in np.random.default_rng(0).integers(len(roadmap.places_m), size=(400, 2)).tolist():
         steps, first, last, covers = segments._path(a, b)
-        *expected, expected_covers = segments.numpy_path(a, b)
+        *expected, expected_covers = reference.roadmap_path(roadmap, bits, yaw_rad, a, b)
         assert [steps, first, last] == expected
         np.testing.assert_array_equal(covers, expected_covers)
         lengths.append(steps)

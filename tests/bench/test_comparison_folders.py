@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from anm_mj.bench.bench import run_bench
+from anm_mj.bench.comparison import run_bench
 from anm_mj.bench.sweep import BenchError
 from anm_mj.errors import RunFolderError
 from tests.scene.small import make_small_scene

@@ -16,9 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from anm_mj.bench.best_known import situation
-from anm_mj.bench.result import OBSERVABLE, Result, of_all_starts
+from anm_mj.bench.line_styles import legend_name, style
+from anm_mj.bench.run_result import OBSERVABLE, Result, of_all_starts
 from anm_mj.bench.statistics import LEAST_SCENES, bootstrap_interval
-from anm_mj.bench.style import legend_name, style
 from anm_mj.viz.figure_file import PICTURE, save_figure
 
 LEVEL = 90.0

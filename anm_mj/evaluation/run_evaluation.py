@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float32
 
 from anm_mj.errors import RunFolderError, SceneError
 from anm_mj.evaluation.completion import Completion, Coverage, uncapped_completion_cm
 from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
-from anm_mj.evaluation.covered_before import read_covered_before
-from anm_mj.evaluation.mesh import MeshQuality, mesh_quality
+from anm_mj.evaluation.covered_before import read_covered_before, true_clouds
+from anm_mj.evaluation.mesh_quality import MeshQuality, mesh_quality
 from anm_mj.evaluation.metrics import (
     FIXED,
     NOVEL,
@@ -22,28 +22,27 @@ from anm_mj.evaluation.metrics import (
     Metrics,
     RunSummary,
     pictured,
-    read_metrics,
     summarise,
     view_metrics,
-    views_result,
 )
 from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
-from anm_mj.ground_truth.reduced_depth import back_project_reduced, halved_intrinsics
+from anm_mj.ground_truth.reduced_depth import halved_intrinsics
 from anm_mj.io.mesh_file import read_mesh
-from anm_mj.io.read_run import Run, read_run
+from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_title import titled
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.utils.files import write_text
 
-OUR_ROBOT = "diff_drive"
-"""Robot of runs whose manifest names none."""
+_OF_VIEWS = {field.name for field in dataclasses.fields(Metrics) if field.name.startswith((NOVEL, FIXED))}
+"""Keys of ``metrics.json`` about views."""
 
 
 def evaluate_run(
@@ -77,36 +76,25 @@ def evaluate_run(
     truth = GroundTruth.load(run.folder.ground_truth)
     if truth.observable is None:
         truth = _with_observable(run, truth, on_progress)
-    before_m = _covered_before(run.folder, truth)
-    curve, statistics = _replay(run, truth, before_m)
-    known = read_metrics(run.folder.metrics) if run.folder.metrics.is_file() else {}
+    statistics = EpisodeStatistics()
+    for step in run.steps:
+        statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
+    curve = CompletionCurve(truth, _covered_before(run.folder, truth))
+    for frame in run.frames:
+        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose)
+    known = read_json(run.folder.metrics) if run.folder.metrics.is_file() else {}
     summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
-    novel_views = novel_views or views_result(known, NOVEL)
-    fixed_views = fixed_views or views_result(known, FIXED)
-    return write_results(run.folder, truth, curve, statistics, summary, novel_views, fixed_views)
-
-
-def write_results(
-    folder: RunFolder,
-    truth: GroundTruth,
-    curve: CompletionCurve,
-    statistics: EpisodeStatistics,
-    summary: RunSummary,
-    novel_views: ViewsResult | None = None,
-    fixed_views: ViewsResult | None = None,
-) -> Metrics:
-    """Finish the curve and write ``metrics.json``, ``curve.csv`` and ``curve.png``.
-
-    Raises:
-        RunFolderError: A file of the run is damaged, or cannot be written.
-    """
+    views = {name: value for name, value in known.items() if name in _OF_VIEWS}
+    for result, prefix in ((novel_views, NOVEL), (fixed_views, FIXED)):
+        views |= {} if result is None else view_metrics(result, prefix)
     curve.last()
-    uncapped_cm = without_cap_cm(folder, truth, curve)
-    write_curve(folder, curve, statistics)
-    mesh = quality_of_mesh(folder, truth, curve)
-    views = novel_views, fixed_views
-    metrics = summarise(statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, *views, curve.before)
-    write_json(folder.metrics, metrics)
+    uncapped_cm = without_cap_cm(run.folder, truth, curve)
+    write_curve(run.folder, curve, statistics)
+    mesh = quality_of_mesh(run.folder, truth, curve)
+    metrics = summarise(
+        statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, views, before=curve.before
+    )
+    write_json(run.folder.metrics, metrics)
     return metrics
 
 
@@ -121,7 +109,7 @@ def without_cap_cm(folder: RunFolder, truth: GroundTruth, curve: CompletionCurve
     Raises:
         RunFolderError: A file of the run is damaged.
     """
-    clouds = _clouds(read_run(folder.path))
+    clouds = true_clouds(read_run(folder.path))
     return uncapped_completion_cm(truth.samples, curve.distance_m, clouds, _covered_before(folder, truth))
 
 
@@ -188,7 +176,7 @@ def add_views(path: Path, novel_views: ViewsResult, fixed_views: ViewsResult) ->
     """
     metrics = RunFolder(path).metrics
     added = view_metrics(novel_views, NOVEL) | view_metrics(fixed_views, FIXED)
-    write_json(metrics, read_metrics(metrics) | added)
+    write_json(metrics, read_json(metrics) | added)
 
 
 def _covered_before(folder: RunFolder, truth: GroundTruth) -> Float32[np.ndarray, " n"] | None:
@@ -197,21 +185,9 @@ def _covered_before(folder: RunFolder, truth: GroundTruth) -> Float32[np.ndarray
     return read_covered_before(path, len(truth.samples)) if path.is_file() else None
 
 
-def _replay(
-    run: Run, truth: GroundTruth, before_m: Float32[np.ndarray, " n"] | None
-) -> tuple[CompletionCurve, EpisodeStatistics]:
-    statistics = EpisodeStatistics()
-    for step in run.steps:
-        statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
-    curve = CompletionCurve(truth, before_m)
-    for frame in run.frames:
-        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose)
-    return curve, statistics
-
-
 def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, int], None]) -> GroundTruth:
     """The same ground truth with its observable part, if robot and scene are still those of the run."""
-    if not run.frames or run.manifest.get("robot", OUR_ROBOT) != OUR_ROBOT:
+    if run.manifest.get("robot") != DEFAULT_ROBOT:
         return truth
     try:
         scene = load_scene(run.manifest.get("scene", ""))
@@ -228,8 +204,3 @@ def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, i
 def _range_m(run: Run) -> float:
     """Largest depth that the run's sensor measures [m]; +inf where it sets no limit."""
     return float(run.config.get("sensor", {}).get("max_range_m", 0.0)) or math.inf
-
-
-def _clouds(run: Run) -> Iterator[Float[np.ndarray, "n 3"]]:
-    for frame in run.frames:
-        yield back_project_reduced(run.depth_mm(frame), run.intrinsics, frame.T_true_camera)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.evaluate import add_views, completion_with_halved_intrinsics, evaluate_run
+from anm_mj.evaluation.run_evaluation import add_views, completion_with_halved_intrinsics, evaluate_run
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.frames import pose_matrix
 from anm_mj.recording.results import write_results
@@ -157,25 +157,9 @@ def test_metrics_of_views_are_kept(run):
     assert evaluate_run(run, novel_views=ViewsResult(0, None)).novel_view_psnr_db is None
 
 
-FORMER = {"look_arounds": 2, "heldout_views": 3, "heldout_psnr_db": 20.0, "heldout_depth_l1_cm": None}
-
-
-def test_former_keys_of_metrics_are_read(run):
-    path = run / "metrics.json"
-    present = json.loads(path.read_text())
-    kept = {key: value for key, value in present.items() if "novel_view" not in key and key != "full_rotations"}
-    path.write_text(json.dumps(kept | FORMER))
-
-    metrics = evaluate_run(run)
-
-    assert (metrics.novel_views, metrics.novel_view_psnr_db, metrics.novel_view_depth_l1_cm) == (3, 20.0, None)
-    assert (metrics.stop_reason, metrics.full_rotations) == ("COMPLETE", present["full_rotations"])
-    assert json.loads(path.read_text()).keys() == present.keys()
-
-
 def test_completion_with_halved_intrinsics_is_that_of_the_run_where_nothing_was_halved(run, monkeypatch):
     own = evaluate_run(run)
-    monkeypatch.setattr("anm_mj.evaluation.evaluate.halved_intrinsics", lambda intrinsics: intrinsics)
+    monkeypatch.setattr("anm_mj.evaluation.run_evaluation.halved_intrinsics", lambda intrinsics: intrinsics)
     assert completion_with_halved_intrinsics(run).ratio_percent == own.completion_ratio
     monkeypatch.undo()
     shifted = completion_with_halved_intrinsics(run)

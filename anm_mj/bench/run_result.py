@@ -17,12 +17,12 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 from msgspec.structs import asdict
 
-from anm_mj.bench.engine import RESULT
+from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.bench.sweep import BenchError
 from anm_mj.bench.worker import BOUND
 from anm_mj.errors import RunFolderError
-from anm_mj.evaluation.metrics import EpisodeStatistics, Metrics, read_metrics
+from anm_mj.evaluation.metrics import COUNTS, EpisodeStatistics, Metrics
 from anm_mj.io.curve_file import COLUMNS, read_curve
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
@@ -121,10 +121,10 @@ class Result:
     @property
     def variant(self) -> str:
         """Policy, with preset, robot, drive, pose, sensor, goal and settings if these are not the defaults."""
-        return variant({**self.job, **self.apparatus, "settings": " ".join(self.job["settings"])})
+        return variant({**self.job, **self.conditions, "settings": " ".join(self.job["settings"])})
 
     @property
-    def apparatus(self) -> dict[str, str]:
+    def conditions(self) -> dict[str, str]:
         """Preset, robot, drive, pose, sensor and goal."""
         return {key: self.job.get(key, usual) for key, usual in USUAL.items()}
 
@@ -166,7 +166,7 @@ class Result:
         return np.array([(x_m, y_m), *((place.x_m, place.y_m) for place in places)])
 
     def bound(self) -> Float[np.ndarray, "n 2"] | None:
-        """Step, and what the relaxation has covered by then [%]; None for runs that no oracle made."""
+        """Step, and the estimated upper bound of what is covered by then [%]; None for runs that no oracle made."""
         path = self.folder / BOUND
         if not path.exists():
             return None
@@ -205,9 +205,8 @@ class Result:
             "observable_ratio": curve[-1, OBSERVABLE],
             "observable_share": self.metrics.get("observable_share"),
             "path_m": curve[-1, PATH],
-            "steps": log.steps,
             "stop_reason": "BUDGET",
-            **{key: getattr(log, key) for key in ("forwards", "turns", "blocked", "full_rotations", "collisions")},
+            **{key: getattr(log, key) for key in COUNTS},
         }
         return replace(self, job=job, metrics=metrics, curve=curve, budget_by=name)
 
@@ -274,7 +273,7 @@ def read_result(folder: Path, of: Job | None = None) -> Result:
     """
     manifest = folder / "manifest.json"
     with _of(folder):
-        job, metrics = read_json(folder / RESULT), read_metrics(folder / "metrics.json")
+        job, metrics = read_json(folder / RESULT), read_json(folder / "metrics.json")
         convert(job, JobShape)
         # Tables are written in UTF-8, which has no place for a half of a surrogate pair.
         json.dumps([job, metrics], ensure_ascii=False).encode()

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.oracle.discretize import shorter_side
-from anm_mj.evaluation.oracle.hindsight import read_trajectories, stops_along
-from anm_mj.evaluation.oracle.measure import MEASURES, Measure
-from anm_mj.evaluation.oracle.planner import TourPlanner
 from anm_mj.evaluation.oracle.segments import NO_YAW, Segments
-from anm_mj.evaluation.oracle.tour import Level, Task, TourSearch
+from anm_mj.evaluation.oracle.tour_annealing import Level, Task, TourAnnealer
+from anm_mj.evaluation.oracle.tour_measure import MEASURES, Measure
+from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import count
+from anm_mj.evaluation.oracle.warm_start import read_trajectories, stops_along
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2
 from tests.ground_truth.test_observable import CAMERA_ON_BASE
@@ -35,7 +35,7 @@ def bounded(rooms, views):
 def search(bounded, measure):
     roadmap, segments, _, num = bounded
     task = Task(3, 0, np.zeros(segments.bits.shape[2], np.uint64), (Level(num, 1.0),), measure)
-    return TourSearch(segments, roadmap, task, seed=1)
+    return TourAnnealer(segments, roadmap, task, seed=1)
 
 
 @settings(max_examples=20, deadline=None)

@@ -23,7 +23,7 @@ from typing import Any
 from anm_mj.bench.job import Job
 from anm_mj.bench.sweep import BenchError
 
-ENGINES = ("local", "ray")
+EXECUTORS = ("local", "ray")
 _logger = logging.getLogger(__name__)
 
 START_TRIES = 5
@@ -92,22 +92,22 @@ def execute(job: Job, runs: str, function: str, threads: int, modules: Sequence[
 
 
 def run_jobs(
-    jobs: list[Job], runs: Path, engine: str, num_workers: int, function: str, modules: Sequence[str] = ()
+    jobs: list[Job], runs: Path, executor: str, num_workers: int, function: str, modules: Sequence[str] = ()
 ) -> Iterator[tuple[Job, str | None]]:
     """Make all runs, several in parallel; yields each with its error, or None, as it ends.
 
     Raises:
-        BenchError: There is no such engine, or Ray is not installed.
+        BenchError: There is no such executor, or Ray is not installed.
     """
-    if not jobs and engine in ENGINES:
+    if not jobs and executor in EXECUTORS:
         return
     threads = max(1, (os.cpu_count() or 1) // num_workers)
-    if engine == "local":
+    if executor == "local":
         yield from _local(jobs, num_workers, lambda job: execute(job, str(runs), function, threads, modules))
-    elif engine == "ray":
+    elif executor == "ray":
         yield from _ray(jobs, num_workers, (str(runs.resolve()), function, threads, tuple(modules)))
     else:
-        raise BenchError(f"There is no engine '{engine}'; choose one of {', '.join(ENGINES)}.")
+        raise BenchError(f"There is no executor '{executor}'; choose one of {', '.join(EXECUTORS)}.")
 
 
 def _local(jobs: list[Job], num_workers: int, one: Callable[[Job], str | None]) -> Iterator[tuple[Job, str | None]]:
@@ -125,7 +125,7 @@ def _ray(
     jobs: list[Job], num_workers: int, arguments: tuple[str, str, int, tuple[str, ...]]
 ) -> Iterator[tuple[Job, str | None]]:
     if importlib.util.find_spec("ray") is None:
-        raise BenchError("--engine ray needs the package ray; install it with pip install 'anm-mj[ray]'.")
+        raise BenchError("--executor ray needs the package ray; install it with pip install 'anm-mj[ray]'.")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     import ray
     from ray.exceptions import RayError

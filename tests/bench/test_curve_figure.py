@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from anm_mj.bench.curves import draw_curves
-from anm_mj.bench.result import Result
-from anm_mj.bench.style import COLOURS, LINES, MARKS
+from anm_mj.bench.curve_figure import draw_curves
+from anm_mj.bench.line_styles import COLOURS, LINES, MARKS
+from anm_mj.bench.run_result import Result
 from anm_mj.viz.figure_file import KINDS
 
 

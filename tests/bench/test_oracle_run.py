@@ -1,8 +1,8 @@
 import json
 
-from anm_mj.bench.hindsight import with_hindsight
 from anm_mj.bench.job import Job
-from anm_mj.bench.result import RESULT
+from anm_mj.bench.oracle_run import with_warm_start
+from anm_mj.bench.run_result import RESULT
 from anm_mj.bench.sweep import read_jobs
 
 
@@ -29,6 +29,6 @@ def test_an_oracle_learns_from_the_runs_of_its_own_start(tmp_path):
         (tmp_path / one.name).mkdir()
         (tmp_path / one.name / RESULT).write_text(json.dumps(one.facts))
 
-    config = with_hindsight(jobs[-1].config(), jobs[-1], tmp_path)
+    config = with_warm_start(jobs[-1].config(), jobs[-1], tmp_path)
 
-    assert config.policy_settings.hindsight.split(":") == sorted(str(tmp_path / one.name) for one in jobs[:2])
+    assert config.policy_settings.warm_start.split(":") == sorted(str(tmp_path / one.name) for one in jobs[:2])

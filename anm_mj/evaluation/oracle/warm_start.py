@@ -16,7 +16,7 @@ import numpy as np
 from anm_mj.errors import PlanError, RunFolderError
 from anm_mj.evaluation.oracle.discretize import shorter_side
 from anm_mj.evaluation.oracle.segments import NO_YAW
-from anm_mj.evaluation.oracle.tour import MAX_STOPS, Stop
+from anm_mj.evaluation.oracle.tour_annealing import MAX_STOPS, Stop
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.types import Pose2
@@ -46,7 +46,7 @@ def _read(folder: Path) -> list[Pose2]:
     try:
         return [Pose2(line["x_m"], line["y_m"], line["yaw_rad"]) for line in read_jsonl(folder / LOG)]
     except (RunFolderError, KeyError, TypeError) as err:
-        raise PlanError(f"policy.hindsight: {folder} is no run to begin from ({err}); give run folders.") from err
+        raise PlanError(f"policy.warm_start: {folder} is no run to begin from ({err}); give run folders.") from err
 
 
 def stops_along(

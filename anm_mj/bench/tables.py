@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.bench.best_known import BEST
-from anm_mj.bench.result import MOST_MISSING, USUAL, split_settings, variant
+from anm_mj.bench.run_result import MOST_MISSING, USUAL, split_settings, variant
 from anm_mj.bench.statistics import (
-    APPARATUS,
     LEAST_SCENES,
+    PLATFORM,
     TASK,
     PairedDifference,
     holm,
@@ -145,12 +145,12 @@ def _overall(rows: Sequence[dict[str, Any]], by: str) -> list[str]:
     reference = DEFAULT_POLICY if DEFAULT_POLICY in _unique(rows, "policy") else rows[0]["policy"]
     plainest = {policy: _plainest(rows, policy) for policy in _unique(rows, "policy")}
     name = variant(plainest[reference])
-    own = [row for row in rows if _same_but_for_apparatus(row, plainest[reference])]
+    own = [row for row in rows if _same_but_for_platform(row, plainest[reference])]
     others = [row for row in rows if row["policy"] != reference]
     text = f"{name} minus the other, both with the same robot, drive, pose, sensor and settings of these."
     tested = {variant(row) for policy, row in plainest.items() if not needs_truth(policy)}
     parts.append(
-        _differences(own, others, (*TASK, *APPARATUS, ROBOT_SETTINGS), f"{name} against the others", text, by, tested)
+        _differences(own, others, (*TASK, *PLATFORM, ROBOT_SETTINGS), f"{name} against the others", text, by, tested)
     )
     for policy, row in plainest.items():
         if needs_truth(policy):
@@ -200,12 +200,12 @@ def _plainest(rows: Sequence[dict[str, Any]], policy: str) -> dict[str, Any]:
     return min((row for row in rows if row["policy"] == policy), key=unusual)
 
 
-def _same_but_for_apparatus(row: dict[str, Any], other: dict[str, Any]) -> bool:
+def _same_but_for_platform(row: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether two rows are of one variant, were they of the same robot, drive, pose and sensor."""
 
     def name(of: dict[str, Any]) -> str:
         settings = " ".join(split_settings(of["settings"])[1])
-        return variant({**of, **{key: USUAL[key] for key in APPARATUS}, "settings": settings})
+        return variant({**of, **{key: USUAL[key] for key in PLATFORM}, "settings": settings})
 
     return name(row) == name(other)
 
@@ -215,29 +215,29 @@ def _bounds(rows: Sequence[dict[str, Any]], by: str) -> str:
     lines = [
         _title("What is possible", by),
         "",
-        "Share of the observable surface: the best of all runs from the same start, the oracle's among them, and a "
-        "relaxation that estimates an upper limit. Means over starts; from how many of them a policy found the best; "
-        "and the most by which any run was above the relaxation at some step. The best known is that of these runs: "
+        "Share of the observable surface: the best of all runs from the same start, the oracle's among them, and an "
+        "estimated upper bound. Means over starts; from how many of them a policy found the best; "
+        "and the most by which any run exceeded the bound at some step. The best known is that of these runs: "
         "shares of it do not compare with those of another comparison.",
         "",
-        "| scene | AUC, best known [%] | AUC, relaxed [%] | AUC, best by a policy | final, best known [%] | "
-        "final, relaxed [%] | final, best by a policy | above the relaxation [points] |",
+        "| scene | AUC, best known [%] | AUC, upper bound [%] | AUC, best by a policy | final, best known [%] | "
+        "final, upper bound [%] | final, best by a policy | above the upper bound [points] |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for scene in _unique(rows, "scene"):
         known = [row for row in rows if row["scene"] == scene and row["best_known_auc"] is not None]
-        # One of the rows of every start and apparatus: all say the same about it.
+        # One of the rows of every start and platform: all say the same about it.
         here = list(
-            {tuple(row[key] for key in ("start", "budget", *APPARATUS, ROBOT_SETTINGS)): row for row in known}.values()
+            {tuple(row[key] for key in ("start", "budget", *PLATFORM, ROBOT_SETTINGS)): row for row in known}.values()
         )
         if not here:
             continue
         cells = [scene]
         for name in BEST:
-            best, most = (_numbers(here, f"{kind}_{name}") for kind in ("best_known", "relaxed"))
+            best, most = (_numbers(here, f"{kind}_{name}") for kind in ("best_known", "upper_bound"))
             by_policy = sum(not needs_truth(row[f"best_known_{name}_by"].partition(" ")[0]) for row in here)
             cells += [f"{best.mean():.1f}", f"{most.mean():.1f}" if len(most) else "–", f"{by_policy}/{len(here)}"]
-        exceeded = _numbers(here, "relaxed_exceeded_points")
+        exceeded = _numbers(here, "upper_bound_exceeded_points")
         cells.append(f"{exceeded.max():.1f}" if len(exceeded) else "–")
         lines.append(_line(cells))
     return "\n".join(lines)

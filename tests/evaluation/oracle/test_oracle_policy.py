@@ -4,9 +4,9 @@ import pytest
 from anm_mj.control.path_follower import Follower
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.completion import Coverage
-from anm_mj.evaluation.oracle.planner import TourPlanner
-from anm_mj.evaluation.oracle.policy import Oracle, OracleConfig
-from anm_mj.evaluation.oracle.tour import TourSearch
+from anm_mj.evaluation.oracle.oracle_policy import Oracle, OracleConfig
+from anm_mj.evaluation.oracle.tour_annealing import TourAnnealer
+from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.reduced_depth import reduce_depth
@@ -90,7 +90,7 @@ def first_plan(rooms):
 
 def test_a_cached_tour_is_not_searched_again(rooms, monkeypatch):
     plan = first_plan(rooms)
-    monkeypatch.setattr(TourSearch, "anneal", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(TourAnnealer, "anneal", lambda *_: pytest.fail("searched again"))
 
     assert first_plan(rooms).actions == plan.actions
 

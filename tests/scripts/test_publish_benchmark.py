@@ -1,6 +1,6 @@
 import pytest
 
-from anm_mj.bench.bench import run_bench
+from anm_mj.bench.comparison import run_bench
 from anm_mj.errors import AnmError
 from scripts.publish_benchmark import BEGIN, END, main
 

@@ -15,16 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from anm_mj.bench.curves import draw_curves
-from anm_mj.bench.engine import UNFINISHED, run_jobs
+from anm_mj.bench.curve_figure import draw_curves
+from anm_mj.bench.executor import UNFINISHED, run_jobs
 from anm_mj.bench.job import Job
-from anm_mj.bench.overview import draw_overview
-from anm_mj.bench.page import BADGE, CARD, badge_svg, data_card, headline, write_page
-from anm_mj.bench.report import markdown
-from anm_mj.bench.result import Result, by_budget, finished, read_result, revision_text
+from anm_mj.bench.overview_figure import draw_overview
+from anm_mj.bench.report_page import BADGE, CARD, badge_svg, data_card, headline, write_page
 from anm_mj.bench.results_table import tidy_rows, write_csv
-from anm_mj.bench.scene_picture import draw_scene
+from anm_mj.bench.run_result import Result, by_budget, finished, read_result, revision_text
+from anm_mj.bench.scene_figure import draw_scene
 from anm_mj.bench.sweep import BenchError, read_jobs
+from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import EXPLORE
 from anm_mj.io.manifest import git_revision
 from anm_mj.io.run_folder import refuse_links
@@ -42,7 +42,7 @@ LOCK = ".lock"
 
 
 @dataclass(frozen=True)
-class Bench:
+class Comparison:
     """Outcome of a comparison."""
 
     folder: Path
@@ -59,13 +59,13 @@ def run_bench(
     out: Path,
     *,
     num_workers: int = 1,
-    engine: str = "local",
+    executor: str = "local",
     command: Sequence[str] = (),
     function: str = EXPLORE,
     policies: Sequence[str] = (),
     one_revision: bool = False,
     on_run: Callable[[int, int, str], None] = lambda done, total, last: None,
-) -> Bench:
+) -> Comparison:
     """Make the missing runs, then write tables and pictures of all.
 
     Writes ``report.html`` (all in one page), ``results.csv`` (a row per run and budget), ``table.md``,
@@ -77,15 +77,15 @@ def run_bench(
         file: The TOML file (see :mod:`anm_mj.bench.sweep`).
         out: Folder of the comparison; made if missing.
         num_workers: Runs in parallel.
-        engine: ``local`` or ``ray``.
+        executor: ``local`` or ``ray``.
         command: The command line, for the record.
-        function: Function that makes a run, as ``module:function`` (see :func:`anm_mj.bench.engine.execute`).
+        function: Function that makes a run, as ``module:function`` (see :func:`anm_mj.bench.executor.execute`).
         policies: Policies beside those of the file, in all sweeps without settings of their own.
         one_revision: Whether to refuse a folder that holds runs of another revision of this program.
         on_run: Called after every run with done and total runs and the last one's name or error.
 
     Raises:
-        BenchError: The file, the engine or the folder cannot be used.
+        BenchError: The file, the executor or the folder cannot be used.
         SceneError: A scene cannot be found or read.
     """
     if num_workers < 1:
@@ -97,7 +97,7 @@ def run_bench(
     with _only_writer(out):
         if one_revision:
             _check_revision(finished(jobs, out / "runs"), out)
-        return _make_missing(jobs, file, out, num_workers, engine, command, function, modules, on_run)
+        return _make_missing(jobs, file, out, num_workers, executor, command, function, modules, on_run)
 
 
 def _check_revision(there: Sequence[Job], out: Path) -> None:
@@ -159,12 +159,12 @@ def _make_missing(
     file: Path,
     out: Path,
     num_workers: int,
-    engine: str,
+    executor: str,
     command: Sequence[str],
     function: str,
     modules: tuple[str, ...],
     on_run: Callable[[int, int, str], None],
-) -> Bench:
+) -> Comparison:
     runs = out / "runs"
     with _writable(out):
         runs.mkdir(exist_ok=True)
@@ -184,7 +184,7 @@ def _make_missing(
     done, written_s = len(there), time.monotonic()
     on_run(done, len(jobs), "")
     for now in _stages(missing):
-        for job, error in run_jobs(now, runs, engine, min(num_workers, max(len(now), 1)), function, modules):
+        for job, error in run_jobs(now, runs, executor, min(num_workers, max(len(now), 1)), function, modules):
             done += error is None
             if error is not None:
                 failures.append(error)
@@ -193,7 +193,7 @@ def _make_missing(
                 written_s = time.monotonic()
             on_run(done, len(jobs), error or job.name)
     write_tables(jobs, out, text)
-    return Bench(out, jobs, len(there), failures)
+    return Comparison(out, jobs, len(there), failures)
 
 
 def _stages(jobs: Sequence[Job]) -> Iterator[list[Job]]:

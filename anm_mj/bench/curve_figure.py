@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result, of_all_starts
-from anm_mj.bench.style import legend_name, style
+from anm_mj.bench.line_styles import legend_name, style
+from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result, of_all_starts
 from anm_mj.viz.figure_file import PICTURE, plain, save_figure
 
 CURVE_POINTS = 201

@@ -17,14 +17,22 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt64
 
 from anm_mj.evaluation.oracle.discretize import DiscretePath, discretize
-from anm_mj.evaluation.oracle.hindsight import stops_along
-from anm_mj.evaluation.oracle.measure import MEASURES, Measure
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
 from anm_mj.evaluation.oracle.roadmap import Roadmap, num_places
 from anm_mj.evaluation.oracle.segments import Segments
-from anm_mj.evaluation.oracle.tour import MISSING_STEPS, WARM_STEPS, Level, Stop, Task, TourSearch, greedy_tour
+from anm_mj.evaluation.oracle.tour_annealing import (
+    MISSING_STEPS,
+    WARM_STEPS,
+    Level,
+    Stop,
+    Task,
+    TourAnnealer,
+    greedy_tour,
+)
+from anm_mj.evaluation.oracle.tour_measure import MEASURES, Measure
 from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import WORD, count, frame_bits, pack, unpack
+from anm_mj.evaluation.oracle.warm_start import stops_along
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.ground_truth.pixel_rays import PixelRays
@@ -60,7 +68,7 @@ MAX_FAILURES = 2
 MAX_TOURS = 8
 NUM_STARTS = 4
 """Tours that share half of the rounds; the best of them gets the other half."""
-NUM_HINDSIGHT = 2
+NUM_WARM_STARTS = 2
 """Best tours of finished runs that are improved beside them."""
 RESIDUAL_ROUNDS = 20_000
 """Annealing rounds of each residual tour."""
@@ -239,10 +247,10 @@ class TourPlanner:
         if known is not None:
             return known
         segments = Segments(bits, self._roadmap, self._yaw_rad)
-        search = TourSearch(segments, self._roadmap, task, SEED, missing_steps)
+        search = TourAnnealer(segments, self._roadmap, task, SEED, missing_steps)
         begin = greedy_tour(segments, self._roadmap, task, self._yaw_rad)
         each = rounds // (2 * NUM_STARTS)
-        begins = [begin] * NUM_STARTS + sorted(others, key=search.cost)[:NUM_HINDSIGHT]
+        begins = [begin] * NUM_STARTS + sorted(others, key=search.cost)[:NUM_WARM_STARTS]
         tours = [search.anneal(one, each) for one in begins]
         found = search.anneal(min(tours, key=search.cost), rounds - NUM_STARTS * each, WARM_STEPS)
         coverage = search.coverage(found)

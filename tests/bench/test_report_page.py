@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from anm_mj.bench.overview import draw_overview
-from anm_mj.bench.page import badge_svg, headline
-from anm_mj.bench.result import of_all_starts
+from anm_mj.bench.overview_figure import draw_overview
+from anm_mj.bench.report_page import badge_svg, headline
 from anm_mj.bench.results_table import tidy_rows
-from anm_mj.bench.scene_picture import median_run
+from anm_mj.bench.run_result import of_all_starts
+from anm_mj.bench.scene_figure import median_run
 from anm_mj.viz.figure_file import KINDS
 from tests.bench.test_best_known import RISE, result
 

@@ -6,11 +6,11 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from anm_mj.bench.engine import RESULT
+from anm_mj.bench.executor import RESULT
 from anm_mj.bench.job import Job
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
-from anm_mj.evaluation.oracle.planner import TourPlanner
+from anm_mj.evaluation.oracle.tour_planner import TourPlanner
 from anm_mj.io.read_run import read_json
 from anm_mj.run_parts import make_parts
 from anm_mj.utils.files import write_text
@@ -19,7 +19,7 @@ _SHARED = ("scene_hash", "start_pose", "robot", "drive", "pose", "sensor")
 """What a run must share with the oracle's for its poses to be worth a try."""
 
 
-def with_hindsight(config: RunConfig, job: Job, runs: Path) -> RunConfig:
+def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
     """The configuration of an oracle's run that also begins its search from what the other runs have found.
 
     Args:
@@ -34,7 +34,7 @@ def with_hindsight(config: RunConfig, job: Job, runs: Path) -> RunConfig:
         other = read_json(path)
         if [other.get(key) for key in _SHARED] == wanted and other["policy"] != job.policy:
             folders.append(str(path.parent))
-    return replace(config, policy_settings=replace(config.policy_settings, hindsight=os.pathsep.join(folders)))
+    return replace(config, policy_settings=replace(config.policy_settings, warm_start=os.pathsep.join(folders)))
 
 
 def write_bound(config: RunConfig, path: Path) -> None:

@@ -1,6 +1,5 @@
 import csv
 import importlib.util
-import json
 import os
 import signal
 import subprocess
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from anm_mj.bench.bench import run_bench
+from anm_mj.bench.comparison import run_bench
 from anm_mj.bench.sweep import BenchError
 from tests.scene.small import make_small_scene
 
@@ -131,7 +130,7 @@ def test_errors_of_runs_are_reported(file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "match"), [({"engine": "slurm"}, "local, ray"), ({"num_workers": 0}, "at least 1")]
+    ("options", "match"), [({"executor": "slurm"}, "local, ray"), ({"num_workers": 0}, "at least 1")]
 )
 def test_bad_options_are_refused(file, tmp_path, options, match):
     with pytest.raises(BenchError, match=match):
@@ -206,20 +205,10 @@ def test_a_comparison_locks_its_folder(file, tmp_path):
     assert refused
 
 
-def test_runs_with_former_metrics_keys_are_tabulated(file, tmp_path):
-    run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
-    for path in (tmp_path / "out" / "runs").glob("*/metrics.json"):
-        path.write_text(json.dumps(json.loads(path.read_text()) | {"heldout_psnr_db": 20.0}))
-
-    run_bench(file, tmp_path / "out", function="tests.bench.fake:refusing")
-
-    assert {row["novel_view_psnr_db"] for row in table(tmp_path / "out")} == {"20.0"}
-
-
 PROGRAM = """
 from pathlib import Path
 import sys
-from anm_mj.bench.bench import run_bench
+from anm_mj.bench.comparison import run_bench
 run_bench(Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, function="tests.bench.fake:slow")
 """
 
@@ -270,10 +259,10 @@ def test_a_killed_comparison_resumes(file, tmp_path):
 RAY_PROGRAM = """
 import sys
 from pathlib import Path
-from anm_mj.bench.bench import run_bench
+from anm_mj.bench.comparison import run_bench
 for function in ("deadly", "quick"):
     bench = run_bench(
-        Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, engine="ray", function=f"tests.bench.fake:{function}"
+        Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, executor="ray", function=f"tests.bench.fake:{function}"
     )
     print(function, bench.skipped, len(bench.failures), flush=True)
 """
@@ -300,7 +289,7 @@ import os
 import sys
 from pathlib import Path
 from ray.cluster_utils import Cluster
-from anm_mj.bench.bench import run_bench
+from anm_mj.bench.comparison import run_bench
 
 # Workers look up modules by the folder that they start in.
 cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
@@ -310,7 +299,7 @@ nodes = Path(os.environ["NODES"])
 for deadly in (True, False):
     (nodes / "deadly").touch() if deadly else (nodes / "deadly").unlink()
     bench = run_bench(
-        Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, engine="ray", function="tests.bench.fake:on_a_node"
+        Path(sys.argv[1]), Path(sys.argv[2]), num_workers=2, executor="ray", function="tests.bench.fake:on_a_node"
     )
     why = [failure.split()[1:5] for failure in bench.failures[:1]]
     print("table:", bench.skipped, len(bench.failures), *why, flush=True)

@@ -2,10 +2,10 @@
 
 It knows the true surface, its observable part, the reachable area and the budget. Before its first step it searches for
 a tour that covers as much of the observable surface as it can within the budget
-(:mod:`anm_mj.evaluation.oracle.tour`), also from the poses of finished runs. It drives the tour in the simulator like
-every other policy and tracks what the frames cover. At the end of a tour it plans another one through the residual
-samples (:mod:`anm_mj.evaluation.oracle.residual_tour`). What it covers is a lower bound on the most possible: no better
-tour is known, but none is ruled out. :mod:`anm_mj.evaluation.oracle.upper_bound` bounds it from above.
+(:mod:`anm_mj.evaluation.oracle.tour_annealing`), also from the poses of finished runs. It drives the tour in the
+simulator like every other policy and tracks what the frames cover. At the end of a tour it plans another one through
+the residual samples (:mod:`anm_mj.evaluation.oracle.residual_tour`). What it covers is a lower bound on the
+most possible; :mod:`anm_mj.evaluation.oracle.upper_bound` estimates an upper one.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.discretize import shorter_side, turn
-from anm_mj.evaluation.oracle.hindsight import read_trajectories
-from anm_mj.evaluation.oracle.measure import MEASURES
-from anm_mj.evaluation.oracle.planner import TourPlanner
 from anm_mj.evaluation.oracle.segments import NO_YAW
-from anm_mj.evaluation.oracle.tour import Stop
+from anm_mj.evaluation.oracle.tour_annealing import Stop
+from anm_mj.evaluation.oracle.tour_measure import MEASURES
+from anm_mj.evaluation.oracle.tour_planner import TourPlanner
+from anm_mj.evaluation.oracle.warm_start import read_trajectories
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.frames import move_pose
 from anm_mj.ground_truth.ground_truth import COVERED_M
@@ -45,7 +45,7 @@ class OracleConfig(PolicyConfig):
     measure: str = setting("auc", choices=MEASURES)
     """What the first tour makes as large as it can: the area under the coverage curve over the run's budget (``auc``),
     or the coverage at its end (``end``)."""
-    hindsight: str = ""
+    warm_start: str = ""
     """Folders of finished runs from whose poses the search also begins, separated as the system separates paths."""
 
 
@@ -67,7 +67,7 @@ class Oracle:
             raise PlanError("This policy needs the observable surface; pip install 'anm-mj[embree]' computes it.")
         self._scene = context.truth
         self._settings = context.settings
-        self._trajectories = read_trajectories(context.settings.hindsight)
+        self._trajectories = read_trajectories(context.settings.warm_start)
         self._planner: TourPlanner | None = None
         self._first_pose: Pose2 | None = None
         self._stops = list[Stop]()

@@ -3,9 +3,9 @@ import pytest
 import trimesh
 
 from anm_mj.errors import SceneError
-from anm_mj.evaluation.mesh import mesh_quality
-from anm_mj.evaluation.surface_distance import triangle_distance_squared
+from anm_mj.evaluation.mesh_quality import mesh_quality
 from anm_mj.ground_truth.ground_truth import GroundTruth, sample_triangles
+from tests.evaluation.triangle_distance import triangle_distance_squared
 
 
 def plate(x_m: float, y_m: float, z_m: float, cells: int = 1) -> trimesh.Trimesh:

@@ -4,7 +4,7 @@ import pytest
 
 from anm_mj.errors import AnmError
 from scripts.variant_tables import main
-from tests.bench.test_noise_figure import write
+from tests.scripts.test_noise_figure import write
 
 
 def test_variants_are_paired_with_the_first_one(tmp_path, capsys):
