@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float64
 
+from anm_mj.scene.importing.choose_parts import part_of
 from anm_mj.scene.importing.joints import Joint
-from anm_mj.scene.importing.parts import part_of
 from anm_mj.scene.submesh import Submesh, is_within, transformed
 
 Doors = Literal["as-is", "open", "closed"]

@@ -14,14 +14,14 @@ from jaxtyping import Float, Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import find_floor, find_scale, find_up, rotation_to_z_up
+from anm_mj.scene.importing.choose_parts import chosen, some
 from anm_mj.scene.importing.doors import Doors, Leaf, door_motions, find_leaves, with_motions
 from anm_mj.scene.importing.joints import Joint
-from anm_mj.scene.importing.parts import chosen, some
-from anm_mj.scene.importing.readers.limits import check_spread
+from anm_mj.scene.importing.readers.import_limits import check_spread
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
 from anm_mj.scene.importing.storeys import Storey, cut_to_storey, find_storeys, pick_storey
-from anm_mj.scene.importing.stray import split_stray
+from anm_mj.scene.importing.stray_parts import split_stray
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
 from anm_mj.scene.writer import SceneInfo, with_area

@@ -20,11 +20,11 @@ from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.joints import Joint
+from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import LimitError, TriangleBudget
-from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
 from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, pose_of, state_poses
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh

@@ -13,8 +13,8 @@ from typing import Any
 from PIL import Image
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts, check_triangles
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts, check_triangles
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
 from anm_mj.scene.importing.readers.texture_file import UNDECODABLE, find_texture
 from anm_mj.utils.read_file import open_regular, parse_json, read_bytes

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import LimitError, TriangleBudget
-from anm_mj.scene.importing.readers.mesh import read_mesh
 from anm_mj.scene.importing.readers.model_path import places_of
 from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedScene
+from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.importing.readers.sdf_pose import quaternion_matrix
 from anm_mj.scene.importing.readers.urdf import read_urdf
 from anm_mj.scene.submesh import Submesh, merge_geometry, transformed

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
-from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts
 from anm_mj.scene.importing.readers.obj_faces import is_plain_face, with_plain_faces
 from anm_mj.utils.read_file import open_regular, read_bytes

@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_limits import TriangleBudget
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import TriangleBudget
-from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, places_of
+from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_pose import rpy_matrix
 from anm_mj.scene.importing.readers.sdf_shape import box_submesh, shape_submesh
 from anm_mj.scene.submesh import Submesh, transformed

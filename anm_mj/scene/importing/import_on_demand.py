@@ -8,9 +8,9 @@ import os
 from pathlib import Path
 
 from anm_mj.scene.folder import TOML, XML, Scene, read_scene_folder
-from anm_mj.scene.importing.datasets import find_named, is_name
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers.mjcf.model import is_mjcf
+from anm_mj.scene.importing.named_scenes import find_named, is_name
+from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
 from anm_mj.utils.files import cache_folder
 from anm_mj.utils.read_mjcf import named_files
 

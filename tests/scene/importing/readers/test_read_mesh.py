@@ -6,7 +6,7 @@ from trimesh.exchange.gltf import export_glb
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mesh import read_mesh, usual_up
+from anm_mj.scene.importing.readers.read_mesh import read_mesh, usual_up
 from tests.scene.furnished import BOUNDS_M, furnished, looks_at_the_poster, write_glb, write_obj
 from tests.scene.glb import patch_glb
 from tests.scene.shapes import to_y_up

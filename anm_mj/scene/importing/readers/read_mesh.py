@@ -14,10 +14,10 @@ from jaxtyping import Float64, Integer, UInt8
 from PIL import Image
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.bake import bake_colours, corner_colours
+from anm_mj.scene.importing.bake_colours import bake_colours, corner_colours
 from anm_mj.scene.importing.readers.gltf_check import even_gltf
+from anm_mj.scene.importing.readers.import_limits import TextureBudget
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
-from anm_mj.scene.importing.readers.limits import TextureBudget
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
 from anm_mj.scene.importing.readers.mesh_facts import damaged
 from anm_mj.scene.importing.readers.obj_check import even_text

@@ -12,11 +12,11 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.gazebo import is_gazebo, read_gazebo
 from anm_mj.scene.importing.readers.habitat import DATASETS, is_scene_instance, read_scene_instance
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mesh import read_mesh_scene
 from anm_mj.scene.importing.readers.mesh_check import MESH_SUFFIXES
-from anm_mj.scene.importing.readers.mjcf.model import is_mjcf
-from anm_mj.scene.importing.readers.mjcf.read import read_mjcf
+from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
+from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.read_mesh import read_mesh_scene
 from anm_mj.scene.importing.readers.scans import SCAN_LAYOUTS, read_scan
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from anm_mj.scene.importing.readers.mjcf.shapes import Shape, rectangle
+from anm_mj.scene.importing.readers.mjcf.geom_triangles import Shape, rectangle
 from anm_mj.scene.raster import clip_to_slab, distance_cells, grid_over, label_components, rasterise
 
 _WIDE_M = 20.0

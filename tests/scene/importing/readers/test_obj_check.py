@@ -4,7 +4,7 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mesh import read_mesh
+from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.submesh import merge_geometry
 
 L_SHAPE = [(4, 5), (0, 5), (0, 0), (6, 0), (6, 3), (4, 3)]

@@ -7,8 +7,8 @@ import logging
 import numpy as np
 from jaxtyping import Float64, Int
 
+from anm_mj.scene.importing.choose_parts import some
 from anm_mj.scene.importing.doors import Doors
-from anm_mj.scene.importing.parts import some
 from anm_mj.scene.importing.placing import Placed
 from anm_mj.scene.navigable import NavigableArea
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from anm_mj.scene.importing.bake import bake_colours
-from anm_mj.scene.importing.readers.mjcf.shapes import Shape
+from anm_mj.scene.importing.bake_colours import bake_colours
+from anm_mj.scene.importing.readers.mjcf.geom_triangles import Shape
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, resized
 from anm_mj.scene.submesh import Submesh
 

@@ -10,14 +10,14 @@ from anm_mj.scene.build import build_model
 from anm_mj.scene.collision import SLICE_Z_MAX_M
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers.formats import find_format
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mjcf.read import read_mjcf
+from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf
+from anm_mj.scene.importing.readers.source_formats import find_format
 from anm_mj.scene.importing.storeys import find_storeys
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, is_clear
 from anm_mj.types import Pose2
-from tests.scene.importing.mjcf.compare import agreement, eyes_in
-from tests.scene.importing.mjcf.house import write_house
+from tests.scene.importing.readers.mjcf.compare import agreement, eyes_in
+from tests.scene.importing.readers.mjcf.house import write_house
 from tests.scene.view import look
 
 EYES = [(0.0, 0.0, 1.25, k * np.pi / 4) for k in range(8)] + [(-3, -1, 1, 0), (3, 1, 1.8, 3), (2, -3, 0.6, 0)]
@@ -290,7 +290,7 @@ def test_a_world_that_would_settle_for_hours_is_refused(tmp_path, timestep):
 
 
 def test_bodies_that_touch_are_settled_within_a_budget(tmp_path, monkeypatch):
-    monkeypatch.setattr("anm_mj.scene.importing.readers.mjcf.model.MAX_SETTLE_WORK", 1_000_000)
+    monkeypatch.setattr("anm_mj.scene.importing.readers.mjcf.compile_world.MAX_SETTLE_WORK", 1_000_000)
     one = '<body pos="0 0 {0}"><freejoint/><geom type="box" size="0.05 0.05 0.05"/></body>'
     pile = "".join(one.format(0.05 + 0.09 * level) for level in range(60))
     src = write_world(tmp_path / "world.xml", room_xml() + pile)

@@ -8,10 +8,10 @@ import trimesh
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers import limits
-from anm_mj.scene.importing.readers.formats import find_format
+from anm_mj.scene.importing.readers import import_limits as limits
 from anm_mj.scene.importing.readers.habitat import DATASETS, read_scene_instance
 from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.source_formats import find_format
 from anm_mj.scene.importing.readers.urdf import read_urdf
 from anm_mj.scene.submesh import merge_geometry
 from tests.scene.furnished import BOUNDS_M, looks_at_the_poster, poster, write_glb

@@ -6,10 +6,10 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers import limits
+from anm_mj.scene.importing.readers import import_limits as limits
+from anm_mj.scene.importing.readers.import_limits import LimitError
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import LimitError
-from anm_mj.scene.importing.readers.mesh import read_mesh
+from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 

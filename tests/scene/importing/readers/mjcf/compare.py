@@ -66,7 +66,7 @@ def agreement(
 
     from anm_mj.scene.build import build_spec
     from anm_mj.scene.importing.readers.mjcf.bodies import robot_bodies
-    from anm_mj.scene.importing.readers.mjcf.model import initial_state
+    from anm_mj.scene.importing.readers.mjcf.compile_world import initial_state
 
     entries = tomllib.loads((scene.folder / "scene.toml").read_text())
     dx, dy = entries.get("origin", (0.0, 0.0))

@@ -1,7 +1,7 @@
 import numpy as np
 import trimesh
 
-from anm_mj.scene.importing.bake import bake_colours, corner_colours
+from anm_mj.scene.importing.bake_colours import bake_colours, corner_colours
 
 
 def _bilinear(texture, uv):

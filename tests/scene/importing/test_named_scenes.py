@@ -9,11 +9,11 @@ import pytest
 from anm_mj.cli.main import main
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.importing.datasets import find_named
+from anm_mj.scene.importing.import_on_demand import folder_of
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.on_the_fly import folder_of
+from anm_mj.scene.importing.named_scenes import find_named
 from tests.cli.test_cli import fails
-from tests.scene.importing.mjcf.test_mjcf import room_xml, write_world
+from tests.scene.importing.readers.mjcf.test_read_world import room_xml, write_world
 
 
 @pytest.fixture(autouse=True)

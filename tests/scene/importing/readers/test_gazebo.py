@@ -6,9 +6,9 @@ import pytest
 import trimesh
 
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers.formats import find_format
+from anm_mj.scene.importing.readers.source_formats import find_format
 from tests.scene.furnished import looks_at_the_poster, poster
-from tests.scene.importing.gazebo_worlds import (
+from tests.scene.importing.readers.gazebo_worlds import (
     GROUND,
     ROOM,
     bounds_of,

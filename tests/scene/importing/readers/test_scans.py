@@ -5,7 +5,7 @@ import pytest
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.readers.formats import find_format
+from anm_mj.scene.importing.readers.source_formats import find_format
 from tests.scene.furnished import (
     BLUE,
     BOUNDS_M,

@@ -9,7 +9,7 @@ import trimesh
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.readers.sdf_material import read_script
-from tests.scene.importing.gazebo_worlds import (
+from tests.scene.importing.readers.gazebo_worlds import (
     GROUND,
     ROOM,
     box,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int64, Integer
 
-from anm_mj.scene.importing.parts import part_of
+from anm_mj.scene.importing.choose_parts import part_of
 from anm_mj.scene.raster import areas
 from anm_mj.scene.submesh import Submesh
 

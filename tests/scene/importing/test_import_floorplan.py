@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.floorplan import import_floorplan, is_floorplan, read_floorplan
+from anm_mj.scene.importing.import_floorplan import import_floorplan, is_floorplan, read_floorplan
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
 
