@@ -9,7 +9,7 @@ that neighbours in space are neighbours in the texture and the coarser levels th
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64, Integer, UInt8
+from jaxtyping import Float, Int64, Integer, UInt8
 
 from anm_mj.scene.submesh import Submesh
 
@@ -89,19 +89,3 @@ def _every_other_bit(code: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
     for bit in range(16):
         packed |= ((code >> (2 * bit)) & 1) << bit
     return packed
-
-
-def corner_colours(
-    faces: Integer[np.ndarray, "f 3"],
-    vertex_rgb: UInt8[np.ndarray, "v 3"] | None = None,
-    face_rgb: UInt8[np.ndarray, "f 3"] | None = None,
-    factor: Float64[np.ndarray, "3"] | None = None,
-) -> UInt8[np.ndarray, "f 3 3"]:
-    """Colours of every face's corners from colours per vertex or per face, times a factor in 0..1."""
-    if vertex_rgb is not None:
-        corners = vertex_rgb[faces]
-    elif face_rgb is not None:
-        corners = np.repeat(face_rgb[:, None], 3, axis=1)
-    else:
-        corners = np.full((len(faces), 3, 3), 255, dtype=np.uint8)
-    return corners if factor is None else np.round(corners * factor).astype(np.uint8)

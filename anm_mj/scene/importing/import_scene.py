@@ -57,8 +57,8 @@ def import_scene(
     Args:
         src: The file, the folder of a scene of a known layout, or a name such as "molmospaces:procthor-10k-val/12".
         out: The folder to make; a scene folder already there is replaced in one step.
-        source_format: A name in :data:`anm_mj.scene.importing.readers.source_formats.FORMATS`, "floorplan", or "auto" to
-            find it.
+        source_format: A name in :data:`anm_mj.scene.importing.readers.source_formats.FORMATS`, "floorplan", or
+            "auto" to find it.
         up: The source's up axis, or "auto" to find it.
         scale: Metres per unit of the source, or None to find it: fixed by the format, or among m, cm and mm by size.
         name: Name of the scene; the name of ``out`` by default.

@@ -7,9 +7,9 @@ import logging
 import numpy as np
 from jaxtyping import Float64, Int
 
-from anm_mj.scene.importing.choose_parts import some
 from anm_mj.scene.importing.doors import Doors
 from anm_mj.scene.importing.placing import Placed
+from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.navigable import NavigableArea
 
 _logger = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int64, Integer
+from jaxtyping import Float, Int64
 
 from anm_mj.scene.importing.choose_parts import part_of
 from anm_mj.scene.raster import areas
@@ -20,10 +20,10 @@ _SHARE = 0.05
 
 def split_stray(submeshes: Sequence[Submesh], metres_per_unit: float) -> tuple[list[Submesh], dict[str, float]]:
     """The submeshes without what lies far from most of the surface, and how far away each part of that lies [m]."""
-    empty = [submesh for submesh in submeshes if len(submesh.faces)]
-    if not empty:
+    filled = [submesh for submesh in submeshes if len(submesh.faces)]
+    if not filled:
         return list(submeshes), {}
-    corners = [submesh.vertices_m[submesh.faces] * metres_per_unit for submesh in empty]
+    corners = [submesh.vertices_m[submesh.faces] * metres_per_unit for submesh in filled]
     low = np.concatenate([own.min(axis=1) for own in corners])
     high = np.concatenate([own.max(axis=1) for own in corners])
     if float((high.max(axis=0) - low.min(axis=0)).max()) <= _GAP_M:
@@ -39,7 +39,7 @@ def split_stray(submeshes: Sequence[Submesh], metres_per_unit: float) -> tuple[l
     away = np.linalg.norm(np.maximum(np.maximum(main_low - high, low - main_high), 0.0), axis=1)
     kept, found = [], {}
     first = 0
-    for submesh in empty:
+    for submesh in filled:
         own = slice(first, first + len(submesh.faces))
         first = own.stop
         if stray[own].any():
@@ -47,12 +47,8 @@ def split_stray(submeshes: Sequence[Submesh], metres_per_unit: float) -> tuple[l
             found[name] = max(found.get(name, 0.0), float(away[own][stray[own]].max()))
         faces = submesh.faces[~stray[own]]
         if len(faces):
-            kept.append(_with_faces(submesh, faces))
+            kept.append(submesh if len(faces) == len(submesh.faces) else replace(submesh, faces=faces))
     return kept, found
-
-
-def _with_faces(submesh: Submesh, faces: Integer[np.ndarray, "f 3"]) -> Submesh:
-    return submesh if len(faces) == len(submesh.faces) else replace(submesh, faces=faces)
 
 
 def _pieces(low: Float[np.ndarray, "f 3"], high: Float[np.ndarray, "f 3"]) -> Int64[np.ndarray, " f"]:

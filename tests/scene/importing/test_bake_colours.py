@@ -1,7 +1,7 @@
 import numpy as np
 import trimesh
 
-from anm_mj.scene.importing.bake_colours import bake_colours, corner_colours
+from anm_mj.scene.importing.bake_colours import bake_colours
 
 
 def _bilinear(texture, uv):
@@ -21,7 +21,7 @@ def test_the_baked_texture_blends_the_corner_colours_over_every_face():
     mesh = trimesh.creation.icosphere(subdivisions=2)
     # Smooth over the sphere, so that the fourth texel of a tile stays within 0..255.
     vertex_rgb = np.round((mesh.vertices * 0.35 + 0.5) * 255.0).astype(np.uint8)
-    (part,) = bake_colours("ball", mesh.vertices, mesh.faces, corner_colours(mesh.faces, vertex_rgb=vertex_rgb))
+    (part,) = bake_colours("ball", mesh.vertices, mesh.faces, vertex_rgb[mesh.faces])
     assert part.uv is not None
     assert part.texture is not None
 
@@ -35,7 +35,7 @@ def test_the_baked_texture_blends_the_corner_colours_over_every_face():
 def test_baking_keeps_every_triangle():
     mesh = trimesh.creation.icosphere(subdivisions=1)
     rgb = np.random.default_rng(0).integers(0, 255, (len(mesh.faces), 3), dtype=np.uint8)
-    (part,) = bake_colours("ball", mesh.vertices, mesh.faces, corner_colours(mesh.faces, face_rgb=rgb))
+    (part,) = bake_colours("ball", mesh.vertices, mesh.faces, np.repeat(rgb[:, None], 3, axis=1))
     ours = part.vertices_m[part.faces].reshape(len(part.faces), -1)
     theirs = mesh.vertices[mesh.faces].reshape(len(mesh.faces), -1)
     assert np.allclose(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
@@ -44,7 +44,7 @@ def test_baking_keeps_every_triangle():
 def test_neighbours_in_space_are_near_in_the_atlas():
     mesh = trimesh.creation.box().subdivide().subdivide().subdivide()
     rgb = np.random.default_rng(0).integers(0, 255, (len(mesh.vertices), 3), dtype=np.uint8)
-    (part,) = bake_colours("box", mesh.vertices, mesh.faces, corner_colours(mesh.faces, vertex_rgb=rgb))
+    (part,) = bake_colours("box", mesh.vertices, mesh.faces, rgb[mesh.faces])
     assert part.uv is not None
     centres, tiles = part.vertices_m[part.faces].mean(axis=1), part.uv[part.faces].mean(axis=1)
     step = np.linalg.norm(np.diff(centres, axis=0), axis=1)
@@ -56,6 +56,6 @@ def test_neighbours_in_space_are_near_in_the_atlas():
 def test_one_colour_needs_no_texture():
     mesh = trimesh.creation.box()
     rgb = np.tile(np.array([[51, 102, 255]], dtype=np.uint8), (len(mesh.faces), 1))
-    (part,) = bake_colours("box", mesh.vertices, mesh.faces, corner_colours(mesh.faces, face_rgb=rgb))
+    (part,) = bake_colours("box", mesh.vertices, mesh.faces, np.repeat(rgb[:, None], 3, axis=1))
     assert part.texture is None
     assert part.rgb == (0.2, 0.4, 1.0)

@@ -17,7 +17,7 @@ from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
-from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.model_path import places_of
 from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedScene
 from anm_mj.scene.importing.readers.read_mesh import read_mesh
@@ -32,7 +32,6 @@ _TEMPLATE_SUFFIXES = (".stage_config.json", ".object_config.json", ".ao_config.j
 """What a template's file may end with, most telling first."""
 
 _NO_TEMPLATE = "Not found in the dataset's folder: {names}, which are left out."
-_BAD_TEMPLATE = "Left out, because they cannot be read: {names}."
 
 
 @dataclass(frozen=True)
@@ -213,7 +212,7 @@ class _Templates:
         except LimitError:
             raise
         except (SceneError, TypeError, ValueError) as err:
-            self._report.add(_BAD_TEMPLATE, f"{name} ({err})")
+            self._report.add(LEFT_OUT, f"{name} ({err})")
             return []
 
 

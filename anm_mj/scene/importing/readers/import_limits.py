@@ -5,6 +5,7 @@ Each limit is an environment variable, which the message names, for those who kn
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -34,11 +35,7 @@ class LimitError(SceneError):
 
 
 def check_size(src: Path, size_bytes: int) -> None:
-    """Refuse a mesh file that is too large.
-
-    Raises:
-        LimitError: if it is.
-    """
+    """Raises LimitError for a mesh file that is too large."""
     if size_bytes > MAX_MESH_MIB << 20:
         raise LimitError(
             f"{src} has {size_bytes >> 20} MiB, but files end at {MAX_MESH_MIB}: set ANM_MJ_MAX_MESH_MIB if it is as "
@@ -47,11 +44,7 @@ def check_size(src: Path, size_bytes: int) -> None:
 
 
 def check_parts(src: Path, parts: int) -> None:
-    """Refuse a mesh file of too many parts.
-
-    Raises:
-        LimitError: if it has.
-    """
+    """Raises LimitError for a mesh file of too many parts."""
     if parts > MAX_PARTS:
         raise LimitError(
             f"{src} consists of {parts:.4g} meshes, but files end at {MAX_PARTS}: join them, or set ANM_MJ_MAX_PARTS "
@@ -60,11 +53,7 @@ def check_parts(src: Path, parts: int) -> None:
 
 
 def check_triangles(src: Path, triangles: int) -> None:
-    """Refuse a file of too many triangles.
-
-    Raises:
-        LimitError: if it has.
-    """
+    """Raises LimitError for a file of too many triangles."""
     if triangles > MAX_TRIANGLES:
         raise LimitError(
             f"{src} has {triangles:.4g} triangles, all copies counted, but scenes end at {MAX_TRIANGLES:.4g}: simplify "
@@ -73,11 +62,7 @@ def check_triangles(src: Path, triangles: int) -> None:
 
 
 def check_spread(src: Path, triangles_m: Float[np.ndarray, "f 3 3"]) -> None:
-    """Refuse a scene of large triangles that lie over one another: each is drawn into grids row by row.
-
-    Raises:
-        LimitError: if it is one.
-    """
+    """Raises LimitError for large triangles that lie over one another: each is drawn into grids row by row."""
     beyond_m = np.maximum(np.ptp(triangles_m, axis=1) - _NEAR_M, 0.0)
     spread_km = float(beyond_m.sum(axis=0).max(initial=0.0)) / 1e3
     if spread_km > MAX_SPREAD_KM:
@@ -96,11 +81,7 @@ class TriangleBudget:
         self._triangles = 0
 
     def spend(self, submesh: Submesh) -> None:
-        """Count a copy of a submesh before it is made.
-
-        Raises:
-            LimitError: if there are too many triangles with it.
-        """
+        """Count a copy of a submesh before it is made; raises LimitError if there are too many triangles with it."""
         self._triangles += max(_COPY_TRIANGLES, len(submesh.faces))
         if self._triangles > MAX_TRIANGLES:
             raise LimitError(
@@ -110,25 +91,18 @@ class TriangleBudget:
             )
 
 
-class TextureBudget:
-    """Counts the pixels in the textures of a mesh file, which may name one picture any number of times."""
+def check_textures(src: Path, sizes_px: Iterable[tuple[int, int]], kept_px: int) -> None:
+    """Raises LimitError for a mesh file whose pictures have too many pixels together, before any is decoded.
 
-    def __init__(self, src: Path, kept_px: int) -> None:
-        self._src = src
-        self._kept_px = kept_px
-        self._megapixels = 0.0
-
-    def spend(self, size: tuple[int, int]) -> None:
-        """Count a picture before it is decoded; pixels beyond ``kept_px`` a side take time, but no memory for long.
-
-        Raises:
-            LimitError: if there are too many pixels with it.
-        """
+    Pixels beyond ``kept_px`` a side take time, but no memory for long.
+    """
+    total = 0.0
+    for size in sizes_px:
         megapixels = size[0] * size[1] / 1e6
-        kept = megapixels * min(1.0, self._kept_px / max(*size, 1)) ** 2
-        self._megapixels += kept + (megapixels - kept) / 4.0
-        if self._megapixels > MAX_TEXTURE_MEGAPIXELS:
-            raise LimitError(
-                f"{self._src} has more than {MAX_TEXTURE_MEGAPIXELS} megapixels of textures: store pictures that are "
-                "the same once, shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS if there should be so many."
-            )
+        kept = megapixels * min(1.0, kept_px / max(*size, 1)) ** 2
+        total += kept + (megapixels - kept) / 4.0
+    if total > MAX_TEXTURE_MEGAPIXELS:
+        raise LimitError(
+            f"{src} has more than {MAX_TEXTURE_MEGAPIXELS} megapixels of textures: store pictures that are the same "
+            "once, shrink them, or set ANM_MJ_MAX_TEXTURE_MEGAPIXELS if there should be so many."
+        )

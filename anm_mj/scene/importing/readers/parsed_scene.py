@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from anm_mj.scene.importing.joints import Joint
@@ -34,3 +34,17 @@ class ParsedScene:
     """How parts can move, by :attr:`anm_mj.scene.submesh.Submesh.part`."""
     movables: tuple[Movable, ...] = ()
     """Parts that the robot may push, in addition to their submeshes."""
+
+    def changed(
+        self,
+        submesh: Callable[[Submesh], Submesh | None],
+        movable: Callable[[Movable], Movable | None] = lambda own: own,
+    ) -> ParsedScene:
+        """The scene with every submesh, those of obstacles too, and every movable part changed, or left out by None."""
+        movables = tuple(new for own in self.movables if (new := movable(own)) is not None)
+        obstacles = None if self.obstacles is None else _all(submesh, self.obstacles)
+        return replace(self, submeshes=_all(submesh, self.submeshes), obstacles=obstacles, movables=movables)
+
+
+def _all(change: Callable[[Submesh], Submesh | None], submeshes: list[Submesh]) -> list[Submesh]:
+    return [new for submesh in submeshes if (new := change(submesh)) is not None]

@@ -14,9 +14,9 @@ from jaxtyping import Float64, Integer, UInt8
 from PIL import Image
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.bake_colours import bake_colours, corner_colours
+from anm_mj.scene.importing.bake_colours import bake_colours
 from anm_mj.scene.importing.readers.gltf_check import even_gltf
-from anm_mj.scene.importing.readers.import_limits import TextureBudget
+from anm_mj.scene.importing.readers.import_limits import check_textures
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file
 from anm_mj.scene.importing.readers.mesh_facts import damaged
@@ -86,7 +86,8 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
         if facts.draco:
             _require_decoded(src, loaded)
         placed = _placed_meshes(loaded, unit_m)
-        _check_textures(src, placed)
+        pictures = {id(image): image.size for mesh in placed if (image := _picture(mesh)) is not None}
+        check_textures(src, pictures.values(), MAX_TEXTURE_PX)
         submeshes = [replace(submesh, part=mesh.part) for mesh in placed for submesh in _submeshes_of(mesh, store)]
     except SceneError:
         raise
@@ -99,18 +100,13 @@ def read_mesh(src: Path, report: ImportReport) -> list[Submesh]:
         raise SceneError(f"{src} holds no triangles (a point cloud, or empty): give a mesh with faces.")
     if neighbours.missed or not facts.decodable:
         # White is what is left of a material whose texture is missing; white walls would be lost against one another.
-        return [replace(submesh, rgb=PLAIN_RGB) if _white_for_texture(submesh) else submesh for submesh in submeshes]
+        return [
+            replace(submesh, rgb=PLAIN_RGB)
+            if submesh.texture is None and submesh.uv is not None and min(submesh.rgb) > 0.99
+            else submesh
+            for submesh in submeshes
+        ]
     return submeshes
-
-
-def _check_textures(src: Path, placed: list[_PlacedMesh]) -> None:
-    """Refuse meshes whose textures have too many pixels together, before any is decoded."""
-    budget, seen = TextureBudget(src, MAX_TEXTURE_PX), set()
-    for mesh in placed:
-        image = _material(mesh.visual.material)[0] if mesh.visual.kind == "texture" else None
-        if image is not None and id(image) not in seen:
-            seen.add(id(image))
-            budget.spend(image.size)
 
 
 def _require_decoded(src: Path, scene: trimesh.Scene) -> None:
@@ -125,11 +121,6 @@ def _require_decoded(src: Path, scene: trimesh.Scene) -> None:
             )
 
 
-def _white_for_texture(submesh: Submesh) -> bool:
-    """Whether a submesh looks as if its texture were missing."""
-    return submesh.texture is None and submesh.uv is not None and min(submesh.rgb) > 0.99
-
-
 def _head(src: Path) -> bytes:
     with src.open("rb") as file:
         return file.read(_HEAD_BYTES)
@@ -139,9 +130,9 @@ def _collada_unit_m(src: Path) -> float:
     """Metres per unit that a COLLADA file states; 1 by default."""
     stated = re.search(rb"<unit[^>]*\bmeter\s*=\s*[\"']([0-9.eE+-]+)[\"']", _head(src))
     try:
-        unit_m = 1.0 if stated is None else float(stated[1])
+        unit_m = float(stated[1]) if stated else 1.0
     except ValueError:
-        return 1.0
+        unit_m = 1.0
     return unit_m if unit_m > 0.0 else 1.0
 
 
@@ -175,8 +166,11 @@ def _placed_meshes(scene: trimesh.Scene, unit_m: float) -> list[_PlacedMesh]:
     return placed
 
 
+def _picture(mesh: _PlacedMesh) -> Image.Image | None:
+    return _material(mesh.visual.material)[0] if mesh.visual.kind == "texture" else None
+
+
 def _submeshes_of(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
-    """Submeshes that look like a mesh."""
     name, _, vertices, faces, visual = mesh
     if not np.isfinite(vertices).all():
         bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
@@ -184,9 +178,9 @@ def _submeshes_of(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]:
     if visual.kind == "texture":
         return _textured_submeshes(mesh, store)
     if visual.kind == "vertex":
-        return bake_colours(name, vertices, faces, corner_colours(faces, vertex_rgb=_rgb8(visual.vertex_colors)))
+        return bake_colours(name, vertices, faces, _rgb8(visual.vertex_colors)[faces])
     if visual.kind == "face":
-        return bake_colours(name, vertices, faces, corner_colours(faces, face_rgb=_rgb8(visual.face_colors)))
+        return bake_colours(name, vertices, faces, np.repeat(_rgb8(visual.face_colors)[:, None], 3, axis=1))
     return [Submesh(name, vertices, faces, PLAIN_RGB)]
 
 
@@ -204,7 +198,7 @@ def _textured_submeshes(mesh: _PlacedMesh, store: TextureStore) -> list[Submesh]
     if colours is None or len(colours) != len(vertices):
         # Texture coordinates without a texture are kept for a world that brings the texture.
         return [Submesh(name, vertices, faces, rgb, uv)]
-    return bake_colours(name, vertices, faces, corner_colours(faces, vertex_rgb=_rgb8(colours), factor=factor))
+    return bake_colours(name, vertices, faces, np.round(_rgb8(colours)[faces] * factor).astype(np.uint8))
 
 
 def _material(material: Any) -> tuple[Image.Image | None, Float64[np.ndarray, "3"]]:

@@ -41,17 +41,14 @@ def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) 
 
 
 def pose_of(element: ET.Element) -> Transform:
-    """The pose that an element states, as T_frame_element; where it states none, the identity."""
-    return pose_matrix(element.find("pose"))
+    """The <pose> of an element as T_frame_element; where it states none, the identity.
 
-
-def pose_matrix(pose: ET.Element | None) -> Transform:
-    """A <pose>: x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w.
+    It is x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w.
 
     Raises:
         SceneError: if it states its rotation in another way, or holds no such numbers.
     """
-    matrix = np.eye(4)
+    pose, matrix = element.find("pose"), np.eye(4)
     rotation_format = "euler_rpy" if pose is None else pose.get("rotation_format", "euler_rpy")
     if rotation_format not in ("euler_rpy", "quat_xyzw"):
         raise SceneError(f"A <pose> has the rotation_format {rotation_format!r}: write euler_rpy or quat_xyzw.")
@@ -141,12 +138,16 @@ class Scope:
         self._place_chain(first)
         return self.inner(self._named(first)).frame(rest) if rest else self._poses[first]
 
-    def _named(self, name: str) -> ET.Element:
-        """A named element of this scope.
+    def place_on(self, child: ET.Element, T_world_parent: Transform) -> Transform:
+        """T_world_child of an element that stands on the frame that its pose names, or else on its parent.
 
         Raises:
-            SceneError: if there is none.
+            SceneError: as :meth:`place`.
         """
+        relative_to = _relative_to(child)
+        return (self.frame(relative_to) if relative_to else T_world_parent) @ pose_of(child)
+
+    def _named(self, name: str) -> ET.Element:
         child = self._framed.get(name)
         if child is None:
             raise SceneError(
@@ -155,11 +156,7 @@ class Scope:
         return child
 
     def _place_chain(self, name: str) -> None:
-        """Place a named frame after all that it stands on, one by one: a chain may have thousands of frames.
-
-        Raises:
-            SceneError: as :meth:`place`.
-        """
+        """Place a named frame after all that it stands on, one by one: a chain may have thousands of frames."""
         chain: dict[str, ET.Element] = {}
         while name not in _OF_SCOPE and name not in self._poses:
             if name in chain:
@@ -172,7 +169,7 @@ class Scope:
     def inner(self, model: ET.Element) -> Scope:
         """The scope of a model in this one."""
         T_world_model = self.place(model)
-        path = "::".join(part for part in (self.path, model.get("name", "")) if part)
+        path = self._state_path(model)
         inner = Scope(model, T_world_model, self._states, path)
         placed = model.get("placement_frame")
         if placed and path not in self._states:
@@ -187,23 +184,27 @@ class Scope:
         if state is not None and child.tag in ("model", "link"):
             return state
         relative_to = self._stands_on(child)
-        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_matrix(child.find("pose"))
+        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_of(child)
 
     def _state_path(self, child: ET.Element) -> str:
-        """The path of an element in <state>."""
         return "::".join(part for part in (self.path, child.get("name", "")) if part)
 
     def _stands_on(self, child: ET.Element) -> str:
         """The frame that the pose of an element is relative to; empty where that is the scope's own, or the world's."""
         if child.tag in ("model", "link") and self._state_path(child) in self._states:
             return ""
-        pose = child.find("pose")
-        relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
-        if not relative_to:
-            relative_to = child.get("attached_to") if child.tag == "frame" else None
+        relative_to = _relative_to(child)
+        if not relative_to and child.tag == "frame":
+            relative_to = child.get("attached_to")
         if not relative_to and child.tag == "joint":
             relative_to = (child.findtext("child") or "").strip()
         return relative_to or ""
+
+
+def _relative_to(element: ET.Element) -> str | None:
+    """The frame that the pose of an element names."""
+    pose = element.find("pose")
+    return None if pose is None else pose.get("relative_to") or pose.get("frame")
 
 
 def state_poses(world: ET.Element) -> dict[str, Transform]:
