@@ -28,8 +28,6 @@ _logger = logging.getLogger(__name__)
 
 
 class _TransformsFrame(Struct):
-    """A frame of nerfstudio's ``transforms.json``."""
-
     file_path: str
     transform_matrix: list[tuple[Number, Number, Number, Number]]
     depth_file_path: str | None = None

@@ -15,8 +15,6 @@ from anm_mj.utils.read_file import convert, read_table
 
 
 class _ReplicaCamera(Struct):
-    """The camera in Replica's ``cam_params.json``."""
-
     w: int
     h: int
     fx: Number
@@ -27,8 +25,6 @@ class _ReplicaCamera(Struct):
 
 
 class _ReplicaParameters(Struct):
-    """``cam_params.json`` of Replica."""
-
     camera: _ReplicaCamera
 
 

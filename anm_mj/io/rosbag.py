@@ -251,7 +251,6 @@ def _raw_first(topics: list[str]) -> list[str]:
 
 
 def _folders(topic: str) -> tuple[str, ...]:
-    """Namespaces where the calibration of an image may stand."""
     parent = topic.rpartition("/")[0]
     return (parent, parent.rpartition("/")[0]) if "ompressed" in topic else (parent,)
 

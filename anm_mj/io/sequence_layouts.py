@@ -100,7 +100,6 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
 
 
 def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
-    """A sequence that is a folder of files, and its layout."""
     folder = path.parent if path.name == "transforms.json" else path
     if options.topics:
         raise RunFolderError(f"{path} is no ROS bag, so it has no topics; leave out --topic.")

@@ -84,7 +84,6 @@ def _morton_of_centres(points_m: Float[np.ndarray, "n 3"]) -> Int64[np.ndarray, 
 
 
 def _every_other_bit(code: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Bits 0, 2, 4, ... of each code, packed together."""
     packed = np.zeros_like(code)
     for bit in range(16):
         packed |= ((code >> (2 * bit)) & 1) << bit

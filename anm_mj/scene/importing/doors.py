@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from anm_mj.scene.importing.choose_parts import part_of
-from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.readers.import_report import some
-from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.submesh import Submesh, is_within, transformed
 
 _logger = logging.getLogger(__name__)
@@ -75,7 +74,6 @@ def find_leaves(submeshes: Sequence[Submesh], joints: Mapping[str, Joint]) -> li
 
 
 def _may_be_leaf(part: str, joint: Joint | None) -> bool:
-    """Whether name and joint allow that a part is a leaf."""
     name = part.lower()
     if _NO_DOOR.search(name) or _NO_LEAF.search(name.rpartition("/")[2]):
         return False
@@ -86,7 +84,6 @@ def _may_be_leaf(part: str, joint: Joint | None) -> bool:
 
 
 def _is_door_sized(points_m: Float[np.ndarray, "n 3"]) -> bool:
-    """Whether the box about points is that of a leaf."""
     from shapely import MultiPoint, Polygon
 
     height_m = float(np.ptp(points_m[:, 2]))

@@ -52,6 +52,7 @@ class NamedSource:
 @dataclass(frozen=True)
 class _DataSet:
     title: str
+    example: str
     licence: str
     source_format: str
     variables: tuple[str, ...]
@@ -61,6 +62,8 @@ class _DataSet:
     files: Callable[[str], list[str]]
     """Patterns below its folder that a name may stand for, the best first."""
     help: str
+    make: Callable[[str], Path | None] | None = None
+    """Asks the data set's own package for a scene that is not on the disk; None where the package is not installed."""
     groups: tuple[int, ...] | None = None
     packages: tuple[str, ...] = ()
     """Packages whose files its scenes name."""
@@ -79,40 +82,6 @@ def _molmospaces_files(name: str) -> list[str]:
     return [f"{folder}/{own}" for own in names for folder in (*folders, *(f[len("scenes/") :] for f in folders))]
 
 
-_SETS = {
-    "molmospaces": _DataSet(
-        "MolmoSpaces",
-        "ODC-BY 1.0; objects under their own licences (MolmoSpaces docs/LICENSE.md)",
-        "mjcf",
-        ("MLSPACES_ASSETS_DIR", "MLSPACES_CACHE_DIR"),
-        ("~/.cache/molmo-spaces-resources",),
-        _molmospaces_files,
-        _MOLMO_HELP,
-    ),
-    "robocasa": _DataSet(
-        "RoboCasa",
-        "CC BY 4.0",
-        "mjcf",
-        ("ROBOCASA_SCENES",),
-        (),
-        lambda name: [f"{name}.xml", f"{name}/scene.xml", f"{name}/model.xml", f"{name}/{name.rpartition('/')[2]}.xml"],
-        _ROBOCASA_HELP,
-        # Group 0 holds what collides.
-        (1, 2),
-        ("robocasa", "robosuite"),
-    ),
-    "replicacad": _DataSet(
-        "ReplicaCAD",
-        "CC BY 4.0",
-        "replicacad",
-        ("REPLICA_CAD_ROOT",),
-        ("data/replica_cad", "data/replica_cad_dataset", "data/versioned_data/replica_cad_dataset"),
-        lambda name: [f"{below}configs/scenes/{name}.scene_instance.json" for below in ("", "*/")],
-        _REPLICACAD_HELP,
-    ),
-}
-
-
 def is_name(src: str | Path) -> bool:
     """Whether a source is the name of a scene in a data set."""
     return str(src).partition(":")[0] in _SETS and ":" in str(src)
@@ -127,13 +96,13 @@ def find_named(src: str | Path, root: Path | None = None) -> NamedSource:
     prefix, _, name = str(src).partition(":")
     data, name = _SETS[prefix], name.strip("/")
     if not name or ".." in name.split("/"):
-        raise SceneError(f"{src} names no scene of {data.title}: give one as in {_EXAMPLES[prefix]}.")
+        raise SceneError(f"{src} names no scene of {data.title}: give one as in {prefix}:{data.example}.")
     if root is not None and not os.path.isdir(root):
         raise SceneError(f"{root} is not a folder: give the folder of {data.title} with --root.")
     folders = [root] if root is not None else _folders(data)
     found = _first(folders, data.files(name))
-    if found is None and root is None:
-        found = _MAKERS.get(prefix, _none)(name)
+    if found is None and root is None and data.make is not None:
+        found = data.make(name)
     if found is None:
         where = ", ".join(map(str, folders)) or "no folder given"
         raise SceneError(f"{data.title} has no scene {name!r} here ({where}): {data.help}.")
@@ -142,15 +111,7 @@ def find_named(src: str | Path, root: Path | None = None) -> NamedSource:
     return NamedSource(found, data.source_format, f"{data.title}, {name}", data.licence, data.groups, own)
 
 
-_EXAMPLES = {
-    "molmospaces": "molmospaces:procthor-10k-val/12",
-    "robocasa": "robocasa:layout1_style2",
-    "replicacad": "replicacad:apt_0",
-}
-
-
 def _folders(data: _DataSet) -> list[Path]:
-    """Existing folders that may hold a data set."""
     stated = [Path(os.environ[variable]).expanduser() for variable in data.variables if os.environ.get(variable)]
     usual = [Path(folder).expanduser() for folder in data.usual]
     return [folder for folder in (*stated, *usual) if os.path.isdir(folder)]
@@ -169,7 +130,6 @@ def _package_folders(names: Sequence[str]) -> list[Path]:
 
 
 def _first(folders: Sequence[Path], patterns: Sequence[str]) -> Path | None:
-    """The first file that is there; of several versions the newest by name."""
     for folder in folders:
         for pattern in patterns:
             try:
@@ -182,7 +142,7 @@ def _first(folders: Sequence[Path], patterns: Sequence[str]) -> Path | None:
 
 
 def _fetched(name: str) -> Path | None:
-    """A scene of MolmoSpaces that its own package fetches; None where the package is not installed."""
+    """A scene of MolmoSpaces that its own package fetches."""
     dataset, _, number = name.rpartition("/")
     split = next((word for word in ("train", "val", "test") if dataset.endswith(f"-{word}")), "train")
     try:
@@ -202,7 +162,7 @@ def _fetched(name: str) -> Path | None:
 
 
 def _composed(name: str) -> Path | None:
-    """A kitchen that RoboCasa composes, kept in the user's cache folder; None where the package is not installed."""
+    """A kitchen that RoboCasa composes, kept in the user's cache folder."""
     numbers = _KITCHEN.fullmatch(name)
     out = cache_folder("robocasa") / f"{name}.xml"
     if numbers is None or out.is_file():
@@ -237,10 +197,40 @@ def _composed(name: str) -> Path | None:
     return out
 
 
-def _none(name: str) -> Path | None:
-    del name
-    return None
-
-
-_MAKERS: dict[str, Callable[[str], Path | None]] = {"molmospaces": _fetched, "robocasa": _composed}
-"""What asks a data set's own package for a scene that is not on the disk."""
+_SETS = {
+    "molmospaces": _DataSet(
+        "MolmoSpaces",
+        "procthor-10k-val/12",
+        "ODC-BY 1.0; objects under their own licences (MolmoSpaces docs/LICENSE.md)",
+        "mjcf",
+        ("MLSPACES_ASSETS_DIR", "MLSPACES_CACHE_DIR"),
+        ("~/.cache/molmo-spaces-resources",),
+        _molmospaces_files,
+        _MOLMO_HELP,
+        _fetched,
+    ),
+    "robocasa": _DataSet(
+        "RoboCasa",
+        "layout1_style2",
+        "CC BY 4.0",
+        "mjcf",
+        ("ROBOCASA_SCENES",),
+        (),
+        lambda name: [f"{name}.xml", f"{name}/scene.xml", f"{name}/model.xml", f"{name}/{name.rpartition('/')[2]}.xml"],
+        _ROBOCASA_HELP,
+        _composed,
+        # Group 0 holds what collides.
+        (1, 2),
+        ("robocasa", "robosuite"),
+    ),
+    "replicacad": _DataSet(
+        "ReplicaCAD",
+        "apt_0",
+        "CC BY 4.0",
+        "replicacad",
+        ("REPLICA_CAD_ROOT",),
+        ("data/replica_cad", "data/replica_cad_dataset", "data/versioned_data/replica_cad_dataset"),
+        lambda name: [f"{below}configs/scenes/{name}.scene_instance.json" for below in ("", "*/")],
+        _REPLICACAD_HELP,
+    ),
+}

@@ -16,10 +16,9 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import find_floor, find_scale, find_up, rotation_to_z_up
 from anm_mj.scene.importing.choose_parts import chosen, part_of
 from anm_mj.scene.importing.doors import Doors, Leaf, find_leaves, with_doors
-from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.readers.import_limits import check_spread
 from anm_mj.scene.importing.readers.import_report import some
-from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, find_storeys, pick_storey
 from anm_mj.scene.importing.stray_parts import split_stray
@@ -155,7 +154,6 @@ def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
 
 
 def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: float) -> None:
-    """Refuse what is too large for a building, or too small for a thing."""
     largest_m = float(np.ptp(triangles_m.reshape(-1, 3), axis=0).max())
     if 0.0 < largest_m < _MIN_EXTENT_M:
         raise SceneError(
@@ -181,8 +179,6 @@ def _origin(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "2"]
 def _turned(
     parsed: ParsedScene, rotation: Float64[np.ndarray, "3 3"], scale: float, shift_m: Float64[np.ndarray, "3"]
 ) -> ParsedScene:
-    """The scene in metres with z up."""
-
     def turn(submesh: Submesh) -> Submesh:
         moved = submesh.vertices_m * scale @ rotation.T
         return replace(submesh, vertices_m=moved + shift_m if shift_m.any() else moved)
@@ -207,7 +203,6 @@ def _turned(
 
 
 def _with_storey(world: ParsedScene, storey: Storey, storeys: Sequence[Storey]) -> ParsedScene:
-    """The scene with one storey only."""
     others = [f"{own.floor_m:.2f} m ({own.walkable_m2:.0f} m2)" for own in storeys if own is not storey]
     if others:
         _logger.info("storeys: took the one at %.2f m, left out those at %s", storey.floor_m, ", ".join(others))

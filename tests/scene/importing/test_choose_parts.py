@@ -10,7 +10,7 @@ import trimesh
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.doors import find_leaves
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.scene.importing.joints import Joint
+from anm_mj.scene.importing.readers.parsed_scene import Joint
 from anm_mj.scene.importing.storeys import Storey, clip_submesh, pick_storey
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
 from anm_mj.scene.submesh import Submesh

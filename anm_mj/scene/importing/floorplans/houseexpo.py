@@ -51,7 +51,6 @@ def read_houseexpo(plan: Any) -> Building:
 
 
 def _borders(plan: CellPlan) -> Float64[np.ndarray, "n 2 2"]:
-    """Borders between two rooms, as segments."""
     labels, found = plan.labels, []
     for axis in (0, 1):
         a, b = (labels[:-1], labels[1:]) if axis == 0 else (labels[:, :-1], labels[:, 1:])

@@ -57,7 +57,6 @@ def read_plan1(plan: Any) -> Building:
 
 
 def _inside(region: Any, grid: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Which points of a grid lie in a region."""
     # Without this every point is held against every edge.
     shapely.prepare(region)
     return np.asarray(shapely.contains_xy(region, *grid), dtype=bool)

@@ -72,7 +72,6 @@ class _Count:
         return parts, triangles
 
     def _show(self, name: str) -> None:
-        """Remember a geometry that should come out."""
         if name in self.shown:
             return
         geometry = self._geometries.get(name)
@@ -86,12 +85,10 @@ class _Count:
 
 
 def _kind(element: ET.Element) -> str:
-    """The tag of an element without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
 def _all(element: ET.Element, kind: str) -> Iterator[ET.Element]:
-    """All elements of a kind in another."""
     return (inner for inner in element.iter() if _kind(inner) == kind)
 
 

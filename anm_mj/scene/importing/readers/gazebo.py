@@ -18,11 +18,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.joints import Joint
 from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, NO_MESH, NO_SHAPE, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
-from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_include import FOLDER, part_path, read_world
 from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
@@ -71,8 +70,6 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
 
 
 class _Reader:
-    """Gathers the submeshes of one world."""
-
     def __init__(self, places: Places, report: ImportReport, budget: TriangleBudget) -> None:
         self.joints: dict[str, Joint] = {}
         """How links can move, by the name of their part."""
@@ -98,7 +95,6 @@ class _Reader:
         return self._submeshes + [submesh for ground in self._grounds for submesh in self._cut_ground(*ground)]
 
     def _read_scope(self, scope: Scope, part: str) -> None:
-        """Gather the submeshes of a world or model, and of the models in it."""
         for child in scope.element:
             if child.tag == "model":
                 # Poses may still be relative to it.
@@ -121,7 +117,6 @@ class _Reader:
     def _read_visual(
         self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path, part: str
     ) -> None:
-        """Gather the submeshes of one <visual>."""
         shapes = visual.findall("geometry/*")
         shape = next(iter(shapes), None)
         if shape is None or shape.tag == "empty" or numbers(visual.find("transparency"), 1, (0.0,))[0] >= 1.0:
@@ -155,7 +150,6 @@ class _Reader:
             self._submeshes.append(stand(with_material(submesh, material)))
 
     def _read_joint(self, joint: ET.Element, scope: Scope, part: str) -> None:
-        """Remember how a link hangs on its model."""
         child = (joint.findtext("child") or "").strip()
         link = next((link for link in scope.element.findall("link") if link.get("name") == child), None)
         axis = joint.find("axis")

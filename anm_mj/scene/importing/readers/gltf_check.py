@@ -174,11 +174,7 @@ def _header(src: Path, size: int) -> tuple[dict[str, Any], int]:
 
 
 def _entry(header: dict[str, Any], kind: str, index: Any) -> dict[str, Any]:
-    """An entry of one of the lists of a file, which name one another by index.
-
-    Raises:
-        ValueError: There is none; Python and the library take a negative index for one.
-    """
+    """An entry of one of the lists of a file, which name one another by index."""
     entries = header.get(kind, [])
     if type(index) is not int or not 0 <= index < len(entries):
         raise ValueError(f"it names entry {index!r} of its {len(entries)} {kind}")
@@ -186,7 +182,6 @@ def _entry(header: dict[str, Any], kind: str, index: Any) -> dict[str, Any]:
 
 
 def _primitives(header: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """All primitives of all meshes."""
     return (primitive for mesh in header.get("meshes", []) for primitive in mesh["primitives"])
 
 
@@ -201,11 +196,7 @@ def _accessors(header: dict[str, Any], primitive: dict[str, Any]) -> dict[str, d
 
 
 def _check_place(header: dict[str, Any], accessor: dict[str, Any]) -> None:
-    """Refuse an accessor whose numbers lie nowhere, or over one another.
-
-    Raises:
-        ValueError: It is one.
-    """
+    """Refuse an accessor whose numbers lie nowhere, or over one another."""
     view = _entry(header, "bufferViews", accessor["bufferView"]) if "bufferView" in accessor else {}
     for value in (accessor["count"], accessor.get("byteOffset", 0), view.get("byteOffset", 0)):
         if type(value) is not int or value < 0:
@@ -216,11 +207,7 @@ def _check_place(header: dict[str, Any], accessor: dict[str, Any]) -> None:
 
 
 def _check_buffers(src: Path, header: dict[str, Any]) -> None:
-    """Refuse a file whose numbers lie in a file that is not there, or too short, or in text that is not base64.
-
-    Raises:
-        SceneError: It is one.
-    """
+    """Refuse a file whose numbers lie in a file that is not there, or too short, or in text that is not base64."""
     for buffer in header.get("buffers", []):
         uri, length = str(buffer.get("uri", "data:;base64,")), buffer["byteLength"]
         if uri.startswith("data:"):
@@ -291,7 +278,6 @@ def _placed(header: dict[str, Any]) -> tuple[int, int]:
 
 
 def _triangles(header: dict[str, Any], primitive: dict[str, Any]) -> int:
-    """Triangles of a primitive."""
     mode, accessors = primitive.get("mode", _TRIANGLES), _accessors(header, primitive)
     corners = accessors.get("indices", accessors.get("POSITION", {})).get("count", 0)
     return corners // 3 if mode == _TRIANGLES else max(0, corners - 2) if mode == _STRIP else 0
@@ -343,7 +329,6 @@ def _colour_slot(material: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _source(texture: dict[str, Any]) -> int | None:
-    """The image of a texture."""
     return texture.get("extensions", {}).get("EXT_texture_webp", texture).get("source")
 
 

@@ -101,7 +101,6 @@ def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path]
 
 
 def _dataset_config(src: Path) -> Path | None:
-    """The configuration of the dataset that a scene lies in."""
     for folder in src.absolute().parents:
         found = sorted(folder.glob(f"*{_DATASET_SUFFIX}"))
         if found:
@@ -110,7 +109,6 @@ def _dataset_config(src: Path) -> Path | None:
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file."""
     try:
         entries = read_json(path)
     except (OSError, ValueError) as err:
@@ -122,8 +120,6 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class _Placement:
-    """One instance of a template."""
-
     template: str
     """The template's name, without folders."""
     rotation: Float64[np.ndarray, "3 3"]

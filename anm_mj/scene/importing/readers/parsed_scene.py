@@ -6,11 +6,37 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from anm_mj.scene.importing.joints import Joint
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh
 
 UNKNOWN_LICENCE = "unknown"
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A hinge or a slide, in the source's axes."""
+
+    hinge: bool
+    axis: Float64[np.ndarray, "3"]
+    """Direction of length 1."""
+    anchor_m: Float64[np.ndarray, "3"]
+    """A point on a hinge's axis [m]."""
+    value: float
+    """Where the joint stands [rad, m]."""
+    limits: tuple[float, float] | None
+    """Smallest and largest value [rad, m]; None if there are none."""
+
+    def motion(self, to: float) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
+        """Rotation and shift that bring what hangs on the joint from where it stands to another value."""
+        amount = to - self.value
+        if not self.hinge:
+            return np.eye(3), self.axis * amount
+        rotation = Rotation.from_rotvec(self.axis * amount).as_matrix()
+        return rotation, self.anchor_m - rotation @ self.anchor_m
 
 
 @dataclass(frozen=True)

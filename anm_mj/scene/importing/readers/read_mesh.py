@@ -137,8 +137,6 @@ def _collada_unit_m(src: Path) -> float:
 
 
 class _PlacedMesh(NamedTuple):
-    """A mesh where it stands."""
-
     name: str
     part: str
     """Name of the node that places it."""
@@ -216,7 +214,6 @@ def _material(material: Any) -> tuple[Image.Image | None, Float64[np.ndarray, "3
 
 
 def _rgb8(colours: Any) -> UInt8[np.ndarray, "n 3"]:
-    """Colours of any stored kind as 8-bit RGB."""
     colours = np.asarray(colours)[:, :3]
     if colours.dtype == np.uint16:
         return (colours >> 8).astype(np.uint8)

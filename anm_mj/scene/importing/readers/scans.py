@@ -64,7 +64,6 @@ def read_scan(layout: ScanLayout, src: Path, model_paths: Sequence[Path], report
 
 
 def _first(paths: Iterable[Path]) -> Path | None:
-    """The first file that is there."""
     return next((path for path in paths if path.is_file()), None)
 
 

@@ -49,8 +49,6 @@ def read_world(file: Path, places: Places, report: ImportReport) -> tuple[ET.Ele
 
 
 class _Includes:
-    """Replaces the <include> elements of one world."""
-
     def __init__(self, file: Path, places: Places, report: ImportReport) -> None:
         self.models: set[str] = set()
         """Names of the model folders that were used."""
@@ -113,7 +111,6 @@ class _Includes:
 
 
 def _parse(file: Path) -> ET.Element:
-    """The root element of an XML file."""
     try:
         # Gazebo reads a file with blank lines before its declaration too.
         return ET.fromstring(read_bytes(file).lstrip())

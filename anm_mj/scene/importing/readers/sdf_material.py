@@ -156,8 +156,6 @@ class MaterialReader:
 
 @dataclass(frozen=True)
 class _Script:
-    """What is used of an OGRE material."""
-
     diffuse: Rgb | None
     texture: str | None
     uv_scale: tuple[float, float]
@@ -221,13 +219,11 @@ def with_material(submesh: Submesh, material: Material) -> Submesh:
 
 
 def _colour(element: ET.Element | None) -> Rgb | None:
-    """The red, green and blue of a colour, in 0..1."""
     if element is None:
         return None
     return _clipped(numbers(element, 3, (0.0, 0.0, 0.0)))
 
 
 def _clipped(values: tuple[float, ...]) -> Rgb:
-    """Red, green and blue in 0..1."""
     red, green, blue = (min(1.0, max(0.0, value)) for value in values)
     return red, green, blue

@@ -89,7 +89,6 @@ def find_texture(name: str, folder: Path) -> Path | None:
 
 
 def _is_file_below(path: Path, folder: Path) -> bool:
-    """Whether a file is there that lies below a folder, links followed."""
     try:
         return path.is_file() and folder in path.resolve().parents
     except (OSError, RuntimeError, ValueError):

@@ -46,7 +46,6 @@ def limit_textures(submeshes: list[Submesh]) -> list[Submesh]:
 
 
 def _textures(submeshes: list[Submesh]) -> dict[int, UInt8[np.ndarray, "h w 3"]]:
-    """Every texture once."""
     return {id(submesh.texture): submesh.texture for submesh in submeshes if submesh.texture is not None}
 
 
@@ -65,7 +64,6 @@ def _texels(submeshes: list[Submesh], side: int) -> int:
 
 
 def _fewest(submeshes: list[Submesh]) -> list[Submesh]:
-    """Submeshes with at most MAX_TEXTURES materials that need a texture."""
     area_m2: dict[tuple[int, tuple[float, float, float]], float] = {}
     for submesh in submeshes:
         if submesh.texture is not None:

@@ -55,13 +55,11 @@ def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) ->
 
 
 def _named(element: ET.Element, tag: str, attribute: str) -> str:
-    """An attribute of a child element; empty if there is none."""
     child = element.find(tag)
     return "" if child is None else child.get(attribute, "")
 
 
 def _origin(element: ET.Element) -> Float64[np.ndarray, "4 4"]:
-    """The <origin> of a joint or visual."""
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
@@ -98,7 +96,6 @@ def _visual_submeshes(visual: ET.Element, path: Path, places: Places, report: Im
 
 
 def _numbers(text: str) -> tuple[float, float, float]:
-    """The first three numbers of a text."""
     try:
         x, y, z = (float(word) for word in text.split()[:3])
     except ValueError:

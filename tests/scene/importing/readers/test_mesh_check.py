@@ -129,10 +129,9 @@ def test_copies_in_a_world_and_pixels_of_textures_end_somewhere(tmp_path, monkey
     with pytest.raises(SceneError, match="ANM_MJ_MAX_TRIANGLES"):
         budget.spend(submesh)
     monkeypatch.setattr(limits, "MAX_TEXTURE_MEGAPIXELS", 3)
-    textures = limits.TextureBudget(tmp_path, 1024)
-    textures.spend((2048, 2048))
+    limits.check_textures(tmp_path, [(2048, 2048)], 1024)
     with pytest.raises(SceneError, match="ANM_MJ_MAX_TEXTURE_MEGAPIXELS"):
-        textures.spend((2048, 2048))
+        limits.check_textures(tmp_path, [(2048, 2048)] * 2, 1024)
 
 
 @pytest.mark.parametrize(

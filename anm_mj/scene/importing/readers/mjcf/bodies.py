@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Int
 
-from anm_mj.scene.importing.joints import Joint
-
 if TYPE_CHECKING:
     import mujoco
 
@@ -53,7 +51,6 @@ def robot_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray,
 
 
 def _driven_bodies(model: mujoco.MjModel, actuator: int) -> set[int]:
-    """The bodies that an actuator moves."""
     import mujoco
 
     kinds, target = mujoco.mjtTrn, int(model.actuator_trnid[actuator, 0])

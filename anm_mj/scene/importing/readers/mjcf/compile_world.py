@@ -103,11 +103,6 @@ def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
 
 
 def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Drop everything until it rests.
-
-    Raises:
-        SceneError: The world cannot be simulated, or takes too long.
-    """
     import mujoco
 
     shortest_s, longest_s = TIMESTEPS_S
@@ -171,7 +166,6 @@ def up_axis(model: mujoco.MjModel) -> Literal["x", "y", "z"]:
 
 
 def _divergences(data: mujoco.MjData) -> list:
-    """The warnings of a simulation whose state is no longer finite."""
     import mujoco
 
     kinds = mujoco.mjtWarning

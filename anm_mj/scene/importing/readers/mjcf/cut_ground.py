@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -26,6 +27,17 @@ _BODIES_M = ((0.05, 1.4), (1.0, 1.4))
 """Heights above the ground at which walls are looked for; at the upper ones nothing of a plinth is in the way."""
 _LEVEL = 0.999
 """Cosine of the angle to the vertical."""
+
+
+class Placement(NamedTuple):
+    """Where a geom stands in the world."""
+
+    rotation: Float64[np.ndarray, "3 3"]
+    position_m: Float64[np.ndarray, "3"]
+
+    def moved(self, shape: Shape) -> Float64[np.ndarray, "v 3"]:
+        """Vertices of a geom's shape in the world [m]."""
+        return shape.vertices_m @ self.rotation.T + self.position_m
 
 
 def ground_box(
@@ -95,8 +107,7 @@ def _share_inside(solid: Bool[np.ndarray, "rows cols"], cell_m: float) -> float:
 
 def cut_plane(
     half_m: Float64[np.ndarray, "2"],
-    rotation: Float64[np.ndarray, "3 3"],
-    position_m: Float64[np.ndarray, "3"],
+    place: Placement,
     box_m: Float64[np.ndarray, "2 3"],
     is_ground: bool,
 ) -> Shape | None:
@@ -104,23 +115,27 @@ def cut_plane(
 
     Args:
         half_m: half its width and depth; 0 for endless [m].
-        rotation: of the plane's frame in the world.
-        position_m: of the plane in the world.
+        place: of the plane.
         box_m: as :func:`ground_box`.
         is_ground: cut it however narrow it is.
     """
-    corners = np.array(np.meshgrid(*box_m.T)).reshape(3, -1).T
-    local = (corners - position_m) @ rotation
-    low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
+    low, high = _in_frame(box_m, place)
     for axis in range(2):
         half = float(half_m[axis])
         if not is_ground and 0.0 < half <= max(_WIDE_M, _FLOOR_RATIO * float(high[axis] - low[axis])) / 2.0:
             low[axis], high[axis] = -half, half
         elif half > 0.0:
             low[axis], high[axis] = max(low[axis], -half), min(high[axis], half)
-    if (high <= low).any():
-        return None
-    return rectangle(low[:2], high[:2])
+    return None if (high <= low)[:2].any() else rectangle(low[:2], high[:2])
+
+
+def _in_frame(
+    box_m: Float64[np.ndarray, "2 3"], place: Placement
+) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    """Lower and upper corner of the bounds that a box of the world has in a geom's frame [m]."""
+    corners = np.array(np.meshgrid(*box_m.T)).reshape(3, -1).T
+    local = (corners - place.position_m) @ place.rotation
+    return local.min(axis=0), local.max(axis=0)
 
 
 def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: Float64[np.ndarray, "2 3"]) -> bool:
@@ -136,8 +151,7 @@ def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: Float64[np.nda
 
 def cut_height_field(
     shape: Shape,
-    rotation: Float64[np.ndarray, "3 3"],
-    position_m: Float64[np.ndarray, "3"],
+    place: Placement,
     box_m: Float64[np.ndarray, "2 3"],
 ) -> Shape | None:
     """A height field without its underside, which would be the largest floor, and where it is wide without the
@@ -149,7 +163,7 @@ def cut_height_field(
     shape = Shape(shape.vertices_m, shape.faces[turn >= 0.0], shape.unit)
     if float(np.ptp(shape.vertices_m[:, :2], axis=0).max()) <= _WIDE_M:
         return shape
-    corners = (shape.vertices_m @ rotation.T + position_m)[shape.faces][:, :, :2]
+    corners = place.moved(shape)[shape.faces][:, :, :2]
     beside = (corners.max(axis=1) < box_m[0, :2]) | (corners.min(axis=1) > box_m[1, :2])
     faces = shape.faces[~beside.any(axis=1)]
     return Shape(shape.vertices_m, faces, shape.unit) if len(faces) else None
@@ -169,21 +183,17 @@ def is_wide_slab(half_m: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray,
 
 def cut_slab(
     shape: Shape,
-    rotation: Float64[np.ndarray, "3 3"],
-    position_m: Float64[np.ndarray, "3"],
+    place: Placement,
     box_m: Float64[np.ndarray, "2 3"],
 ) -> Shape:
     """A box that lies flat, cut to what stands on it where it is a ground; whole where it is a floor or lies aside.
 
     Args:
         shape: the box; its vertices are its corners.
-        rotation: of its frame in the world.
-        position_m: of its middle in the world.
+        place: of its middle.
         box_m: as :func:`ground_box`.
     """
-    corners = np.array(np.meshgrid(*box_m.T)).reshape(3, -1).T
-    local = (corners - position_m) @ rotation
-    low, high = local.min(axis=0), local.max(axis=0)
+    low, high = _in_frame(box_m, place)
     half = shape.vertices_m.max(axis=0)
     upright = int(np.argmin(half))
     cut = half > np.maximum(_WIDE_M, _FLOOR_RATIO * (high - low)) / 2.0

@@ -7,7 +7,7 @@ is looked up by direction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,8 +36,6 @@ def geom_rgba(model: mujoco.MjModel, geom: int) -> Float64[np.ndarray, "4"]:
 
 @dataclass(frozen=True)
 class _Mapping:
-    """A texture on a geom."""
-
     texture: int
     is_cube: bool
     repeat: Float64[np.ndarray, "2"]
@@ -55,20 +53,19 @@ class Looks:
         """The submeshes of a geom in its own frame."""
         red, green, blue, _ = np.clip(geom_rgba(self._model, geom), 0.0, 1.0)
         rgb = (float(red), float(green), float(blue))
+        plain = Submesh(name, shape.vertices_m, shape.faces, rgb, part=part)
         mapping = self._mapping(geom)
         if mapping is None:
-            return [Submesh(name, shape.vertices_m, shape.faces, rgb, part=part)]
+            return [plain]
         picture = self._picture(mapping.texture)
-        plain = _one_colour(picture)
-        if plain is not None:
-            rgb = (rgb[0] * plain[0], rgb[1] * plain[1], rgb[2] * plain[2])
-            return [Submesh(name, shape.vertices_m, shape.faces, rgb, part=part)]
+        if (picture == picture[:1, :1]).all():
+            red, green, blue = picture[0, 0] / 255.0
+            return [replace(plain, rgb=(rgb[0] * float(red), rgb[1] * float(green), rgb[2] * float(blue)))]
         if mapping.is_cube:
-            return self._cube(geom, shape, name, part, rgb, mapping)
+            return self._cube(geom, shape, plain, mapping)
         uv = self._coordinates(geom, shape, mapping)
         # Submeshes have v up.
-        up = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
-        return [Submesh(name, shape.vertices_m, shape.faces, rgb, up, picture, part=part)]
+        return [replace(plain, uv=np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1), texture=picture)]
 
     def _mapping(self, geom: int) -> _Mapping | None:
         import mujoco
@@ -77,14 +74,8 @@ class Looks:
         if material < 0:
             return None
         roles = mujoco.mjtTextureRole
-        texture = next(
-            (
-                int(model.mat_texid[material, r])
-                for r in (roles.mjTEXROLE_RGB, roles.mjTEXROLE_RGBA)
-                if model.mat_texid[material, r] >= 0
-            ),
-            -1,
-        )
+        named = [int(model.mat_texid[material, r]) for r in (roles.mjTEXROLE_RGB, roles.mjTEXROLE_RGBA)]
+        texture = next((index for index in named if index >= 0), -1)
         kinds = mujoco.mjtTexture
         if texture < 0 or int(model.tex_type[texture]) == kinds.mjTEXTURE_SKYBOX:
             return None
@@ -108,18 +99,14 @@ class Looks:
         return self._textures[texture]
 
     def _coordinates(self, geom: int, shape: Shape, mapping: _Mapping) -> Float64[np.ndarray, "v 2"]:
-        """Texture coordinates of a geom, v down."""
+        if shape.texcoord is not None and not shape.repeats:
+            return shape.texcoord
         size = self._extent(geom)[:2]
-        bounded = size > 0.0
-        scale = mapping.repeat.copy()
         if shape.texcoord is not None:
-            if not shape.repeats:
-                return shape.texcoord
-            if mapping.uniform:
-                scale *= size
-            return shape.texcoord * scale
+            return shape.texcoord * (mapping.repeat * size if mapping.uniform else mapping.repeat)
+        scale = mapping.repeat
         if not mapping.uniform:
-            scale[bounded] /= size[bounded]
+            scale = np.where(size > 0.0, scale / np.where(size > 0.0, size, 1.0), scale)
         return np.stack([0.5 * scale[0] * shape.unit[:, 0] - 0.5, -0.5 * scale[1] * shape.unit[:, 1] - 0.5], axis=1)
 
     def _extent(self, geom: int) -> Float64[np.ndarray, "3"]:
@@ -134,28 +121,18 @@ class Looks:
             return size[[0, 0, 1]]
         return size
 
-    def _cube(
-        self, geom: int, shape: Shape, name: str, part: str, rgb: tuple[float, float, float], mapping: _Mapping
-    ) -> list[Submesh]:
+    def _cube(self, geom: int, shape: Shape, plain: Submesh, mapping: _Mapping) -> list[Submesh]:
         """A geom with a cube texture: a picture on every face of a box, colours at the corners of anything else."""
         import mujoco
 
         stretch = self._extent(geom) if mapping.uniform else np.ones(3)
         faces = _cube_faces(self._picture(mapping.texture))
         if int(self._model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_BOX:
-            return [_box_with_pictures(shape, name, part, rgb, faces, stretch)]
+            return [_box_with_pictures(shape, plain, faces, stretch)]
         colours = _looked_up(faces, (shape.unit * stretch)[shape.faces].reshape(-1, 3)).reshape(-1, 3, 3)
-        tinted = np.round(colours * np.array(rgb)).astype(np.uint8)
-        baked = bake_colours(name, shape.vertices_m, shape.faces, tinted)
-        return [Submesh(b.name, b.vertices_m, b.faces, b.rgb, b.uv, b.texture, b.tiled, part) for b in baked]
-
-
-def _one_colour(picture: UInt8[np.ndarray, "h w 3"]) -> tuple[float, float, float] | None:
-    """The colour of a picture that has no other, in 0..1."""
-    if (picture != picture[:1, :1]).any():
-        return None
-    red, green, blue = picture[0, 0] / 255.0
-    return float(red), float(green), float(blue)
+        tinted = np.round(colours * np.array(plain.rgb)).astype(np.uint8)
+        baked = bake_colours(plain.name, shape.vertices_m, shape.faces, tinted)
+        return [replace(submesh, part=plain.part) for submesh in baked]
 
 
 def _cube_faces(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "6 w w 3"]:
@@ -183,12 +160,7 @@ def _looked_up(faces: UInt8[np.ndarray, "6 w w 3"], directions: Float64[np.ndarr
 
 
 def _box_with_pictures(
-    shape: Shape,
-    name: str,
-    part: str,
-    rgb: tuple[float, float, float],
-    cube: UInt8[np.ndarray, "6 w w 3"],
-    stretch: Float64[np.ndarray, "3"],
+    shape: Shape, plain: Submesh, cube: UInt8[np.ndarray, "6 w w 3"], stretch: Float64[np.ndarray, "3"]
 ) -> Submesh:
     """A box, four corners a face, with what a cube texture shows on each face; the pictures lie below one another."""
     side = min(cube.shape[1], _BOX_FACE_PX)
@@ -204,4 +176,4 @@ def _box_with_pictures(
         low, high = 0.5 / side, 1.0 - 0.5 / side
         square = np.array([[low, low], [high, low], [high, high], [low, high]])
         uv[4 * face : 4 * face + 4] = np.stack([square[:, 0], (square[:, 1] + 5 - face) / 6.0], axis=1)
-    return Submesh(name, shape.vertices_m, shape.faces, rgb, uv, np.concatenate(pictures), tiled=True, part=part)
+    return replace(plain, uv=uv, texture=np.concatenate(pictures), tiled=True)

@@ -6,7 +6,7 @@ Spheres, ellipsoids, capsules and cylinders are drawn as unit shapes of ``numsli
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +29,10 @@ class Shape:
     repeats: bool = False
     """Whether ``texrepeat`` multiplies them, as on all but meshes."""
 
+    def scaled(self, size: Float64[np.ndarray, "3"]) -> Shape:
+        """A unit shape at its size [m]."""
+        return replace(self, vertices_m=self.vertices_m * size)
+
 
 def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
     """The triangles of a geom; None for an endless plane, which has none before it is cut, and for no geom's type."""
@@ -44,7 +48,7 @@ def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:
     if kind == kinds.mjGEOM_PLANE:
         return rectangle(-size[:2], size[:2]) if size[:2].all() else None
     if kind == kinds.mjGEOM_BOX:
-        return _unit_box().scaled(size)
+        return unit_box().scaled(size)
     if kind == kinds.mjGEOM_SPHERE:
         return _unit_sphere(slices, stacks).scaled(np.full(3, size[0]))
     if kind == kinds.mjGEOM_ELLIPSOID:
@@ -123,19 +127,13 @@ def _height_field(model: mujoco.MjModel, field: int) -> Shape | None:
     return Shape(vertices, np.concatenate(faces).astype(np.int64), vertices)
 
 
-@dataclass(frozen=True)
-class _Surface:
-    """Triangles with texture coordinates, v down."""
-
-    vertices: Float64[np.ndarray, "v 3"]
-    faces: Int64[np.ndarray, "f 3"]
-    texcoord: Float64[np.ndarray, "v 2"]
-
-    def scaled(self, size: Float64[np.ndarray, "3"]) -> Shape:
-        return Shape(self.vertices * size, self.faces, self.vertices, self.texcoord, repeats=True)
+def _unit(
+    vertices: Float64[np.ndarray, "v 3"], faces: Int64[np.ndarray, "f 3"], texcoord: Float64[np.ndarray, "v 2"]
+) -> Shape:
+    return Shape(vertices, faces, vertices, texcoord, repeats=True)
 
 
-def _unit_box() -> _Surface:
+def unit_box() -> Shape:
     """A box from -1 to 1 whose six faces have corners of their own, in the order +x, -x, +y, -y, +z, -z."""
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     vertices, texcoord = [], []
@@ -149,10 +147,10 @@ def _unit_box() -> _Surface:
             right, up = corners[:, 1 if axis == 0 else 0], corners[:, 1 if axis == 2 else 2]
             texcoord.append(np.stack([0.5 + 0.5 * right, 0.5 - 0.5 * up], axis=1))
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(6)])
-    return _Surface(np.concatenate(vertices), faces.astype(np.int64), np.concatenate(texcoord))
+    return _unit(np.concatenate(vertices), faces.astype(np.int64), np.concatenate(texcoord))
 
 
-def _unit_sphere(slices: int, stacks: int) -> _Surface:
+def _unit_sphere(slices: int, stacks: int) -> Shape:
     """A sphere of radius 1 between circles of latitude."""
     half = max(1, stacks // 2)
     share = np.arange(-half, half + 1) / half
@@ -161,15 +159,14 @@ def _unit_sphere(slices: int, stacks: int) -> _Surface:
 
 def _turned(
     radius: Float64[np.ndarray, " n"], z: Float64[np.ndarray, " n"], v: Float64[np.ndarray, " n"], slices: int
-) -> _Surface:
+) -> Shape:
     """The surface of a profile, from its lower to its upper end, turned about z; u runs round."""
     # Where u ends and begins anew, vertices are double.
     azimuth = 2.0 * np.pi * (np.arange(slices + 1) % slices) / slices
     ring = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     shape = (len(z), slices + 1, 1)
-    vertices = np.concatenate([radius[:, None, None] * ring, np.broadcast_to(z[:, None, None], shape)], axis=2).reshape(
-        -1, 3
-    )
+    height = np.broadcast_to(z[:, None, None], shape)
+    vertices = np.concatenate([radius[:, None, None] * ring, height], axis=2).reshape(-1, 3)
     u = np.broadcast_to(np.arange(slices + 1) / slices, shape[:2])
     texcoord = np.stack([u, np.broadcast_to(v[:, None], shape[:2])], axis=2).reshape(-1, 2)
     index = np.arange(len(vertices)).reshape(shape[:2])
@@ -177,48 +174,40 @@ def _turned(
     lower, upper = (np.repeat(end > 1e-9, slices) for end in (radius[:-1], radius[1:]))
     # At a pole one of the two triangles has no area.
     faces = np.concatenate([np.stack([a, b, c], axis=1)[lower], np.stack([a, c, d], axis=1)[upper]])
-    return _Surface(vertices, faces, texcoord)
+    return _unit(vertices, faces, texcoord)
 
 
-def _tube(slices: int) -> _Surface:
-    """An open cylinder of radius 1 from z = -1 to 1."""
+def _tube(slices: int) -> Shape:
     return _turned(np.ones(2), np.array([-1.0, 1.0]), np.array([1.0, 0.0]), slices)
 
 
-def _disk(slices: int, side: int) -> _Surface:
+def _disk(slices: int, side: int) -> Shape:
     """The end of a cylinder at z = ``side``, facing away from it."""
     flat = _turned(np.array([1.0, 0.0]), np.full(2, float(side)), np.zeros(2), slices)
     faces = flat.faces if side > 0 else flat.faces[:, ::-1]
-    return _Surface(flat.vertices, faces, 0.5 + 0.5 * flat.vertices[:, :2])
+    return _unit(flat.unit, faces, 0.5 + 0.5 * flat.unit[:, :2])
 
 
 def _capsule(slices: int, stacks: int, radius_m: float, half_m: float) -> Shape:
     """A capsule along z: a tube of twice ``half_m`` between two half spheres."""
     half = max(1, stacks // 2)
     share = np.arange(half + 1) / half
-    tube = _tube(slices)
     top = _turned(np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share), 1.0 - share, slices)
-    turned_over = top.texcoord * (1.0, -1.0) + (0.0, 1.0)
-    bottom = _Surface(top.vertices * (1.0, 1.0, -1.0), top.faces[:, ::-1], turned_over)
-    shift = np.array([0.0, 0.0, half_m])
-    unit = _joined([tube, top, bottom])
-    vertices = np.concatenate(
-        [
-            tube.vertices * (radius_m, radius_m, half_m),
-            top.vertices * radius_m + shift,
-            bottom.vertices * radius_m - shift,
-        ]
-    )
-    one = np.array([0.0, 0.0, 1.0])
-    directions = np.concatenate([tube.vertices, top.vertices + one, bottom.vertices - one])
-    return Shape(vertices, unit.faces, directions, unit.texcoord, repeats=True)
+    bottom = _turned(np.cos(np.pi / 2.0 * share), -np.sin(np.pi / 2.0 * share), share, slices)
+    bottom = replace(bottom, faces=bottom.faces[:, ::-1])
+    ends = [
+        replace(end, vertices_m=end.unit * radius_m + shift * half_m, unit=end.unit + shift)
+        for end, shift in ((top, np.array([0.0, 0.0, 1.0])), (bottom, np.array([0.0, 0.0, -1.0])))
+    ]
+    return _joined([_tube(slices).scaled(np.array([radius_m, radius_m, half_m])), *ends])
 
 
-def _joined(pieces: list[_Surface]) -> _Surface:
-    """Several surfaces in one."""
-    offsets = np.cumsum([0] + [len(piece.vertices) for piece in pieces[:-1]])
-    return _Surface(
-        np.concatenate([piece.vertices for piece in pieces]),
+def _joined(pieces: list[Shape]) -> Shape:
+    offsets = np.cumsum([0] + [len(piece.unit) for piece in pieces[:-1]])
+    return Shape(
+        np.concatenate([piece.vertices_m for piece in pieces]),
         np.concatenate([piece.faces + offset for piece, offset in zip(pieces, offsets, strict=True)]),
-        np.concatenate([piece.texcoord for piece in pieces]),
+        np.concatenate([piece.unit for piece in pieces]),
+        np.concatenate([piece.texcoord for piece in pieces if piece.texcoord is not None]),
+        repeats=True,
     )

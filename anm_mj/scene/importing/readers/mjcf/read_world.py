@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool
 
 from anm_mj.errors import SceneError
 from anm_mj.geometry.triangles import FARTHEST_M
@@ -21,6 +21,7 @@ from anm_mj.scene.importing.readers.import_report import ImportReport
 from anm_mj.scene.importing.readers.mjcf.bodies import joints_of, part_names, robot_bodies
 from anm_mj.scene.importing.readers.mjcf.compile_world import compiled, initial_state, up_axis
 from anm_mj.scene.importing.readers.mjcf.cut_ground import (
+    Placement,
     cut_height_field,
     cut_plane,
     cut_slab,
@@ -104,8 +105,6 @@ def read_mjcf(
 
 
 class _Reader:
-    """Gathers the submeshes of one world."""
-
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, groups: Collection[int]) -> None:
         import mujoco
 
@@ -133,11 +132,7 @@ class _Reader:
         """What collides and is no ground."""
 
     def read(self) -> tuple[list[Submesh], list[Submesh]]:
-        """What is drawn and what collides, in the world [m].
-
-        Raises:
-            SceneError: A geom is infinite or far away, or there are too many triangles.
-        """
+        """What is drawn and what collides, in the world [m]."""
         used = self.drawn | self.solid
         self._check_number(np.flatnonzero(used).tolist())
         shapes: dict[int, Shape] = {}
@@ -150,44 +145,39 @@ class _Reader:
         drawn, solid = [], []
         for geom in sorted(shapes):
             name, part = self._names(geom)
-            rotation, position = self._placement(geom)
+            place = self._placement(geom)
             if self.drawn[geom]:
                 for submesh in self._looks.submeshes(geom, shapes[geom], name, part):
-                    drawn.append(transformed(submesh, rotation, position))
+                    drawn.append(transformed(submesh, *place))
             if self.solid[geom]:
                 plain = Submesh(name, shapes[geom].vertices_m, shapes[geom].faces, part=part)
-                solid.append(transformed(plain, rotation, position))
+                solid.append(transformed(plain, *place))
         return drawn, solid
 
     def _add_grounds(self, shapes: dict[int, Shape], grounds: list[int]) -> None:
         """Cut planes, height fields and wide flat boxes to everything else."""
         fields = {geom: shapes.pop(geom) for geom in grounds if geom in shapes}
         slabs = {geom: shapes.pop(geom) for geom in list(shapes) if self._is_slab[geom]}
-        standing = {geom: self._in_world(geom, shape) for geom, shape in shapes.items()}
+        standing = {geom: self._placement(geom).moved(shape) for geom, shape in shapes.items()}
         points = np.concatenate([*standing.values(), np.zeros((0, 3))])
         obstacles = [standing[geom][shapes[geom].faces] for geom in shapes if self.solid[geom]]
         solid = np.concatenate([*obstacles, np.zeros((0, 3, 3))])
         upright, enclosed = ground_box(points[:, self._axes], solid[:, :, self._axes])
         box = upright[:, np.argsort(self._axes)]
         for geom in grounds:
-            rotation, position = self._placement(geom)
+            place = self._placement(geom)
             if geom in fields:
-                cut = cut_height_field(fields[geom], rotation, position, box)
+                cut = cut_height_field(fields[geom], place, box)
             else:
                 half = np.asarray(self._model.geom_size[geom, :2], dtype=np.float64)
-                around = enclosed and surrounds(half, float(rotation[self._axes[2], 2]), upright)
-                cut = cut_plane(half, rotation, position, box, around)
+                around = enclosed and surrounds(half, float(place.rotation[self._axes[2], 2]), upright)
+                cut = cut_plane(half, place, box, around)
             if cut is not None:
                 shapes[geom] = cut
         for geom, shape in slabs.items():
-            shapes[geom] = cut_slab(shape, *self._placement(geom), box)
+            shapes[geom] = cut_slab(shape, self._placement(geom), box)
 
     def _check_number(self, geoms: list[int]) -> None:
-        """Raise unless there is room for the triangles of all geoms, of which many may share one mesh.
-
-        Raises:
-            SceneError: There is not.
-        """
         total = sum(num_triangles(self._model, geom) for geom in geoms)
         if total > MAX_TRIANGLES:
             raise SceneError(
@@ -196,25 +186,14 @@ class _Reader:
             )
 
     def _check_extent(self, geom: int, shape: Shape) -> None:
-        """Raise unless a geom lies where a robot may come to.
-
-        Raises:
-            SceneError: It does not, or is infinite.
-        """
-        _, position = self._placement(geom)
-        if not np.abs(shape.vertices_m).max() + np.abs(position).max() <= FARTHEST_M:
+        if not np.abs(shape.vertices_m).max() + np.abs(self._data.geom_xpos[geom]).max() <= FARTHEST_M:
             raise SceneError(
                 f"The geom {self._names(geom)[0]!r} is infinite, or reaches farther than {FARTHEST_M:g} m: repair its "
                 "size or place."
             )
 
-    def _in_world(self, geom: int, shape: Shape) -> Float64[np.ndarray, "v 3"]:
-        rotation, position = self._placement(geom)
-        return shape.vertices_m @ rotation.T + position
-
-    def _placement(self, geom: int) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
-        """Rotation and position of a geom in the world."""
-        return self._data.geom_xmat[geom].reshape(3, 3), self._data.geom_xpos[geom]
+    def _placement(self, geom: int) -> Placement:
+        return Placement(self._data.geom_xmat[geom].reshape(3, 3), self._data.geom_xpos[geom])
 
     def _names(self, geom: int) -> tuple[str, str]:
         """Names of a geom's submeshes and of its part; a geom of the world itself is a part of its own."""
@@ -231,7 +210,6 @@ class _Reader:
 def _report_left_out(
     model: mujoco.MjModel, names: list[str], robots: Bool[np.ndarray, " b"], report: ImportReport
 ) -> None:
-    """Say what of a world is not imported."""
     for body in np.flatnonzero(robots).tolist():
         if not robots[int(model.body_parentid[body])]:
             report.add(_ROBOT, names[body])
