@@ -15,7 +15,7 @@ from PIL import Image
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.bake_colours import bake_colours
-from anm_mj.scene.importing.readers.gltf_check import even_gltf
+from anm_mj.scene.importing.readers.gltf_file import even_gltf
 from anm_mj.scene.importing.readers.import_limits import check_textures
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.mesh_check import check_mesh_file

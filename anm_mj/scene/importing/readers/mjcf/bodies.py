@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Int
 
+from anm_mj.scene.importing.readers.parsed_scene import Joint
+
 if TYPE_CHECKING:
     import mujoco
 
