@@ -7,7 +7,7 @@ import logging
 import os
 from pathlib import Path
 
-from anm_mj.scene.folder import TOML, XML, Scene, read_scene_folder
+from anm_mj.scene.folder import TOML, XML
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.scene.importing.named_scenes import find_named, is_name
 from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
@@ -37,17 +37,12 @@ def folder_of(name_or_path: str) -> str:
         return str(path.parent)
     out = cache_folder("imported") / f"{path.stem}-{_state_of(path)}"
     if not (out / TOML).is_file():
-        _import(name_or_path, path, out)
+        import_scene(Path(name_or_path), out, name=path.stem)
+        _logger.info(
+            "imported %s as it is; `anm-mj scene import` has options, and keeps the scene where you want it",
+            name_or_path,
+        )
     return str(out)
-
-
-def _import(given: str, path: Path, out: Path) -> Scene:
-    src = Path(given) if is_name(given) else path
-    scene = import_scene(src, out, name=path.stem)
-    _logger.info(
-        "imported %s as it is; `anm-mj scene import` has options, and keeps the scene where you want it", given
-    )
-    return read_scene_folder(scene.folder)
 
 
 def _state_of(path: Path) -> str:

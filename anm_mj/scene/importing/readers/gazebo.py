@@ -118,7 +118,7 @@ class _Reader:
         self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path, part: str
     ) -> None:
         shapes = visual.findall("geometry/*")
-        shape = next(iter(shapes), None)
+        shape = shapes[0] if shapes else None
         if shape is None or shape.tag == "empty" or numbers(visual.find("transparency"), 1, (0.0,))[0] >= 1.0:
             return
         T_world_visual = scope.place_on(visual, T_world_link)
@@ -220,14 +220,12 @@ class _Reader:
         floor = rasterise(clip_to_slab(triangles[level_mask(triangles)], z_m - _SUNK_M, z_m + _SUNK_M), grid)
         if floor.mean() > _COVERED:
             z_m -= _SUNK_M
-        submesh = plane_submesh(
-            (float(high[0] - low[0]), float(high[1] - low[1])), np.array([0.0, 0.0, 1.0]), ground.name
-        )
-        submesh = replace(submesh, part=ground.part)
-        submesh = transformed(submesh, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
-        share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
+        width, depth = (high - low).tolist()
+        plane = plane_submesh((width, depth), np.array([0.0, 0.0, 1.0]), ground.name)
+        plane = transformed(replace(plane, part=ground.part), np.eye(3), np.array([*(low + high) / 2.0, z_m]))
         # The texture keeps its size on the ground.
-        return [with_material(replace(submesh, uv=None if submesh.uv is None else submesh.uv * share), material)]
+        share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
+        return [with_material(replace(plane, uv=None if plane.uv is None else plane.uv * share), material)]
 
 
 def _same_name(submesh: str, wanted: str) -> bool:

@@ -114,11 +114,7 @@ class Scope:
         return self._place(child)
 
     def frame(self, name: str) -> Transform:
-        """T_world_frame of a named frame of this scope; ``model::link`` reaches into a model.
-
-        Raises:
-            SceneError: as :meth:`place`.
-        """
+        """T_world_frame of a named frame of this scope; ``model::link`` reaches into a model; raises as ``place``."""
         if name in _OF_SCOPE:
             return self.T_world_scope
         first, _, rest = name.partition("::")
@@ -126,11 +122,7 @@ class Scope:
         return self.inner(self._named(first)).frame(rest) if rest else self._poses[first]
 
     def place_on(self, child: ET.Element, T_world_parent: Transform) -> Transform:
-        """T_world_child of an element that stands on the frame that its pose names, or else on its parent.
-
-        Raises:
-            SceneError: as :meth:`place`.
-        """
+        """T_world_child of an element on the frame its pose names or on its parent; raises as ``place``."""
         relative_to = _relative_to(child)
         return (self.frame(relative_to) if relative_to else T_world_parent) @ pose_of(child)
 

@@ -59,10 +59,11 @@ def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
 
     if not src.is_file():
         raise SceneError(f"{src} is no file: give the MJCF file of a world.")
-    if not root_tag(src):
+    tag = root_tag(src)
+    if not tag:
         raise SceneError(f"{src} is no XML file: give the MJCF file of a world.")
-    if root_tag(src) not in ("mujoco", "mujocoinclude", "robot"):
-        raise SceneError(f"{src} is no MuJoCo model: it begins with <{root_tag(src)}>, not <mujoco>.")
+    if tag not in ("mujoco", "mujocoinclude", "robot"):
+        raise SceneError(f"{src} is no MuJoCo model: it begins with <{tag}>, not <mujoco>.")
     try:
         with quiet(mujoco.set_mju_user_warning):
             spec = read_spec(src, mujoco.MjSpec.from_file, others=folders, option="--model-path")
@@ -105,6 +106,8 @@ def initial_state(model: mujoco.MjModel, settle: bool) -> mujoco.MjData:
 def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     import mujoco
 
+    kinds = mujoco.mjtWarning
+    divergences = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
     shortest_s, longest_s = TIMESTEPS_S
     if not shortest_s <= model.opt.timestep <= longest_s:
         raise SceneError(
@@ -134,7 +137,7 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
                 f"--settle, or set ANM_MJ_MAX_SETTLE_WORK above {MAX_SETTLE_WORK} if it should take so long."
             )
         # MuJoCo resets a simulation that diverges.
-        if data.time < 0.05 or any(warning.number for warning in _divergences(data)):
+        if data.time < 0.05 or any(data.warning[int(kind)].number for kind in divergences):
             raise SceneError(
                 "The bodies of the world do not come to rest, they fly apart (its simulation is unstable): import it "
                 "without --settle."
@@ -163,10 +166,3 @@ def up_axis(model: mujoco.MjModel) -> Literal["x", "y", "z"]:
     if strength == 0.0 or up[axis] < 0.9 * strength:
         return "z"
     return ("x", "y", "z")[axis]
-
-
-def _divergences(data: mujoco.MjData) -> list:
-    import mujoco
-
-    kinds = mujoco.mjtWarning
-    return [data.warning[int(kind)] for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)]

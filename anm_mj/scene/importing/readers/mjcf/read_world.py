@@ -215,18 +215,17 @@ def _report_left_out(
             report.add(_ROBOT, names[body])
     sites = int(np.count_nonzero((model.site_group <= max(DRAWN_GROUPS)) & (model.site_rgba[:, 3] > 0.0)))
     counted = (
-        (model.nu, "actuator"),
-        (model.ncam, "camera"),
-        (model.nlight, "light"),
-        (sites, "marker (site)"),
-        (model.nflex, "deformable body"),
-        (model.nskin, "skin"),
-        (_drawn_tendons(model), "tendon"),
+        (model.nu, "actuator", "actuators"),
+        (model.ncam, "camera", "cameras"),
+        (model.nlight, "light", "lights"),
+        (sites, "marker (site)", "markers (site)"),
+        (model.nflex, "deformable body", "deformable bodies"),
+        (model.nskin, "skin", "skins"),
+        (_drawn_tendons(model), "tendon", "tendons"),
     )
-    for number, word in counted:
+    for number, one, many in counted:
         if number:
-            plural = word.replace("body", "bodie").replace(" (", "s (") if number > 1 else word
-            report.add(_OTHERS, f"{number} {plural}{'s' if number > 1 and '(' not in word else ''}")
+            report.add(_OTHERS, f"{number} {one if number == 1 else many}")
 
 
 def _drawn_tendons(model: mujoco.MjModel) -> int:
