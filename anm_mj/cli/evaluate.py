@@ -50,7 +50,7 @@ def _evaluate(parsed: argparse.Namespace) -> int:
         with progress_bar(console, "fixed views") as on_progress:
             fixed_views = evaluate_fixed_views(parsed.run, scene=parsed.scene, on_progress=on_progress)
     with ProgressLine(console) as line:
-        metrics = evaluate_run(parsed.run, line.surveying, novel_views, fixed_views)
+        metrics = evaluate_run(parsed.run, line.survey, novel_views, fixed_views)
     print_metrics(console, metrics)
     print_folder(console, parsed.run)
     if parsed.halved_intrinsics:

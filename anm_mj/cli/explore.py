@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from anm_mj.cli.option_types import place, port
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, policies
-from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 
 if TYPE_CHECKING:
     from anm_mj.evaluation.metrics import Metrics
+    from anm_mj.events import Observer
     from anm_mj.io.run_folder import RunFolder
 
 RUN_FAILED = 2
@@ -147,7 +148,7 @@ def _explore(parsed: argparse.Namespace) -> int:
 
         _require_only(parsed, "--resume", _RESUME_OPTIONS)
         policy = None if parsed.policy == DEFAULT_POLICY else parsed.policy
-        return _show(parsed, lambda **watched: resume(parsed.resume, policy=policy, **watched))
+        return _show(parsed, lambda observers: resume(parsed.resume, policy=policy, observers=observers))
     if parsed.scene is None:
         raise ConfigError("No scene is named; give one of anm-mj scene list, a scene folder, or --resume RUN.")
     # A MuJoCo world is compiled before the run begins, and the back-end must be chosen before that.
@@ -170,7 +171,7 @@ def _explore(parsed: argparse.Namespace) -> int:
         continue_from=parsed.continue_from,
         return_to_start=parsed.return_to_start,
     )
-    return _show(parsed, lambda **watched: run(config, out=parsed.out, **watched))
+    return _show(parsed, lambda observers: run(config, out=parsed.out, observers=observers))
 
 
 _RESUME_OPTIONS = ("resume", "policy", "view", "port", "verbose")
@@ -188,12 +189,12 @@ def _require_only(parsed: argparse.Namespace, option: str, allowed: tuple[str, .
             raise ConfigError(f"{option} goes on with the run as it was set up; leave out {given}.")
 
 
-def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metrics]]) -> int:
+def _show(parsed: argparse.Namespace, start: Callable[[list[Observer]], tuple[RunFolder, Metrics]]) -> int:
     """Run, show how it goes, and print the metrics at the end.
 
     Args:
         parsed: the options of the viewer.
-        start: the run, given those who follow it.
+        start: makes the run, given its observers.
     """
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.folder_line import print_folder
@@ -208,50 +209,13 @@ def _show(parsed: argparse.Namespace, start: Callable[..., tuple[RunFolder, Metr
     viewer = _viewer(parsed)
     try:
         with Interrupt(console) as interrupt, ProgressLine(console, details=parsed.verbose) as line:
-            folder, metrics = start(
-                viewer=viewer,
-                stop_requested=interrupt.requested,
-                on_step=_on_step(line, viewer),
-                on_survey=line.surveying,
-                on_end=_on_end(line, viewer),
-            )
+            folder, metrics = start([interrupt, line, *([] if viewer is None else [viewer])])
     finally:
         if viewer is not None:
             viewer.close()
     print_metrics(console, metrics)
     print_folder(console, folder.path)
     return RUN_FAILED if metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR) else 0
-
-
-def _on_step(line: Any, viewer: Any) -> Any:
-    """What is told after every step: the terminal, and the page where there is one."""
-
-    def tell(report: Any, recorder: Any, num_steps: int) -> None:
-        line.update(report, recorder, num_steps)
-        if viewer is not None:
-            viewer.progress(report.step, num_steps, _completed(recorder.completion))
-
-    return tell
-
-
-def _on_end(line: Any, viewer: Any) -> Any:
-    """What is told at the end of the loop: the terminal, and the page where there is one."""
-
-    def tell(outcome: Any) -> None:
-        line.finishing(outcome.num_steps)
-        if viewer is not None:
-            viewer.ended(f"The run has ended after {outcome.num_steps} steps: {outcome.stop_reason}.")
-
-    return tell
-
-
-def _completed(row: Any) -> str:
-    """The headline metric in words; empty where it was not measured yet."""
-    if row is None:
-        return ""
-    if row.observable_ratio is not None:
-        return f"{row.observable_ratio:.1f} % of the observable surface"
-    return f"{row.completion_ratio:.1f} % of the surface"
 
 
 def _policies() -> list[str]:

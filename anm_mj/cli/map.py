@@ -13,8 +13,6 @@ from anm_mj.planning.policies.registry import DEFAULT_POLICY
 
 TALLEST_M = 100.0
 """No robot is higher [m]."""
-PLAIN_EVERY = 50
-"""Frames between two printed lines, if the output is no terminal."""
 
 
 def add_map(commands: Any) -> None:
@@ -76,7 +74,7 @@ def add_map(commands: Any) -> None:
 def _map(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.folder_line import print_folder
-    from anm_mj.cli.progress import Interrupt
+    from anm_mj.cli.progress import FrameLine, Interrupt
     from anm_mj.config import ConfigError, make_config
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
     from anm_mj.map_sequence import map_sequence
@@ -113,32 +111,12 @@ def _map(parsed: argparse.Namespace) -> int:
         highlight=False,
         soft_wrap=True,
     )
+    footprint = Footprint(parsed.radius, 0.05, parsed.height)
     with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
-
-        def show(done: int, total: int, plan: Any) -> None:
-            on_progress(done, total)
-            if not console.is_terminal and (done % PLAIN_EVERY == 0 or done == total):
-                console.print(f"frame {done}/{total}{_intent(plan)}", highlight=False, soft_wrap=True)
-
-        folder = map_sequence(
-            sequence,
-            config,
-            Footprint(parsed.radius, 0.05, parsed.height),
-            out=parsed.out,
-            shadow=parsed.shadow,
-            stop_requested=interrupt.requested,
-            on_frame=show,
-        )
+        observers = (FrameLine(console, on_progress), interrupt)
+        folder = map_sequence(sequence, config, footprint, out=parsed.out, shadow=parsed.shadow, observers=observers)
     print_folder(console, folder.path)
     return 0
-
-
-def _intent(plan: Any) -> str:
-    """What the policy would have done."""
-    if plan is None:
-        return ""
-    target = "would stay" if plan.target_xy_m is None else "would go to ({:.2f}, {:.2f})".format(*plan.target_xy_m)
-    return f": {target}: {plan.reason}"
 
 
 def _topics(words: list[str]) -> dict[str, str]:

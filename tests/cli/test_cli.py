@@ -194,7 +194,7 @@ def test_a_close_name_is_proposed(capsys, words, meant):
 
 
 FAULTY = """
-from anm_mj.planning.policies.random_walk.policy import RandomWalk
+from anm_mj.planning.policies.random_walk import RandomWalk
 
 
 class Faulty(RandomWalk):
