@@ -92,6 +92,12 @@ class TrackingConfig:
     """Training iterations on each of the first frames, which decide all later drift."""
     iterations: int = setting(5, at_most=10_000)
     """Training iterations on later ones."""
+    keyframe_every: int = setting(5, at_most=1e9)
+    """Each n-th mapped frame becomes a keyframe."""
+    fresh_keyframe_every: int = setting(2, at_most=1e9)
+    """Each n-th of the first frames, and of those that show much new surface."""
+    familiar: float = setting(0.9, at_least=0.0, at_most=1.0)
+    """A frame of whose points a smaller share is known shows much new surface."""
     current_rays: int = setting(100, at_least=1, at_most=65_536)
     """Rays per iteration from the frame at hand at most: with too many the map follows the error of its pose."""
 

@@ -71,6 +71,7 @@ class FieldLocaliser:
         self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
         self._num_frames = 0
         self._num_mapped = 0
+        self._since_keyframe = 0
         self._misfits = 0
         """Frames in a row that did not fit."""
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
@@ -117,11 +118,21 @@ class FieldLocaliser:
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
 
     def effort(self, estimate: PoseEstimate) -> TrainingEffort:
-        """How much to train on a usable frame: more on the first ones; see the protocol."""
+        """How much to train on a usable frame; see the protocol.
+
+        The first frames decide all later drift: they are trained on longer. Frames that show much that the map does not
+        know yet become keyframes sooner, or the next frame would be registered to what only one batch has shown.
+        """
         self._num_mapped += 1
         tracking = self.config.tracking
         young = self._num_mapped <= tracking.young_frames
-        return TrainingEffort(tracking.young_iterations if young else tracking.iterations, tracking.current_rays)
+        fresh = young or estimate.quality.known < tracking.familiar
+        self._since_keyframe += 1
+        is_keyframe = self._since_keyframe >= (tracking.fresh_keyframe_every if fresh else tracking.keyframe_every)
+        if is_keyframe:
+            self._since_keyframe = 0
+        iterations = tracking.young_iterations if young else tracking.iterations
+        return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""
