@@ -12,3 +12,5 @@ class TrainingEffort(NamedTuple):
     """Training iterations."""
     current_rays: int
     """Rays per iteration from the frame at hand, at most; the others come from keyframes."""
+    is_keyframe: bool | None = None
+    """Whether the frame is kept for replay; None = as the schedule says."""

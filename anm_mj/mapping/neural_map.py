@@ -128,7 +128,8 @@ class NeuralMap:
             return MapUpdate(math.nan, 0, len(self._keyframes))
         self._fit_table()
         first = self._num_frames == 0
-        if self._num_frames % schedule.keyframe_every == 0:
+        is_keyframe = None if effort is None or first else effort.is_keyframe
+        if self._num_frames % schedule.keyframe_every == 0 if is_keyframe is None else is_keyframe:
             self._keyframes.add(observation, self._rng, self._replay_weight(observation))
             if self._former is not None:
                 self._former.forget_contradicted(self._keyframes, self._occupancy.grid, self._occupancy.corner)
