@@ -20,8 +20,7 @@ from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odom
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, register
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.effort import TrainingEffort
-from anm_mj.types import Observation, Pose2
+from anm_mj.types import Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap

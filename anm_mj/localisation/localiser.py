@@ -9,8 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.mapping.effort import TrainingEffort
-from anm_mj.types import Observation
+from anm_mj.types import Observation, TrainingEffort
 
 
 class TrackingState(StrEnum):

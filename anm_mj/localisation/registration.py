@@ -19,7 +19,9 @@ from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
 Aligner = Callable[[FramePoints, Float[np.ndarray, "4 4"], AlignSettings], NormalEquations]
 """What compares a frame with the field, as :meth:`anm_mj.mapping.backends.backend.MapperBackend.align`."""
-Extra = Callable[[FramePoints, Float[np.ndarray, "4 4"], float], tuple[Float64[np.ndarray, "6 6"], Float64[np.ndarray, "6"]]]
+Extra = Callable[
+    [FramePoints, Float[np.ndarray, "4 4"], float], tuple[Float64[np.ndarray, "6 6"], Float64[np.ndarray, "6"]]
+]
 """Further normal equations of a frame's points at a pose, with the width of the kernel in standard deviations."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
@@ -59,16 +61,12 @@ class Registration:
 
 
 def register(
-<<<<<<< HEAD
-    points: FramePoints, prior: Prior, align: Aligner, known: Known, config: RegistrationConfig
-=======
     points: FramePoints,
     prior: Prior,
     align: Aligner,
     known: Known,
     config: RegistrationConfig,
     extra: Extra | None = None,
->>>>>>> loc
 ) -> Registration:
     """The most likely pose of a frame, starting from its prior.
 
@@ -100,18 +98,8 @@ def register(
         if iteration in (0, config.recheck_after):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
-<<<<<<< HEAD
-        settings = config.settings(share)
-        equations = align(trusted, T, settings)
-        hessian = basis.T @ (config.information * (equations.hessian[0] + equations.hessian[1])) @ basis
-        gradient = basis.T @ (config.information * (equations.gradient[0] + equations.gradient[1]))
-        offset = (
-            np.linalg.pinv(basis) @ camera_motion(prior.T_world_camera, T) if iteration else np.zeros(basis.shape[1])
-        )
-=======
         equations, hessian, gradient = sums(T, share)
         offset = basis.T @ camera_motion(prior.T_world_camera, T) if iteration else np.zeros(basis.shape[1])
->>>>>>> loc
         change = np.linalg.solve(hessian + information, -(gradient + information @ offset))
         step = basis @ change
         T = moved_camera(T, step)

@@ -16,7 +16,7 @@ from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
 
 DRIVES = ("kinematic", "physics")
-POSES = ("true", "odometry")
+POSES = ("true", "odometry", "slam")
 LARGEST_SEED = 2**63 - 1
 
 
