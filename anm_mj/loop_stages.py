@@ -60,7 +60,7 @@ def learn(
             if estimate is None or localiser is None:
                 update = mapper.integrate(observation)
             elif estimate.usable:
-                update = mapper.integrate(observation, localiser.effort(estimate))
+                update = localiser.integrate(estimate)
             else:
                 update = UNTRAINED
     except MapError as err:

@@ -24,7 +24,6 @@ from anm_mj.types import (
     Pose2,
     SurfaceErrors,
     SurfacePoints,
-    TrainingEffort,
     Twist,
     VoxelGrid,
 )
@@ -99,8 +98,8 @@ class Drive(Protocol):
 class Mapper(Protocol):
     """The map of the scene, learnt online: a neural field and an occupancy grid."""
 
-    def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
-        """Add an observation and train, with the given effort or as the schedule says."""
+    def integrate(self, observation: Observation) -> MapUpdate:
+        """Add an observation and train for the iterations that the schedule sets."""
         ...
 
     @property

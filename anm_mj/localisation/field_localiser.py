@@ -20,7 +20,7 @@ from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odom
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, register
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.types import Observation, Pose2, TrainingEffort
+from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
@@ -122,8 +122,12 @@ class FieldLocaliser:
         self._covariance = found.covariance
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
 
+    def integrate(self, estimate: PoseEstimate) -> MapUpdate:
+        """Take a usable frame into the map; see the protocol."""
+        return self._map.integrate(estimate.observation, self.effort(estimate))
+
     def effort(self, estimate: PoseEstimate) -> TrainingEffort:
-        """How much to train on a usable frame; see the protocol.
+        """How much to train on a usable frame.
 
         The first frames decide all later drift: they are trained on longer. Frames that show much that the map does not
         know yet become keyframes sooner, or the next frame would be registered to what only one batch has shown.

@@ -15,7 +15,6 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.types import TrainingEffort
 from anm_mj.mapping.expected_error import EXPONENT, reducible_error_m
 from anm_mj.mapping.field_geometry import FieldGeometry
 from anm_mj.mapping.former_surface import FormerSurface
@@ -37,6 +36,7 @@ from anm_mj.types import (
     SurfaceChange,
     SurfaceErrors,
     SurfacePoints,
+    TrainingEffort,
     VoxelGrid,
 )
 
