@@ -6,6 +6,7 @@ Each limit is an environment variable, which the message names, for those who kn
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -73,12 +74,12 @@ def check_spread(src: Path, triangles_m: Float[np.ndarray, "f 3 3"]) -> None:
         )
 
 
+@dataclass
 class TriangleBudget:
     """Counts the triangles of a world or scene, which may place one mesh any number of times."""
 
-    def __init__(self, src: Path) -> None:
-        self._src = src
-        self._triangles = 0
+    _src: Path
+    _triangles: int = 0
 
     def spend(self, submesh: Submesh) -> None:
         """Count a copy of a submesh before it is made; raises LimitError if there are too many triangles with it."""

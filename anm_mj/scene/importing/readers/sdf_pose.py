@@ -86,13 +86,10 @@ class Scope:
     """The frames of a model or of the world, by name, and where they stand in the world."""
 
     def __init__(self, element: ET.Element, T_world_scope: Transform, states: dict[str, Transform], path: str) -> None:
-        """The scope of an element.
+        """The scope of a <world> or <model>.
 
-        Args:
-            element: The <world> or <model>.
-            T_world_scope: Where it stands.
-            states: Poses in the world of models and links by path ("model::nested::link"), from <state>.
-            path: The element's own path; empty for the world.
+        ``states`` are poses in the world of models and links by path ("model::nested::link"), from <state>; ``path``
+        is the element's own, empty for the world.
         """
         self.element = element
         self.T_world_scope = T_world_scope

@@ -31,12 +31,8 @@ _SIZES = {
 def shape_submesh(shape: ET.Element, name: str, outlines: Sequence[ET.Element] = ()) -> Submesh | None:
     """The submesh of a shape element of SDF (<box>, <sphere>, ...), or None if it is no simple shape or has no size.
 
-    Boxes have texture coordinates from 0 to 1 on every face.
-
-    Args:
-        shape: The element.
-        name: Of the submesh.
-        outlines: Further <polyline> elements of the same geometry.
+    Boxes have texture coordinates from 0 to 1 on every face; ``outlines`` are further <polyline> elements of the same
+    geometry.
 
     Raises:
         SceneError: if its measures are no numbers.

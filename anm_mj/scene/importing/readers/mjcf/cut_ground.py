@@ -78,13 +78,7 @@ def _is_enclosed(
 
 
 def _are_walls_around(solid: Bool[np.ndarray, "rows cols"], side_m: float, cell_m: float) -> bool:
-    """Whether obstacles enclose the room in a grid.
-
-    Args:
-        solid: where they stand.
-        side_m: longer side of the grid [m].
-        cell_m: size of its cells [m].
-    """
+    """Whether obstacles enclose the room in a grid whose longer side is ``side_m`` long."""
     if not solid.any():
         return False
     rim = max(2, round(0.05 * side_m / cell_m))
