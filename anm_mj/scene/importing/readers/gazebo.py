@@ -36,8 +36,7 @@ _WIDE_M = 20.0
 """A level plane wider than this is the ground [m]."""
 _COVERED = 0.5
 _SUNK_M = 0.02
-"""A ground plane lies so much lower where a floor of the world's own covers most of it, so that the two do not flicker
-through one another [m]."""
+"""A ground plane is lowered by this where a floor of the world covers most of it: coplanar surfaces flicker [m]."""
 
 _FALLEN = "Left out, because they lie more than 1 km away: {names}."
 _SCALED = "Not applied: the scale in the saved state of {names}."

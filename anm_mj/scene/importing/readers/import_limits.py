@@ -26,7 +26,7 @@ MAX_SPREAD_KM = limit("ANM_MJ_MAX_SPREAD_KM", 250)
 """Largest sum of what triangles extend along one axis beyond a few centimetres [km]."""
 
 _COPY_TRIANGLES = 500
-"""A copy of a mesh takes as much time as so many triangles, however small it is."""
+"""Cost of copying a mesh, however small it is, in triangles."""
 _NEAR_M = 0.05
 """Triangles that extend less cover a cell or two of every grid [m]."""
 

@@ -19,7 +19,7 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 """Mesh files that can be read."""
 
 _HEAD_BYTES = 65536
-"""The header of a PLY file ends within so many bytes; in an STL file of text, the first triangle begins there."""
+"""The header of a PLY file ends, and the first triangle of an ASCII STL file begins, within this many bytes."""
 _STL_HEAD, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL file before its triangles, and of each."""
 _PLY_CORNERS = ("vertex_indices", "vertex_index")

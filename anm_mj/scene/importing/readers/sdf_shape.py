@@ -15,7 +15,7 @@ from anm_mj.scene.importing.readers.sdf_pose import numbers
 from anm_mj.scene.submesh import Submesh
 
 _SECTIONS = 32
-"""A round shape gets so many faces around."""
+"""Faces around a round shape."""
 _SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 _SIZES = {
     "sphere": (("radius", 1),),

@@ -161,7 +161,7 @@ def _turned(
     radius: Float64[np.ndarray, " n"], z: Float64[np.ndarray, " n"], v: Float64[np.ndarray, " n"], slices: int
 ) -> Shape:
     """The surface of a profile, from its lower to its upper end, turned about z; u runs round."""
-    # Where u ends and begins anew, vertices are double.
+    # Vertices are double at the seam of u.
     azimuth = 2.0 * np.pi * (np.arange(slices + 1) % slices) / slices
     ring = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     shape = (len(z), slices + 1, 1)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import mujoco
 
 DRAWN_GROUPS = (0, 1, 2)
-"""Geom groups that MuJoCo draws unless told otherwise."""
+"""Geom groups that MuJoCo draws by default."""
 
 _AXES = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}
 _UPRIGHT = 0.1
