@@ -79,10 +79,9 @@ def read_mjcf(
     reader = _Reader(model, data, groups)
     _report_left_out(model, reader.names, reader.robots, report)
     free = [body for body in free_bodies(model) if not reader.robots[body]]
-    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free) if movable else ()
-    if free and not movable:
-        for body in free:
-            report.add(_FREE, reader.names[body])
+    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free if movable)
+    for body in free if not movable else ():
+        report.add(_FREE, reader.names[body])
     drawn, solid = reader.read()
     if not drawn:
         shown = ", ".join(map(str, sorted(groups)))
