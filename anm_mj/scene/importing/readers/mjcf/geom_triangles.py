@@ -192,8 +192,9 @@ def _capsule(slices: int, stacks: int, radius_m: float, half_m: float) -> Shape:
     """A capsule along z: a tube of twice ``half_m`` between two half spheres."""
     half = max(1, stacks // 2)
     share = np.arange(half + 1) / half
-    top = _turned(np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share), 1.0 - share, slices)
-    bottom = _turned(np.cos(np.pi / 2.0 * share), -np.sin(np.pi / 2.0 * share), share, slices)
+    v = 1.0 - share
+    top = _turned(np.cos(np.pi / 2.0 * share), np.sin(np.pi / 2.0 * share), v, slices)
+    bottom = _turned(np.cos(np.pi / 2.0 * share), -np.sin(np.pi / 2.0 * share), 1.0 - v, slices)
     bottom = replace(bottom, faces=bottom.faces[:, ::-1])
     ends = [
         replace(end, vertices_m=end.unit * radius_m + shift * half_m, unit=end.unit + shift)
