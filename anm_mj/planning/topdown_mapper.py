@@ -17,11 +17,11 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 
+from anm_mj import _native
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.borders import BorderPoints
 from anm_mj.planning.change_reader import ChangeReader
 from anm_mj.planning.distance_transform import capped_distance_cells
-from anm_mj.planning.enclosed_holes import enclosed_holes
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
 from anm_mj.planning.planning_config import PlanningConfig
@@ -213,7 +213,9 @@ class TopDownMapper:
         layers = self._layers
         around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < self._enough(grid)
-        holes = enclosed_holes(unknown, self.config.hole_area_m2 / grid.resolution_m**2)
+        holes = np.zeros_like(unknown)
+        max_cells = self.config.hole_area_m2 / grid.resolution_m**2
+        _native.small_components(unknown.view(np.uint8), max_cells, holes.view(np.uint8))
         inner = relative_to(window, around)
         state = np.where(unknown[inner] & ~holes[inner], np.int8(UNKNOWN), np.int8(FREE))
         state[layers.near_trajectory[window]] = FREE

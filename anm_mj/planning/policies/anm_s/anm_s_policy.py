@@ -36,11 +36,11 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates
-from anm_mj.planning.policies.anm_s.contracted_edges import components
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
 from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
@@ -257,7 +257,7 @@ class AnmS:
         if not self._rotated:
             self._rotated = True
             return _rotation(f"{what}: another full rotation", FULL_ROTATION)
-        num_parts = len(np.unique(components(now.graph)[~reached]))
+        num_parts = len(np.unique(connected_components(now.graph.edges, len(reached))[~reached]))
         if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now)[0]) and self.stages.drop_margin()):
             return _rotation(f"{what}: {TRY_AGAIN}", 1)
         complete = reachable and not self.stages.is_cut_off(reached)

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.planning.policies.anm_s.contracted_edges import contract
 from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
 from anm_mj.planning.policies.anm_s.graph_rooms import segment_rooms
 from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
@@ -56,7 +55,7 @@ class RegionStages(Stages):
         with now.watch.stage("rooms"):
             frontier = traversable_frontier(now.topdown, self.safe_m)
             kept = prune_spurs(graph, borders_unknown(graph, frontier))
-            decisions = decision_vertices(graph, contract(graph, kept))
+            decisions = decision_vertices(graph, kept)
             room = np.full(len(graph.vertex_xy_m), -1)
             if self._with_rooms:
                 room = segment_rooms(graph, now.topdown, self.topdown.trajectory_xy_m[0]).room

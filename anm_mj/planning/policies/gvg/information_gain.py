@@ -22,15 +22,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from anm_mj import _native
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
-from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.planning.policies.gvg.pooling import POOL
-from anm_mj.planning.policies.gvg.ray_cache import RayCache
-from anm_mj.planning.policies.gvg.ray_casting import GainRule, Rays, unknown_gains
+from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
+from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
 from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, SurfaceErrors, VoxelGrid
 
@@ -208,15 +207,11 @@ class InformationGain:
     def _ray_gains(self, rays: Rays) -> Float32[np.ndarray, "n rays"]:
         """Expected new surface of each ray [m2]."""
         occupancy, config = self.occupancy, self._config
-        rule = GainRule(
-            cell_m=occupancy.cell_m,
-            max_depth_m=config.max_unknown_depth_m,
-            range_m=self.range_m,
-            suppressed_share=config.suppressed_share,
-            solid_angle=self._rays.solid_angle,
-        )
-        distance_m = self._rays.distance_m
-        gain_m2 = unknown_gains(rays, distance_m, occupancy.layer_share, occupancy.tried_from_m, rule)
+        limits = config.max_unknown_depth_m, self.range_m, config.suppressed_share
+        rule = np.array([occupancy.cell_m, *limits, self._rays.solid_angle], np.float32)
+        gain_m2 = np.empty(rays.hit.shape, np.float32)
+        # Zero where a ray does not end in the unknown.
+        _native.ray_gains(*rays, self._rays.distance_m, occupancy.layer_share, occupancy.tried_from_m, rule, gain_m2)
         if self._improvement is not None:
             at = np.nonzero(rays.state == OCCUPIED)
             distance_m = self._rays.distance_m[rays.sample[at]]
