@@ -55,12 +55,7 @@ class TopDownMapper:
     """Keeps the top-down map up: columns from occupancy, minimum SDF beside surfaces inside the horizon."""
 
     def __init__(self, config: PlanningConfig, footprint: Footprint):
-        """Start with an empty map.
-
-        Args:
-            config: the planner's settings.
-            footprint: the body whose heights decide.
-        """
+        """Start with an empty map for a body."""
         self.config = config
         self.footprint = footprint
         self.trajectory_xy_m: list[Float[np.ndarray, 2]] = []
@@ -89,8 +84,8 @@ class TopDownMapper:
     def shrink_collisions(self) -> bool:
         """Draw the obstacles that collisions left as small as they may be, from now on; whether this may open a path.
 
-        What the robot met is often smaller than what is drawn to keep it from bumping into it again. Where that closes
-        the only way on, passing beside it is worth a try.
+        What the robot met is often smaller than what keeps it from bumping into it again, which may close the only way
+        on.
         """
         if not self._collisions_xy_m or self._collision_cells == SMALL_COLLISION_CELLS:
             return False

@@ -102,11 +102,7 @@ class InformationGain:
     ) -> None:
         """Count from now on what views improve of surface that is known already.
 
-        Args:
-            errors: how well the map knows its surface.
-            centre_xy_m: the errors are those within ``radius_m`` of this place [m].
-            radius_m: elsewhere, what was known before stays [m].
-            focal_px: focal length of the camera [px].
+        The errors are those within ``radius_m`` of a place; elsewhere, what was known before stays.
         """
         if self._improvement is None:
             self._improvement = ExpectedImprovement(focal_px, self.occupancy.cell_m / POOL)
@@ -125,9 +121,8 @@ class InformationGain:
     def suppress(self, cells: Int[np.ndarray, " n"], distance_m: Float[np.ndarray, " n"]) -> None:
         """Expect those of some cells that are unknown only from clearly nearer than given distances.
 
-        Args:
-            cells: flat indices into the occupancy.
-            distance_m: from how far a view had each cell in sight, or should have had it [m].
+        Cells are flat indices into the occupancy; ``distance_m`` is from how far a view had each in sight, or should
+        have had it.
         """
         tried = self.occupancy.tried_from_m.reshape(-1)
         nearer = (self.occupancy.state.ravel()[cells] == UNKNOWN) & (distance_m < TRIAL_STEP * tried[cells])
@@ -145,11 +140,7 @@ class InformationGain:
         return np.column_stack((self.occupancy.centres(cells), tried_m[cells]))
 
     def take_tried(self, tried: Float[np.ndarray, "n 4"]) -> None:
-        """Expect as little of cells as a former run did; the map must hold that run already.
-
-        Args:
-            tried: as :attr:`tried` was at its end.
-        """
+        """Expect as little of cells as a prior run did (:attr:`tried`); the map must hold that run already."""
         inside = self.occupancy.contains(tried[:, :3])
         self.suppress(self.occupancy.flat_index(tried[inside, :3]), tried[inside, 3])
 
@@ -158,9 +149,7 @@ class InformationGain:
     ) -> Float[np.ndarray, "n azimuths"]:
         """Expected new surface in each azimuth sector of places [m2], for their squares from the cache where possible.
 
-        Args:
-            places_xy_m: the places [m].
-            fresh: compute all gains anew, at exactly these places.
+        With ``fresh``, all gains are computed anew, at exactly these places.
         """
         if self._changed is not None:
             low, high = self._changed
@@ -175,12 +164,7 @@ class InformationGain:
         return gain_m2
 
     def best_view_gains(self, places_xy_m: Float[np.ndarray, "n 2"], *, fresh: bool = False) -> Float[np.ndarray, " n"]:
-        """Gain of the best view at each place [m2].
-
-        Args:
-            places_xy_m: the places [m].
-            fresh: whether to compute all gains anew.
-        """
+        """Gain of the best view at each place [m2]; see :meth:`sector_gains`."""
         return view_gains(self.sector_gains(places_xy_m, fresh=fresh), 2 * self.view_side + 1).max(axis=1)
 
     def ray_gains(
@@ -237,12 +221,7 @@ class InformationGain:
 
 
 def view_gains(sector_gain_m2: Float[np.ndarray, "n azimuths"], width: int) -> Float[np.ndarray, "n azimuths"]:
-    """Gain of the view that begins at each azimuth sector and covers the next ones in its field of view [m2].
-
-    Args:
-        sector_gain_m2: gain of each sector [m2].
-        width: sectors that a view covers.
-    """
+    """Gain of the view that begins at each azimuth sector and covers ``width`` of them [m2]."""
     start = np.zeros((len(sector_gain_m2), 1))
     total = np.cumsum(np.concatenate([start, sector_gain_m2, sector_gain_m2[:, : width - 1]], axis=1), axis=1)
     return np.maximum(total[:, width:] - total[:, :-width], 0.0)

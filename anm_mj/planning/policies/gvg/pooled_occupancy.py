@@ -32,11 +32,7 @@ class PooledOccupancy:
     """Cells ``[layer, row, col]``: free, occupied, unknown, or 2: known to hold no new surface, without being free."""
 
     def __init__(self, rim_m: float) -> None:
-        """Start empty.
-
-        Args:
-            rim_m: width of the rim of unknown around what was observed [m].
-        """
+        """Start empty; the rim of unknown around what was observed is this wide [m]."""
         self.rim_m = rim_m
         self.cell_m = 0.0
         self.origin_m = np.zeros(3)

@@ -49,14 +49,7 @@ class RayCache:
     """Casts rays and remembers them as long as the cells they hit keep their state."""
 
     def __init__(self, occupancy: PooledOccupancy, *, camera: FieldOfView, range_m: float, num_elevations: int) -> None:
-        """Start empty.
-
-        Args:
-            occupancy: the grid that rays run through; it may change and grow.
-            camera: the height that rays start from, and their elevations.
-            range_m: length of the rays [m].
-            num_elevations: elevations within the camera's vertical field of view.
-        """
+        """Start empty; rays of this length run from the height of the camera at elevations within its view."""
         self._occupancy = occupancy
         self._camera_height_m = camera.height_m
         self._range_m = range_m
