@@ -14,8 +14,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import tyro
@@ -32,7 +31,6 @@ from anm_mj.planning.policies.anm_s.spurs import prune_spurs
 from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
-from anm_mj.protocols import Mapper
 from anm_mj.scene.generation.layout import Style
 from anm_mj.scene.generation.topdown import topdown as generated
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
@@ -211,8 +209,8 @@ def _topdown(plan: Plan, pose: Pose2) -> TopDownMap:
         row, col = world_to_cell(points_m[:, :2], np.zeros(2), CELL_M).T
         return np.where(plan.obstacles[row, col], np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
 
-    known = SimpleNamespace(occupancy=VoxelGrid(state, seen, np.zeros(3), CELL_M), sdf=sdf, truncation_m=TRUNCATION_M)
-    return TopDownMapper(CONFIG, DEFAULT_FOOTPRINT).update(cast(Mapper, known), pose, CAMERA)[0]
+    grid = VoxelGrid(state, seen, np.zeros(3), CELL_M)
+    return TopDownMapper(CONFIG, DEFAULT_FOOTPRINT).update(grid, sdf, TRUNCATION_M, pose, CAMERA)[0]
 
 
 if __name__ == "__main__":
