@@ -174,33 +174,3 @@ class Continues(Protocol):
     def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
         """Take over what a former run explored, before the first observation; the mapper holds its map."""
         ...
-
-
-@runtime_checkable
-class Recorder(Protocol):
-    """Records a run while it goes on."""
-
-    def observation(self, observation: Observation) -> None:
-        """Record an observation; the first one comes before any action."""
-        ...
-
-    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """Record an executed action and the pose after it."""
-        ...
-
-    def plan(self, step: int, plan: Plan) -> None:
-        """Record a decision."""
-        ...
-
-
-@runtime_checkable
-class Viewer(Protocol):
-    """Shows a run while it goes on."""
-
-    def show(self, observation: Observation, mapper: Mapper, plan: Plan | None) -> None:
-        """Show the present state; returns quickly and never stops the run."""
-        ...
-
-    def close(self) -> None:
-        """Free ports and processes."""
-        ...

@@ -4,7 +4,7 @@ A frame that cannot be true is handed on without depth: one without any, a black
 that repeats the last although the robot moved, one of another shape, one without a pose. The map and the policies then
 learn nothing from it. So many of them in a row end the run. Single pixels that nothing beside them agrees with are left
 out, and a jump of the pose is undone where the map says that the robot did not jump
-(:mod:`anm_mj.localisation.pose_check`).
+(:mod:`anm_mj.sensing.pose_check`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from anm_mj.localisation.pose_check import PoseCheck
 from anm_mj.sensing.outliers import MANY_OUTLIERS, outliers
+from anm_mj.sensing.pose_check import PoseCheck
 from anm_mj.types import Action, Intrinsics, Observation, SdfQuery
 
 _logger = logging.getLogger(__name__)
@@ -82,6 +82,7 @@ class SensorMonitor:
         action: Action | None = None,
         moved: bool = False,
         sdf_m: SdfQuery | None = None,
+        judges_pose: bool = True,
     ) -> Observation:
         """Take a frame in.
 
@@ -90,6 +91,7 @@ class SensorMonitor:
             action: what the robot did since the last one; None for nothing, or unknown.
             moved: whether it moved, or turned, by that.
             sdf_m: signed distance of the map before this frame, which judges a jump of the pose [m]; None: nobody does.
+            judges_pose: whether a pose that is not where the action led is a jump; False where localisation judges it.
 
         Returns:
             The frame as far as it can be believed: with a pose, without outliers, without any depth where it is faulty.
@@ -114,7 +116,8 @@ class SensorMonitor:
         if not self._count(BLACK, not black or not self._has_colour or faulty, observation):
             faulty = True
         self._last = raw
-        observation = self._pose.check(observation, action if moved else None, None if faulty else sdf_m)
+        judge = None if faulty else sdf_m
+        observation = self._pose.check(observation, action if moved else None, judge, judges=judges_pose)
         if faulty:
             return replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
         return self._without_outliers(observation)

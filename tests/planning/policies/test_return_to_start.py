@@ -6,8 +6,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from anm_mj.control.follow import Follower
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
+from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.return_to_start import Returning

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from anm_mj.planning.policies.context import PolicyConfig
-from anm_mj.utils.settings import moved_from, setting
+from anm_mj.utils.settings import setting
 
 TARGETS = ("hierarchical", "best-anchored", "random")
 """How the policy chooses: local horizon first, then near to far; the most uncertain region; any unvisited vertex."""
@@ -46,7 +45,3 @@ class AnmSConfig(PolicyConfig):
     well_in_view_deg: float = setting(30.0, below=180.0)
     """A region less than this off the camera's axis is well in view [deg]; in views narrower than 90 degrees less in
     proportion."""
-
-    FORMER_NAMES: ClassVar[dict[str, str]] = {"planning.gain_range_m": "seen_well_m"} | moved_from(
-        "planning", "target", "visibility_guidance", "bootstrap_turns", "visited_by", "visited_radius_m"
-    )

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from anm_mj.planning.policies.context import PolicyConfig
-from anm_mj.utils.settings import moved_from, setting
+from anm_mj.utils.settings import setting
 
 AS_MANY_AS_NEEDED = -1
 """Turns of the first rotation: the camera's field of view decides."""
@@ -87,16 +86,3 @@ class GvgConfig(PolicyConfig):
     """The plan is reused while the target's view still expects this share of its gain."""
     max_plan_reuse: int = 8
     """After so many reuses of a plan a full decision is due."""
-
-    FORMER_NAMES: ClassVar[dict[str, str]] = {
-        "planning.gvg_bootstrap_turns": "bootstrap_turns",
-        "planning.lull_share": "stagnation_share",
-        "planning.lull_gain_m2": "stagnation_gain_m2",
-        "planning.news_m2": "replan_gain_m2",
-        "planning.keep_decisions": "max_plan_reuse",
-    } | moved_from(
-        "planning",
-        *("gain_range_m", "num_elevations", "candidate_spacing_m", "shortlist_spacing_m"),
-        *("max_candidates", "tour_depth", "tour_width", "discount_steps", "min_gain_m2", "min_rate_m2"),
-        *("poor_target_m2", "patience_targets", "large_gain_m2", "hysteresis", "replan_steps"),
-    )

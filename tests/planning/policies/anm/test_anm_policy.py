@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.control.follow import Follower
+from anm_mj.control.path_follower import Follower
 from anm_mj.planning.policies.anm.anm_config import AnmConfig
 from anm_mj.planning.policies.anm.anm_policy import Anm, _cut_end
 from anm_mj.planning.policies.context import PolicyContext
