@@ -15,7 +15,8 @@ import tyro
 from msgspec import Struct
 
 from anm_mj.bench.executor import RESULT
-from anm_mj.bench.run_result import OBSERVABLE, Result, read_result
+from anm_mj.bench.read_result import read_result
+from anm_mj.bench.run_result import OBSERVABLE, Result
 from anm_mj.cli.script import run_script
 from anm_mj.errors import AnmError
 from anm_mj.io.jsonl import read_jsonl
@@ -47,7 +48,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
     for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
         result = read_result(path.parent)
         job = result.job
-        key = result.variant, (job["scene_name"], job["steps"], job["start"], job["seed"])
+        key = result.variant, (job.scene_name, job.steps, job.start, job.seed)
         found[key], folder[key] = result, path.parent
     both = [key for name, key in found if name == policy and (other, key) in found]
     if not both:
@@ -108,7 +109,7 @@ def _end(result: Result) -> str:
             f"{result.folder / 'metrics.json'} lacks {missing[0]}; delete the run, and give the command again."
         )
     steps, collisions = result.metrics["steps"], result.metrics["collisions"]
-    useful = f", last useful at {last:.0f} ({steps / max(last, 1.0):.2f})" if steps < result.job["steps"] else ""
+    useful = f", last useful at {last:.0f} ({steps / max(last, 1.0):.2f})" if steps < result.job.steps else ""
     return f"{result.metrics['stop_reason']} at {steps}{useful}, {collisions} collisions"
 
 

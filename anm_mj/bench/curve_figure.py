@@ -35,7 +35,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
         OSError: A file cannot be written.
     """
     results, left_out = of_all_starts(results)
-    budget = max(result.job["steps"] for result in results)
+    budget = max(result.job.steps for result in results)
     steps = np.linspace(0.0, budget, CURVE_POINTS)
     known = all(np.isfinite(result.curve[:, OBSERVABLE]).all() for result in results)
     column, label = (OBSERVABLE, "completion ratio, observable [%]") if known else (COMPLETION, "completion ratio [%]")

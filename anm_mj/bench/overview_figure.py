@@ -55,7 +55,7 @@ def draw_overview(path: Path, results: Sequence[Result], kinds: Sequence[str] = 
         at = np.concatenate([[1.0], factors, [LARGEST_FACTOR]])
         share = np.concatenate([np.arange(len(factors) + 1), [len(factors)]]) / len(runs)
         right.step(at, 100.0 * share, where="post", lw=1.5, markevery=0.2, ms=5, mec="white", mew=0.6, **style(k))
-    scenes = len({result.job["scene_name"] for result in results})
+    scenes = len({result.job.scene_name for result in results})
     left_out = f"; left out for having fewer runs: {count}" if count else ""
     band = "band: 95 % of a bootstrap over scenes" if scenes >= LEAST_SCENES else "too few scenes for an interval"
     left.set(xlabel="share of the budget [%]", ylabel="observable ratio [%]", xlim=(0, 100), ylim=(0, 100))
@@ -86,7 +86,7 @@ def _draw_curve(axes: Axes, runs: Sequence[Result], k: int, name: str) -> None:
     per_scene: dict[str, list[Float[np.ndarray, " shares"]]] = {}
     for run in runs:
         values = np.interp(SHARES * run.budget, run.curve[:, 0], run.curve[:, OBSERVABLE])
-        per_scene.setdefault(run.job["scene_name"], []).append(values)
+        per_scene.setdefault(run.job.scene_name, []).append(values)
     means = np.array([np.mean(curves, axis=0) for curves in per_scene.values()])
     axes.plot(100.0 * SHARES, means.mean(axis=0), lw=1.5, markevery=(5 * k % 20, 20), ms=5, mec="white", mew=0.6,
               label=legend_name(name), **style(k))  # fmt: skip

@@ -20,7 +20,7 @@ WALL, UNREACHED, FLOOR = 0.25, 0.85, 1.0
 
 def median_run(runs: Sequence[Result]) -> Result:
     """The run whose area under the curve is the median; of an even number the worse of the two in the middle."""
-    ordered = sorted(runs, key=lambda run: (run.area_under_curve(OBSERVABLE), run.job["start"], run.job["seed"]))
+    ordered = sorted(runs, key=lambda run: (run.area_under_curve(OBSERVABLE), run.job.start, run.job.seed))
     return ordered[(len(ordered) - 1) // 2]
 
 

@@ -59,5 +59,5 @@ def test_a_badge_holds_its_words():
 
 def test_the_median_run_is_one_of_the_runs():
     runs = [result("gvg", np.array(RISE) * scale, start=k) for k, scale in enumerate((0.5, 1.0, 0.7, 0.9))]
-    assert median_run(runs).job["start"] == 2
+    assert median_run(runs).job.start == 2
     assert median_run(runs[:1]) is runs[0]
