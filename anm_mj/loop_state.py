@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anm_mj.control.follow import Follower
+from anm_mj.control.path_follower import Follower
 from anm_mj.sensing.sensor_monitor import SensorMonitor
 from anm_mj.types import Observation, Plan
 from anm_mj.utils.stopwatch import Stopwatch
@@ -21,6 +21,8 @@ class LoopState:
         """Time spent in the loop, without set-up and observers."""
         self.collisions = 0
         """On paths, without a free step in between."""
+        self.lost_steps = 0
+        """Since the pose was known the last time."""
         self.map_failed = False
         """Whether the map cannot be trained any further."""
         self.plan: Plan | None = None

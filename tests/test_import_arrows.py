@@ -20,10 +20,11 @@ _FLOORS = {
         ("geometry",),
         ("robot",),
         ("control",),
-        ("localisation",),
         ("sensing",),
         ("mapping", "planning"),
+        ("localisation",),
         ("events", "loop_state"),
+        ("loop_stages",),
         ("anticipating_robot", "explore"),
     ),
     # What a simulation needs.

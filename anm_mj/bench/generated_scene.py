@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import TOML, Scene, read_scene_folder
-from anm_mj.scene.generation.scene import generate_scene
+from anm_mj.scene.generation.generate_scene import generate_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
 from anm_mj.utils.files import cache_folder
 

@@ -36,7 +36,7 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.run_title import titled
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
-from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.utils.files import write_text

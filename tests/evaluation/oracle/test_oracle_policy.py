@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.control.follow import Follower
+from anm_mj.control.path_follower import Follower
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.oracle_policy import Oracle, OracleConfig
