@@ -18,12 +18,10 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from anm_mj.bench.executor import RESULT
 from anm_mj.bench.line_styles import style
-from anm_mj.bench.read_result import read_result
+from anm_mj.bench.read_result import read_results
 from anm_mj.bench.run_result import OBSERVABLE, Result
 from anm_mj.errors import AnmError
-from anm_mj.io.jsonl import read_jsonl
 from anm_mj.viz.figure_file import save_figure
 
 SETTING = "sensor.noise_scale="
@@ -46,8 +44,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], out: Path = Path("no
     print_table(runs)
     took_ms = defaultdict(list)
     for (policy, _, _), result in runs.items():
-        decisions = read_jsonl(result.folder / "plans.jsonl")
-        took_ms[policy] += [sum(line["ms"].values()) for line in decisions if line["ms"]]
+        took_ms[policy] += result.decisions_ms()
     for policy, ms in took_ms.items():
         half, most = np.percentile(ms, [50, 99])
         print(f"{policy}: {len(ms)} decisions, median {half:.1f} ms, 99th percentile {most:.1f} ms.")
@@ -60,8 +57,7 @@ def read_runs(comparison: Path) -> Runs:
         AnmError: There is none, or two runs differ in something else.
     """
     runs: Runs = {}
-    for path in sorted(comparison.glob(f"runs/*/{RESULT}")):
-        result = read_result(path.parent)
+    for result in read_results(comparison):
         scale = [setting.removeprefix(SETTING) for setting in result.job.settings if setting.startswith(SETTING)]
         if not scale:
             continue

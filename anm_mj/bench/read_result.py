@@ -47,6 +47,15 @@ def finished(jobs: Sequence[Job], runs: Path) -> list[Job]:
     return [job for job in jobs if (runs / job.name / RESULT).is_file()]
 
 
+def read_results(comparison: Path) -> list[Result]:
+    """All finished runs of a comparison's folder, whichever there are.
+
+    Raises:
+        BenchError: A run is damaged.
+    """
+    return [read_result(path.parent) for path in sorted(comparison.glob(f"runs/*/{RESULT}"))]
+
+
 def read_result(folder: Path, of: Job | None = None) -> Result:
     """A finished run of a comparison.
 

@@ -89,6 +89,16 @@ class Result:
             places = [convert(line, _Place) for line in read_jsonl(self.folder / "steps.jsonl")[: self.budget]]
         return np.array([self.job.start_pose[:2], *((place.x_m, place.y_m) for place in places)])
 
+    def decisions_ms(self) -> list[float]:
+        """How long each decision took [ms].
+
+        Raises:
+            BenchError: The log of decisions is damaged.
+        """
+        with reading(self.folder):
+            decisions = [convert(line, _Decision) for line in read_jsonl(self.folder / "plans.jsonl")]
+        return [sum(decision.ms.values()) for decision in decisions if decision.ms]
+
     def upper_bound(self) -> Float[np.ndarray, "n 2"] | None:
         """Step, and the estimated upper bound of what is covered by then [%]; None for runs that no oracle made.
 
@@ -140,6 +150,12 @@ class _Done(Struct):
     moved_m: Number
 
 
+class _Decision(Struct):
+    """What counts of a line of ``plans.jsonl``."""
+
+    ms: dict[str, float] | None = None
+
+
 class _Place(Struct):
     """Where the robot was after a line of ``steps.jsonl``."""
 
@@ -173,19 +189,20 @@ def by_budget(results: Sequence[Result]) -> dict[str, list[Result]]:
     return found
 
 
-def of_all_starts(results: Sequence[Result]) -> tuple[list[Result], int]:
+def drawn_variants(results: Sequence[Result]) -> tuple[dict[str, list[Result]], int]:
     """The runs of those variants that ran from about all starts of all scenes, and how many variants did not.
 
     Means over other scenes, or from fewer starts, do not compare.
     """
-    starts: dict[str, set[tuple[str, int]]] = {}
+    runs: dict[str, list[Result]] = {}
     for result in results:
-        starts.setdefault(result.variant, set()).add((result.job.scene_name, result.job.start))
+        runs.setdefault(result.variant, []).append(result)
+    starts = {name: {(run.job.scene_name, run.job.start) for run in own} for name, own in runs.items()}
     count = len(set().union(*starts.values()))
-    drawn = {name for name, own in starts.items() if count - len(own) <= max(1.0, MOST_MISSING * count)}
+    most_missing = max(1.0, MOST_MISSING * count)
+    drawn = {name: own for name, own in runs.items() if count - len(starts[name]) <= most_missing}
     # Where none ran everywhere, all are drawn.
-    drawn = drawn or set(starts)
-    return [result for result in results if result.variant in drawn], len(starts) - len(drawn)
+    return drawn or runs, len(runs) - len(drawn or runs)
 
 
 def split_settings(text: str) -> tuple[list[str], list[str]]:

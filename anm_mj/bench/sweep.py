@@ -219,7 +219,7 @@ def _entry(path: Path, key: str, value: Any) -> Any:
     try:
         found = convert([value] if key in AXES and isinstance(value, str) else value, TYPES[key])
     except ValueError as err:
-        raise BenchError(f"{path}: {key} is {value!r}; {err}.") from err
+        raise BenchError(f"{path}: {key} is {value!r}, not of its type ({str(err).lower()}).") from err
     if found == () and key != "settings":
         raise BenchError(f"{path}: {key} is empty; name at least one, or leave it out.")
     return found

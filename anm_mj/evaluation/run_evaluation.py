@@ -91,9 +91,7 @@ def evaluate_run(
     uncapped_cm = without_cap_cm(run.folder, truth, curve)
     write_curve(run.folder, curve, statistics)
     mesh = quality_of_mesh(run.folder, truth, curve)
-    metrics = summarise(
-        statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, views, before=curve.before
-    )
+    metrics = summarise(statistics, curve, uncapped_cm, truth, mesh, summary, views)
     write_json(run.folder.metrics, metrics)
     return metrics
 

@@ -178,9 +178,7 @@ def write_results(
     recorder.flush()
     recorder.background.submit(lambda: _draw(recorder, survey, changes or ()))
     mesh = quality_of_mesh(folder, recorder.truth, curve)
-    metrics = summarise(
-        statistics, curve.rows, curve.path_m, uncapped_cm[0], recorder.truth, mesh, summary, before=curve.before
-    )
+    metrics = summarise(statistics, curve, uncapped_cm[0], recorder.truth, mesh, summary)
     # Before the pictures, which may find no room.
     write_json(folder.metrics, metrics)
     recorder.flush()
