@@ -108,6 +108,19 @@ class Metrics:
     fixed_view_depth_l1_cm: float | None = None
     fixed_view_depth_error_cm: float | None = None
     fixed_view_known_percent: float | None = None
+    position_rmse_cm: float | None = None
+    """This and the next eight: see :class:`~.trajectory_error.TrajectoryError`; None with true poses."""
+    ate_rmse_cm: float | None = None
+    rpe_cm_per_m: float | None = None
+    rpe_deg_per_m: float | None = None
+    rpe_deg_per_quarter_turn: float | None = None
+    final_position_error_cm: float | None = None
+    final_heading_error_deg: float | None = None
+    lost_percent: float | None = None
+    unmapped_percent: float | None = None
+    aligned_observed_accuracy_cm: float | None = None
+    """This and the next one: the mesh metrics after the alignment of the trajectory; None with true poses."""
+    aligned_observed_f_score: float | None = None
     steps: int
     path_m: float
     """Driven distance [m]."""
@@ -183,6 +196,7 @@ def summarise(
     mesh: tuple[MeshQuality, MeshQuality | None] | None,
     summary: RunSummary,
     views: Mapping[str, Any] | None = None,
+    trajectory: Mapping[str, Any] | None = None,
 ) -> Metrics:
     """Assemble the metrics of a run.
 
@@ -194,6 +208,7 @@ def summarise(
         mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh.
         summary: Facts that only the running program knows.
         views: Quality of the map on novel and fixed views, as :func:`view_metrics` has it; None if not measured.
+        trajectory: Errors of the trajectory by the keys of ``metrics.json``; None for true poses.
     """
     last, before = curve.rows[-1] if curve.rows else None, curve.before
     whole, observed = mesh or (None, None)
@@ -208,6 +223,7 @@ def summarise(
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
         **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
         **(views or {}),
+        **(trajectory or {}),
         path_m=curve.path_m,
         **{name: getattr(statistics, name) for name in (*COUNTS, "stage_hz")},
         **vars(summary),
