@@ -73,7 +73,8 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         AnmError: see :func:`run`.
     """
     scene = load_scene(config.scene)
-    config = replace(config, steps=config.steps or scene.budget_steps or default_steps(scene.rooms))
+    steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
+    config = replace(config, steps=steps)
     if prior is not None:
         prior.compare_scene(config.scene, scene.hash)
         config = prior.config(config)
@@ -82,7 +83,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
     if prior is not None:
         prior.begin(mapper)
     with _make_robot(config, scene) as robot:
-        truth = functools.cache(lambda: _true_scene(scene, robot, config.steps, observers))
+        truth = functools.cache(lambda: _true_scene(scene, robot, steps, observers))
         told = truth() if needs_truth(config.policy) else None
         context = PolicyContext(
             robot.footprint, config.policy_settings, config.planning, config.seed, told, config.goal
@@ -147,7 +148,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     return make_robot(scene, config, anticipates=True, forgets_textures=True)
 
 
-def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int | None, observers: Sequence[Observer]) -> SceneTruth:
+def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Sequence[Observer]) -> SceneTruth:
     """The true surface with its observable part; the search for that part takes minutes at the first run in a scene."""
 
     def tell(done: int, total: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import importlib
 from collections.abc import Callable
 from typing import Any
@@ -92,8 +91,3 @@ def attributes_of(thing: Any) -> dict[str, Any]:
             if name not in ("__dict__", "__weakref__") and hasattr(thing, name):
                 found[name] = getattr(thing, name)
     return {name: value for name, value in found.items() if name not in left_out}
-
-
-def is_enum(value: object) -> bool:
-    """Whether a value is a member of an enumeration, which is stored by name."""
-    return isinstance(value, enum.Enum)
