@@ -6,12 +6,16 @@ unit that light and texture are baked for (``atlas.py``); a triangle is a quad w
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import ParamSpec
 
 import numpy as np
 from jaxtyping import Float64
+
+_Arguments = ParamSpec("_Arguments")
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,19 @@ def join(*pieces: Quads) -> Quads:
         np.concatenate([piece.uv_m for piece in pieces]),
         tuple(material for piece in pieces for material in piece.materials),
     )
+
+
+Parts = Iterator[Quads]
+
+
+def joined(parts: Callable[_Arguments, Parts]) -> Callable[_Arguments, Quads]:
+    """Decorates a generator of parts: the call returns them as one."""
+
+    @functools.wraps(parts)
+    def whole(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Quads:
+        return join(*parts(*args, **kwargs))
+
+    return whole
 
 
 def quads(corners_m: Float64[np.ndarray, "n 4 3"], uv_m: Float64[np.ndarray, "n 4 2"], material: Material) -> Quads:

@@ -26,7 +26,6 @@ from anm_mj.scene.generation.textures import (
 WHITE = plain(rgb("f4f1ea"), 0.01)
 DARK = plain(rgb("2b2d31"))
 METAL = plain(rgb("8f959c"))
-PORCELAIN = plain(rgb("f3f4f2"), 0.005)
 CEILING = replace(plaster(rgb("f3f1ec"), 0.02), texel_m=0.06)
 
 _WOODS = ("b98a56", "dcb887", "6e4a32", "9c5f3c", "c79a63", "8a6a4f", "e0c79a")
