@@ -120,12 +120,12 @@ def test_a_project_scene_exported_as_mjcf_keeps_its_depth_and_its_room(tmp_path)
 def test_bodies_stand_at_the_key_frame_or_drop_to_rest(house, tmp_path):
     src, scene = house
     fallen = import_scene(src, tmp_path / "fallen", settle=True)
-    high = [own.geometry().vertices[:, 2][_near(own.geometry().vertices, (-1.0, 2.5), 0.25)] for own in (scene, fallen)]
+    high = [own.triangles()[0][:, 2][_near(own.triangles()[0], (-1.0, 2.5), 0.25)] for own in (scene, fallen)]
     assert high[0][high[0] > 0.01].min() == pytest.approx(1.3, abs=0.01)
     assert high[1][high[1] > 0.01].max() == pytest.approx(0.4, abs=0.03)
     # The key frame has the chair a metre from where the file has it.
-    assert _near(scene.geometry().vertices, (2.0, -2.0), 0.5).any()
-    assert not (_near(scene.geometry().vertices, (1.0, -2.0), 0.3) & (scene.geometry().vertices[:, 2] > 0.1)).any()
+    assert _near(scene.triangles()[0], (2.0, -2.0), 0.5).any()
+    assert not (_near(scene.triangles()[0], (1.0, -2.0), 0.3) & (scene.triangles()[0][:, 2] > 0.1)).any()
 
 
 def _near(vertices, xy, radius):
@@ -259,7 +259,7 @@ def test_worlds_with_more_contacts_than_memory_and_places_that_are_no_numbers(tm
     model = mujoco.MjModel.from_xml_path(str(src))
     with pytest.raises(mujoco.FatalError):
         mujoco.mj_forward(model, mujoco.MjData(model))
-    assert len(import_scene(src, tmp_path / "many").geometry().faces) > 200 * 12
+    assert len(import_scene(src, tmp_path / "many").triangles()[1]) > 200 * 12
     src = write_world(tmp_path / "nan.xml", room_xml() + '<geom name="lost" size="0.1" pos="nan 0 0"/>')
     with pytest.raises(SceneError, match="place of the geom lost is no number"):
         import_scene(src, tmp_path / "nan")
@@ -297,7 +297,7 @@ def test_bodies_that_touch_are_settled_within_a_budget(tmp_path, monkeypatch):
     with pytest.raises(SceneError, match=r"360 degrees of freedom and \d+ contacts.*ANM_MJ_MAX_SETTLE_WORK"):
         import_scene(src, tmp_path / "out", settle=True)
     src = write_world(tmp_path / "world.xml", room_xml() + one.format(0.05))
-    assert len(import_scene(src, tmp_path / "out", settle=True).geometry().faces)
+    assert len(import_scene(src, tmp_path / "out", settle=True).triangles()[1])
 
 
 def test_a_movable_object_keeps_its_mass_and_may_be_pushed(house, tmp_path):
