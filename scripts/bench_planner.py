@@ -38,7 +38,7 @@ from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.types import (
     OCCUPIED,
     Action,
@@ -66,6 +66,11 @@ class OccupancyMapper:
         """Fuse the depth."""
         self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
         return MapUpdate(math.nan, 0, 0)
+
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        return FAR_M
 
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Negative in occupied voxels."""

@@ -24,7 +24,7 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.collision import collision_boxes
 from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_folder
 from anm_mj.scene.importing.canonical_axes import covered_share
-from anm_mj.scene.importing.parts import some
+from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
