@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64
 from shapely.geometry.polygon import orient
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.generation.wall import Hole, Wall
+from anm_mj.scene.generation.wall import Wall, WallArea
 
 _TOUCH_M = 2e-3
 """Walls that run along one another within this distance are the two sides of an opening."""
@@ -68,7 +68,7 @@ class RoomWall:
     """Stretches (start, end, door) of the wall that are open: a door up to its lintel, otherwise up to the ceiling."""
     outer: bool
     """True if no other room lies behind it."""
-    windows: tuple[Hole, ...] = ()
+    windows: tuple[WallArea, ...] = ()
 
     def solid(self, margin_m: float = 0.0) -> list[tuple[float, float]]:
         """Stretches of the wall between its gaps, each gap widened on both sides."""

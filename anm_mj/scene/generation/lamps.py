@@ -50,7 +50,6 @@ def lights(building: Building, furnished: FurnishedRoom) -> list[Light]:
         for window in wall.windows:
             width, height = window.end_m - window.start_m, window.z_high_m - window.z_low_m
             centre = wall.wall.point((window.start_m + window.end_m) / 2, 0.02, (window.z_low_m + window.z_high_m) / 2)
-            along = np.subtract(wall.wall.right_m, wall.wall.left_m) / wall.wall.length_m
-            # The room lies to the right of its walls' direction.
-            found.append(Light(centre, (float(along[1]), -float(along[0]), 0.0), 0.9 * width * height))
+            x, y = wall.wall.along
+            found.append(Light(centre, (y, -x, 0.0), 0.9 * width * height))
     return found

@@ -9,7 +9,7 @@ from shapely.geometry.base import BaseGeometry
 
 from anm_mj.scene.generation.building import RoomWall
 from anm_mj.scene.generation.piece import Box, Piece, Placed, box_corners
-from anm_mj.scene.generation.wall import Hole, Wall
+from anm_mj.scene.generation.wall import Wall, WallArea
 
 _DOOR_CLEAR_M = 0.75
 """Floor that stays clear before a door, on top of its width [m]."""
@@ -74,7 +74,7 @@ class RoomSpace:
             self._hung.append((wall, along + x0, along + x1))
         return placed
 
-    def curtain(self, piece: Piece, wall: RoomWall, window: Hole) -> Placed | None:
+    def curtain(self, piece: Piece, wall: RoomWall, window: WallArea) -> Placed | None:
         """Hang curtains about a window unless something stands there."""
         middle = (window.start_m + window.end_m) / 2
         x0, _, x1, _ = piece.outline_m
@@ -125,7 +125,7 @@ class RoomSpace:
             left, right = np.array(wall.wall.left_m), np.array(wall.wall.right_m)
             rows = np.empty((len(along), 5))
             rows[:, :2] = left + along[:, None] * ((right - left) / wall.wall.length_m)
-            rows[:, 2], rows[:, 3], rows[:, 4] = _facing_deg(wall.wall), which, along
+            rows[:, 2], rows[:, 3], rows[:, 4] = wall.wall.yaw_deg, which, along
             found.append(rows)
         if not found:
             return np.zeros((0, 5))
@@ -190,12 +190,7 @@ def _inward(placed: Placed) -> Float64[np.ndarray, "n 4 2"]:
 
 def _at_wall(piece: Piece, wall: RoomWall, along_m: float) -> Placed:
     x, y, _ = wall.wall.point(along_m, 0.0, 0.0)
-    return Placed(piece, x, y, _facing_deg(wall.wall))
-
-
-def _facing_deg(wall: Wall) -> float:
-    """Yaw of a piece whose back is to a wall."""
-    return float(np.degrees(np.arctan2(wall.right_m[1] - wall.left_m[1], wall.right_m[0] - wall.left_m[0])))
+    return Placed(piece, x, y, wall.wall.yaw_deg)
 
 
 def _before_gap(wall: Wall, start_m: float, end_m: float) -> shapely.Polygon:
@@ -212,7 +207,7 @@ def _before_gap(wall: Wall, start_m: float, end_m: float) -> shapely.Polygon:
 
 def _main_direction(walls: tuple[RoomWall, ...]) -> float:
     """Direction of the longest wall [degrees]."""
-    return _facing_deg(max(walls, key=lambda wall: wall.wall.length_m).wall) if walls else 0.0
+    return max(walls, key=lambda wall: wall.wall.length_m).wall.yaw_deg if walls else 0.0
 
 
 def _with_front(piece: Piece) -> Box:
