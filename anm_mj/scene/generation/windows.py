@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from anm_mj.scene.generation.building import GivenWindow, RoomWall
@@ -18,25 +16,13 @@ _HIGH = ("bathroom", "washroom")
 _DARK = ("storage", "archive")
 
 
-def with_windows(
-    walls: tuple[RoomWall, ...], room_type: str, ceiling_m: float, rng: np.random.Generator
-) -> tuple[RoomWall, ...]:
-    """The same walls with windows where there is nothing behind them."""
-    return tuple(replace(wall, windows=_windows(wall, room_type, ceiling_m, rng)) for wall in walls)
-
-
-def with_given_windows(walls: tuple[RoomWall, ...], windows: tuple[GivenWindow, ...]) -> tuple[RoomWall, ...]:
-    """The same walls with those of the plan's windows that lie in them and lead outside."""
-    return tuple(replace(wall, windows=_given(wall, windows)) for wall in walls)
-
-
-def _given(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[WallArea, ...]:
-    left, right = np.array(wall.wall.left_m), np.array(wall.wall.right_m)
-    along = (right - left) / wall.wall.length_m
+def given_windows(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[WallArea, ...]:
+    """Those of the plan's windows that lie in a wall and lead outside."""
+    along = np.array(wall.wall.along)
     across = np.array([-along[1], along[0]])
     found: list[WallArea] = []
     for window in windows if wall.outer else ():
-        ends = np.array([window.start_m, window.end_m]) - left
+        ends = np.array([window.start_m, window.end_m]) - wall.wall.left_m
         low, high = sorted(float(value) for value in ends @ along)
         fits = any(a + 0.02 < low and high < b - 0.02 for a, b in wall.solid(0.1))
         apart = all(high < other.start_m or low > other.end_m for other in found)
@@ -45,7 +31,8 @@ def _given(wall: RoomWall, windows: tuple[GivenWindow, ...]) -> tuple[WallArea, 
     return tuple(found)
 
 
-def _windows(wall: RoomWall, room_type: str, ceiling_m: float, rng: np.random.Generator) -> tuple[WallArea, ...]:
+def random_windows(wall: RoomWall, room_type: str, ceiling_m: float, rng: np.random.Generator) -> tuple[WallArea, ...]:
+    """Windows where there is nothing behind a wall."""
     if not wall.outer or (room_type in _DARK and rng.random() < 0.6):
         return ()
     high = room_type in _HIGH
