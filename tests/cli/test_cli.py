@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from anm_mj.sim.sensors.presets import SENSORS
 from rich.console import Console
 
 from anm_mj.cli.bar import busy
-from anm_mj.cli.main import main
+from anm_mj.cli.main import COMMANDS, main
+from anm_mj.config import OPTIONS
+from anm_mj.planning.policies.registry import policies
 
 
 def fails(capsys, *argv):
@@ -151,16 +154,14 @@ def test_a_folder_that_is_no_run_cannot_be_evaluated(capsys, tmp_path):
     assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere")
 
 
-def test_the_former_name_of_novel_views_is_accepted(capsys, tmp_path):
-    assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere", "--novel-views")
-
-
 def test_help_answers_at_once_and_shows_every_option():
     run = [sys.executable, "-X", "importtime", "-m", "anm_mj.cli", "explore", "--help"]
     shown = subprocess.run(run, capture_output=True, text=True, check=True)
-    for option in ("--policy", "--steps", "--seed", "--start", "--out", "--preset", "--drive", "--device", "--view"):
-        assert option in shown.stdout
-    for heavy in ("torch", "mujoco", "scipy", "trimesh"):
+    for option in (*(words.split()[0] for words in OPTIONS.values()), "--resume", "--out", "--view", "--set"):
+        assert f"  {option}" in shown.stdout
+    for name in (*policies(), *SENSORS):
+        assert name in shown.stdout
+    for heavy in ("torch", "mujoco", "scipy", "trimesh", "numpy", "rich"):
         assert f" {heavy}\n" not in shown.stderr
 
 
@@ -226,10 +227,11 @@ def test_a_bar_without_end_shows_only_in_a_terminal():
 
 
 def test_an_unforeseen_error_is_one_sentence_and_with_verbose_a_traceback(monkeypatch, capsys):
-    def broken(parsed):
+    def broken():
+        """Fail."""
         return {}["key"]
 
-    monkeypatch.setattr("anm_mj.cli.main._doctor", broken)
+    monkeypatch.setitem(COMMANDS.commands, "doctor", broken)
     assert main(["doctor"]) == 2
     (said,) = capsys.readouterr().err.splitlines()
     assert said.startswith("anm-mj: unforeseen KeyError in test_cli.py, line ")
@@ -240,10 +242,11 @@ def test_an_unforeseen_error_is_one_sentence_and_with_verbose_a_traceback(monkey
 
 @pytest.mark.parametrize(("raised", "words"), [(SystemExit(0), "ended the program"), (MemoryError(), "memory")])
 def test_the_end_of_the_program_and_of_the_memory_are_sentences(monkeypatch, capsys, raised, words):
-    def broken(parsed):
+    def broken():
+        """Fail."""
         raise raised
 
-    monkeypatch.setattr("anm_mj.cli.main._doctor", broken)
+    monkeypatch.setitem(COMMANDS.commands, "doctor", broken)
     assert main(["doctor"]) == 2
     assert words in capsys.readouterr().err
 
