@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from anm_mj.api import Exploration, LoadedRun, explore_scene, load_map, load_run
     from anm_mj.environments.load import load_environment
     from anm_mj.errors import AnmError
-    from anm_mj.explore import StepReport
+    from anm_mj.events import Observer, Stepped
     from anm_mj.mapping.make_map import make_map
     from anm_mj.planning.policies.make_policy import make_policy
     from anm_mj.scene.folder import load_scene
@@ -31,7 +31,8 @@ __all__ = [
     "AnmError",
     "Exploration",
     "LoadedRun",
-    "StepReport",
+    "Observer",
+    "Stepped",
     "explore_scene",
     "load_environment",
     "load_map",
@@ -44,7 +45,8 @@ __all__ = [
 
 _MODULES = {
     "AnmError": "anm_mj.errors",
-    "StepReport": "anm_mj.explore",
+    "Observer": "anm_mj.events",
+    "Stepped": "anm_mj.events",
     "load_environment": "anm_mj.environments.load",
     "load_scene": "anm_mj.scene.folder",
     "make_map": "anm_mj.mapping.make_map",

@@ -83,6 +83,21 @@ class Engine:
     def query_hidden(self, points: _Floats) -> _Floats: ...
     def query_sensitivity(self, points: _Floats) -> tuple[_Floats, _Floats]: ...
     def render(self, origin: _Floats, direction: _Floats, depths: _Floats) -> tuple[_Floats, _Floats]: ...
+    def align(
+        self,
+        points: _Floats,
+        rgb: _Floats,
+        variance: _Floats,
+        trust: _Floats,
+        rotation: _Floats,
+        position: _Floats,
+        levels: int,
+        slopes: tuple[float, float, float],
+        field_variance: float,
+        kernel: float,
+        color_deviation: float,
+        color_kernel: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], _Floats]: ...
 
 class Occupancy:
     def __init__(self, num_threads: int, kernel: str) -> None: ...

@@ -23,9 +23,8 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, policy_entry
 
 if TYPE_CHECKING:
-    from anm_mj.explore import StepReport
+    from anm_mj.events import Observer, Stepped
     from anm_mj.mapping.neural_map import NeuralMap
-    from anm_mj.protocols import Viewer
 
 
 @dataclass(frozen=True)
@@ -138,8 +137,8 @@ def explore_scene(
     preset: str = "default",
     sensor: str = "exact",
     settings: Sequence[str] = (),
-    on_step: Callable[[StepReport], object] | None = None,
-    viewer: Viewer | None = None,
+    on_step: Callable[[Stepped], object] | None = None,
+    observers: Sequence[Observer] = (),
     continue_from: str | os.PathLike[str] | None = None,
     return_to_start: bool = False,
     **options: Any,
@@ -156,7 +155,7 @@ def explore_scene(
         sensor: errors of the camera, by name.
         settings: ``group.name=value`` each, as for ``--set``.
         on_step: called after every step; the run ends (``INTERRUPTED``) when it returns True.
-        viewer: shows the run while it goes on.
+        observers: hear every event of the run (:mod:`anm_mj.events`), such as a viewer.
         continue_from: folder of a run whose map and explored state this one begins with; None = with nothing.
         return_to_start: whether the robot drives back to its start before the run ends, in time for the budget.
         **options: ``start`` (x [m], y [m], yaw [deg]), ``robot``, ``drive``, ``pose``, ``goal`` and ``device``, as on
@@ -165,6 +164,7 @@ def explore_scene(
     Raises:
         AnmError: the scene, start, policy, a setting, the renderer or the output folder cannot be used.
     """
+    from anm_mj.events import On, Stepped
     from anm_mj.run import run
 
     config = make_config(
@@ -179,19 +179,8 @@ def explore_scene(
         return_to_start=return_to_start,
         **options,
     )
-    end = False
-
-    def step(report: StepReport, *_: object) -> None:
-        nonlocal end
-        end = on_step is not None and on_step(report) is True
-
-    folder, metrics = run(
-        config,
-        out=None if out is None else Path(out),
-        viewer=viewer,
-        stop_requested=lambda: end,
-        on_step=step,
-    )
+    followers = [*observers, *([] if on_step is None else [On(Stepped, on_step)])]
+    folder, metrics = run(config, out=None if out is None else Path(out), observers=followers)
     return Exploration(folder.path, dataclasses.asdict(metrics))
 
 

@@ -18,11 +18,11 @@ from typing import Any
 from anm_mj.checkpoint.config import CheckpointConfig
 from anm_mj.errors import ConfigError
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.recording.config import RecordConfig
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.sim.simulation_config import SimulationConfig, require_choice
 from anm_mj.utils.settings import of_type
 
@@ -110,7 +110,7 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
-        sensor: a key of :data:`anm_mj.sim.sensors.presets.SENSORS`.
+        sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`.
         **options: fields of ``RunConfig``.
 
     Raises:

@@ -1,23 +1,22 @@
 """The loop: observe, learn, decide, act, until the budget is spent or nothing is left to see. Start reading here.
 
 scene -> simulator -> observation -> neural map -> top-down map -> graph -> regions -> target -> path -> discrete
-actions -> wheel commands -> (again). The loop sees the stages through :mod:`anm_mj.protocols` only. Each can be
-replaced: by a real robot, another map, another policy.
+actions -> wheel commands -> (again). The loop sees the stages through :mod:`anm_mj.protocols` only, and tells observers
+what happens (:mod:`anm_mj.events`). Each stage can be replaced: by a real robot, another map, another policy.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-from anm_mj.control.follow import Follower
 from anm_mj.errors import MapError, PlanError
+from anm_mj.events import Decided, Ended, Event, Observed, Observer, Stepped
+from anm_mj.loop_state import LoopState
 from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
-from anm_mj.protocols import Anticipates, Mapper, Policy, Recorder, Robot, Viewer
-from anm_mj.sensing.sensor_monitor import SensorMonitor
-from anm_mj.types import Action, MapUpdate, Observation, Plan, Pose2, StopReason
+from anm_mj.protocols import Mapper, Policy, Robot
+from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
@@ -28,68 +27,15 @@ STUCK_COLLISIONS = 12
 """A robot that collides this often on its path, without a free step in between, is stuck."""
 
 
-@dataclass(frozen=True)
-class StepReport:
-    """The state of a run after a step."""
-
-    step: int
-    observation: Observation
-    plan: Plan
-    update: MapUpdate
-    loop_s: float
-    """Time spent in the loop so far, without set-up and recording [s]."""
-
-
-class LoopState:
-    """What the loop itself remembers between two steps."""
-
-    def __init__(self) -> None:
-        """Before the first observation."""
-        self.step = 0
-        """Number of actions so far."""
-        self.follower = Follower()
-        self.monitor = SensorMonitor()
-        self.total = Stopwatch()
-        """Time spent in the loop, without set-up and recording."""
-        self.collisions = 0
-        """On paths, without a free step in between."""
-        self.map_failed = False
-        """Whether the map cannot be trained any further."""
-        self.plan: Plan | None = None
-        self.observation: Observation | None = None
-        """The last one."""
-
-    @property
-    def loop_s(self) -> float:
-        """Time spent in the loop so far [s]."""
-        return sum(self.total.ms.values()) / 1e3
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The end of a run."""
-
-    stop_reason: StopReason
-    num_steps: int
-    loop_s: float
-    """Time spent in the loop, without set-up and recording [s]."""
-    observation: Observation
-    """The last one."""
-
-
 def explore(
     robot: Robot,
     mapper: Mapper,
     policy: Policy,
     *,
     num_steps: int,
-    recorder: Recorder,
-    viewer: Viewer,
-    stop_requested: Callable[[], bool] = lambda: False,
-    on_step: Callable[[StepReport], None] = lambda report: None,
+    observers: Sequence[Observer] = (),
     state: LoopState | None = None,
-    between_steps: Callable[[LoopState], None] = lambda state: None,
-) -> Outcome:
+) -> Ended:
     """Explore until a ``StopReason`` comes up.
 
     Args:
@@ -97,37 +43,39 @@ def explore(
         mapper: learns from every observation.
         policy: hears every observation, and plans whenever the last plan is done, outdated or blocked.
         num_steps: budget of discrete actions; turns and collisions count.
-        recorder: records the run.
-        viewer: shows the run.
-        stop_requested: asked before every step; True ends the run with INTERRUPTED.
-        on_step: called after every step.
+        observers: hear every event in this order; any of them may end the run.
         state: where a former call stood, to go on from there with the robot, mapper and policy of then; None = at the
             start. It is kept up to date.
-        between_steps: called before every step, when nothing is in between.
 
     Raises:
         PlanError: the policy returned a plan that asks for nothing.
     """
     state = state or LoopState()
+
+    def tell(event: Event) -> bool:
+        """Whether an observer wants the run to end; all hear the event."""
+        return any([observer.on_event(event) for observer in observers])
+
+    def end(reason: StopReason) -> Ended:
+        assert state.observation is not None
+        ended = Ended(reason, state.step, state.loop_s, state.observation)
+        tell(ended)
+        return ended
+
+    interrupted = False
     if state.observation is None:
         with state.total.stage("observe"):
             first = state.monitor.check(robot.observe())
-        state.map_failed = _learn(first, mapper, policy, state.total) is None
-        state.observation = first
-        recorder.observation(first)
-    observation, plan = state.observation, state.plan
-    ahead = robot if isinstance(robot, Anticipates) else None
-
-    def outcome(reason: StopReason) -> Outcome:
-        return Outcome(reason, state.step, state.loop_s, observation)
-
+        update = _learn(first, mapper, policy, state.total)
+        state.map_failed, state.observation = update is None, first
+        interrupted = tell(Observed(first, update or _UNTRAINED))
     if state.map_failed:
-        return outcome(StopReason.MAP_ERROR)
+        return end(StopReason.MAP_ERROR)
+
     for step in range(state.step + 1, num_steps + 1):
-        between_steps(state)
-        if stop_requested():
-            return outcome(StopReason.INTERRUPTED)
-        watch = Stopwatch()
+        if interrupted:
+            return end(StopReason.INTERRUPTED)
+        watch, observation, plan = Stopwatch(), state.observation, state.plan
         with watch.stage("plan"):
             action = state.follower.next_action(observation.pose)
             decided = action is None or _is_blocked(action, plan, robot, mapper, observation)
@@ -137,11 +85,11 @@ def explore(
                 action = state.follower.next_action(observation.pose)
         assert plan is not None  # The follower has no action without a plan.
         if decided:
-            recorder.plan(step - 1, plan)
+            interrupted = tell(Decided(step - 1, plan))
         if plan.stop is not None:
             state.total.add(watch)
             # What a blind robot says about its surroundings means nothing.
-            return outcome(StopReason.SENSOR_FAULT if state.monitor.is_blind else plan.stop)
+            return end(StopReason.SENSOR_FAULT if state.monitor.is_blind else plan.stop)
         if action is None:
             raise PlanError(f"The policy's plan at step {step} ('{plan.reason}') holds neither an action nor a stop.")
 
@@ -155,45 +103,29 @@ def explore(
             state.collisions = 0
         with watch.stage("observe"):
             seen = _observe(robot)
+            if seen is not None:
+                seen = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
         if seen is None:
             state.total.add(watch)
             state.step = step
-            return outcome(StopReason.SENSOR_FAULT)
-        with watch.stage("observe"):
-            # A policy that gives single actions may want another one next.
-            done = None if result.collided or plan.actions else action
-            coming = _coming_actions(state.follower, seen.pose, done) if ahead is not None else []
-            if ahead is not None:
-                ahead.anticipate(*coming[:1])
-            observation = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
-        update = _learn(observation, mapper, policy, watch)
-        if ahead is not None:
-            with watch.stage("observe"):
-                # One more than the next: it is drawn while the run records, decides and moves, on one core.
-                if observation.pose != seen.pose:
-                    coming = _coming_actions(state.follower, observation.pose, done)
-                ahead.anticipate(*coming)
-        with watch.stage("view"):
-            viewer.show(observation, mapper, plan)
+            return end(StopReason.SENSOR_FAULT)
+        update = _learn(seen, mapper, policy, watch)
         state.total.add(watch)
-        state.step, state.plan, state.observation = step, plan, observation
-        recorder.observation(observation)
-        state.map_failed = update is None
+        state.step, state.plan, state.observation, state.map_failed = step, plan, seen, update is None
         update = update or _UNTRAINED
-        recorder.step(step, result, observation.pose, update, watch.ms)
-        on_step(StepReport(step, observation, plan, update, state.loop_s))
+        interrupted |= tell(Observed(seen, update))
+        interrupted |= tell(Stepped(step, result, seen, update, plan, mapper, watch.ms, state.loop_s))
         if state.map_failed:
-            return outcome(StopReason.MAP_ERROR)
+            return end(StopReason.MAP_ERROR)
         if state.monitor.fault is not None:
             _logger.error("%s; the run ends at step %d.", state.monitor.fault, step)
-            return outcome(StopReason.SENSOR_FAULT)
+            return end(StopReason.SENSOR_FAULT)
         if result.fault is not None:
             _logger.error("the robot can drive no more (%s); the run ends at step %d.", result.fault, step)
-            return outcome(result.fault)
+            return end(result.fault)
         if state.collisions >= STUCK_COLLISIONS:
-            return outcome(StopReason.STUCK)
-
-    return outcome(StopReason.BUDGET)
+            return end(StopReason.STUCK)
+    return end(StopReason.BUDGET)
 
 
 def _observe(robot: Robot) -> Observation | None:
@@ -203,20 +135,6 @@ def _observe(robot: Robot) -> Observation | None:
     except Exception as err:
         _logger.error("The camera failed (%s: %s); the run ends.", type(err).__name__, err)
         return None
-
-
-def _coming_actions(follower: Follower, pose: Pose2, done: Action | None) -> list[Action]:
-    """The next two actions from a pose, as far as they can be told; for who begins with what will be seen after them.
-
-    Where a path ends, a decision follows, and most begin with what the robot did last (``done``; None = no guess): to
-    go on, or to turn on. A pose that is not finite says nothing; the monitor tells of it.
-    """
-    if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
-        return []
-    coming = follower.coming_actions(pose, 2)
-    if len(coming) < 2 and done is not None:
-        coming.append(coming[-1] if coming else done)
-    return coming
 
 
 def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:

@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Collection
 from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from anm_mj.config import RunConfig
+from anm_mj.events import Decided, Observed, Observer
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.run_events import Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.sequence import Sequence
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
-from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Policy
 from anm_mj.recording.run_log import RunLog
-from anm_mj.types import Footprint, Observation, Plan
+from anm_mj.run_parts import make_mapper
+from anm_mj.types import Footprint, Observation
 from anm_mj.utils.files import atomic_write
 
 MESH_RESOLUTION_M = 0.05
@@ -39,8 +42,7 @@ def map_sequence(
     *,
     out: Path | None = None,
     shadow: bool = False,
-    stop_requested: Callable[[], bool] = lambda: False,
-    on_frame: Callable[[int, int, Plan | None], None] = lambda done, total, plan: None,
+    observers: Collection[Observer] = (),
 ) -> RunFolder:
     """Map a sequence and write a run folder, without actions and without ground truth.
 
@@ -50,14 +52,15 @@ def map_sequence(
         footprint: The robot that the top-down map is for.
         out: The run folder; None = a new one below ``runs/``.
         shadow: Whether the policy decides at every frame, without being obeyed; its decisions are recorded.
-        stop_requested: Asked before every frame; True ends the run with what there is.
-        on_frame: Called after every frame with the frames done, all frames and the decision.
+        observers: Hear of the start (:class:`~anm_mj.io.run_events.Started`, with the number of frames for a budget),
+            of every frame (:class:`~anm_mj.events.Observed`) and decision (:class:`~anm_mj.events.Decided`); any of
+            them may end the run with what there is.
 
     Raises:
         AnmError: An image or the policy cannot be used, or the folder cannot be written.
     """
     begin = time.perf_counter()
-    neural_map = NeuralMap(config.mapping, seed=config.seed, device=config.device)
+    neural_map = make_mapper(config)
     policy = _shadow_policy(config, footprint) if shadow else None
     name = config.policy if shadow else RECORDED
     folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
@@ -65,18 +68,24 @@ def map_sequence(
     folder.write_config(config)
     log = RunLog(folder, config.record)
     last: Observation | None = None
+
+    def tell(event: object) -> bool:
+        return any([observer.on_event(event) for observer in observers])
+
+    interrupted = tell(Started(folder.path, len(sequence), lambda: None))
     try:
         for observation in sequence.observations():
-            if stop_requested():
+            if interrupted:
                 break
-            last, plan = observation, None
-            neural_map.integrate(observation)
+            last = observation
+            update = neural_map.integrate(observation)
             log.observation(observation)
             if policy is not None:
                 policy.observe(observation)
                 plan = policy.plan(neural_map, observation)
                 log.plan(observation.step, plan)
-            on_frame(observation.step + 1, len(sequence), plan)
+                interrupted |= tell(Decided(observation.step, plan))
+            interrupted |= tell(Observed(observation, update))
     finally:
         log.close()
     if last is not None:
@@ -94,7 +103,7 @@ def _finish(
     with writing(folder.map), atomic_write(folder.map) as partial:
         neural_map.save(partial)
     write_mesh(folder.mesh, neural_map.mesh(MESH_RESOLUTION_M))
-    stages = Stages(config.planning, footprint)
+    stages = RegionStages(config.planning, footprint)
     for pose in log.poses:
         stages.topdown.visit(pose.xy_m)
     state = stages.read(neural_map, last)

@@ -102,8 +102,16 @@ class Mapper(Protocol):
         """Add an observation and train for the iterations that the schedule sets."""
         ...
 
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        ...
+
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """Signed distance to the nearest surface at world points, truncated [m]; positive in free space."""
+        """Signed distance to the nearest surface at world points, truncated to +-``truncation_m`` [m].
+
+        It is positive in free space.
+        """
         ...
 
     def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
@@ -165,34 +173,4 @@ class Continues(Protocol):
 
     def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
         """Take over what a former run explored, before the first observation; the mapper holds its map."""
-        ...
-
-
-@runtime_checkable
-class Recorder(Protocol):
-    """Records a run while it goes on."""
-
-    def observation(self, observation: Observation) -> None:
-        """Record an observation; the first one comes before any action."""
-        ...
-
-    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """Record an executed action and the pose after it."""
-        ...
-
-    def plan(self, step: int, plan: Plan) -> None:
-        """Record a decision."""
-        ...
-
-
-@runtime_checkable
-class Viewer(Protocol):
-    """Shows a run while it goes on."""
-
-    def show(self, observation: Observation, mapper: Mapper, plan: Plan | None) -> None:
-        """Show the present state; returns quickly and never stops the run."""
-        ...
-
-    def close(self) -> None:
-        """Free ports and processes."""
         ...

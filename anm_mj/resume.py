@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -23,19 +23,19 @@ from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves, read_config
 from anm_mj.errors import AnmError, CheckpointError
 from anm_mj.evaluation.metrics import Metrics
-from anm_mj.explore import LoopState, Outcome, StepReport
+from anm_mj.events import Observer
 from anm_mj.io.jsonl import LineWriter, read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_folder import RunFolder, refuse_links
 from anm_mj.io.to_json import to_json
+from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.guarded_policy import describe_error
 from anm_mj.planning.policies.registry import policies
-from anm_mj.protocols import Viewer
 from anm_mj.recording.recorder import RunRecorder
-from anm_mj.run import Parts, Watched, checkpoint_roots, make_parts, run_loop, saying_how_to_go_on, true_view
+from anm_mj.run import checkpoint_roots, run_loop, saying_how_to_go_on
+from anm_mj.run_parts import Parts, make_parts, true_view
 from anm_mj.types import StopReason
 from anm_mj.utils.read_file import convert
-from anm_mj.viz.viewer import NullViewer
 
 _logger = logging.getLogger(__name__)
 
@@ -55,15 +55,7 @@ class _Facts(Struct):
 
 
 def resume(
-    path: Path,
-    *,
-    policy: str | None = None,
-    device: str | None = None,
-    viewer: Viewer | None = None,
-    stop_requested: Callable[[], bool] = lambda: False,
-    on_step: Callable[[StepReport, RunRecorder, int], None] = lambda report, recorder, num_steps: None,
-    on_survey: Callable[[int, int], None] = lambda done, total: None,
-    on_end: Callable[[Outcome], None] = lambda outcome: None,
+    path: Path, *, policy: str | None = None, device: str | None = None, observers: Sequence[Observer] = ()
 ) -> tuple[RunFolder, Metrics]:
     """Go on with a run.
 
@@ -71,11 +63,7 @@ def resume(
         path: its folder.
         policy: ``module:Class`` of the run, which says that this code may run; None = only policies of this package.
         device: where the map trains; None = as before.
-        viewer: as of :func:`anm_mj.run.run`, like the next four.
-        stop_requested: see there.
-        on_step: see there.
-        on_survey: see there.
-        on_end: see there.
+        observers: see :func:`anm_mj.run.run`.
 
     Raises:
         CheckpointError: the run has ended, has no whole checkpoint, or is one of another scene, robot or version.
@@ -90,7 +78,7 @@ def resume(
         config = replace(config, device=device)
     store = CheckpointStore(folder.checkpoints)
     stored = store.newest(lambda state: _require_logs(folder, state))
-    with make_parts(config, on_survey) as parts:
+    with make_parts(config, observers) as parts:
         _require_same_world(folder, parts)
         _require_same_settings(folder, stored, parts)
         if stored.facts.get("engine") != parts.mapper.engine_name:
@@ -112,10 +100,9 @@ def resume(
             with LineWriter(folder.resumed, size) as log:
                 log.json({"step": stored.step, "steps_lost": max(lost, 0), "engine": parts.mapper.engine_name})
             _logger.info("The run goes on at step %d; %d later steps are done again.", stored.step, max(lost, 0))
-            watched = Watched(viewer or NullViewer(), stop_requested, on_step, on_end)
             begin -= float(stored.facts.get("wall_s", 0.0))
             with _of_stored_state(stored), saying_how_to_go_on(folder):
-                return folder, run_loop(parts, folder, recorder, state, watched, begin)
+                return folder, run_loop(parts, folder, recorder, state, observers, begin)
 
 
 @contextmanager

@@ -9,10 +9,10 @@ The same as ``anm-mj explore home --steps 300``, from Python.
 import tyro
 
 import anm_mj
-from anm_mj.explore import StepReport
+from anm_mj.events import Stepped
 
 
-def watch(report: StepReport) -> None:
+def watch(report: Stepped) -> None:
     """Say every 50 steps where the robot is, and why it goes where it goes."""
     if report.step % 50 == 0:
         x_m, y_m = report.observation.pose.xy_m

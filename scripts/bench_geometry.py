@@ -20,6 +20,7 @@ from jaxtyping import Bool, Int
 from scipy import ndimage
 
 from anm_mj.config import make_config
+from anm_mj.events import Observed
 from anm_mj.explore import explore
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.occupancy import OccupancyGrid
@@ -28,10 +29,9 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.presets import sensor_config
-from anm_mj.sim.sensors.sensor import Sensor
-from anm_mj.types import FREE, OCCUPIED, ActionResult, Footprint, MapUpdate, Observation, Plan, Pose2, VoxelGrid
-from anm_mj.viz.viewer import NullViewer
+from anm_mj.sim.sensors.camera_sensor import Sensor
+from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.types import FREE, OCCUPIED, Footprint, Observation, VoxelGrid
 
 _AROUND = np.ones((3, 3), bool)
 LOOK_EVERY = 8
@@ -61,15 +61,10 @@ class Album:
     def __init__(self) -> None:
         self.observations: list[Observation] = []
 
-    def observation(self, observation: Observation) -> None:
-        """Keep it."""
-        self.observations.append(observation)
-
-    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """Ignore actions."""
-
-    def plan(self, step: int, plan: Plan) -> None:
-        """Ignore plans."""
+    def on_event(self, event: object) -> None:
+        """Keep an observation."""
+        if isinstance(event, Observed):
+            self.observations.append(event.observation)
 
 
 def walk(scene: str, steps: int, seed: int) -> tuple[list[Observation], Footprint]:
@@ -79,7 +74,7 @@ def walk(scene: str, steps: int, seed: int) -> tuple[list[Observation], Footprin
     with make_robot(load_scene(scene)) as robot:
         policy = make_policy("gvg", PolicyContext(robot.footprint, config.policy_settings, config.planning, seed))
         mapper = NeuralMap(config.mapping, seed=seed)
-        explore(robot, mapper, policy, num_steps=steps, recorder=album, viewer=NullViewer())
+        explore(robot, mapper, policy, num_steps=steps, observers=(album,))
         return album.observations, robot.footprint
 
 

@@ -28,6 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from anm_mj.config import make_config
+from anm_mj.events import Ended, On
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.types import VoxelGrid
 
@@ -142,12 +143,12 @@ def watched(watch: Watch) -> None:
     from anm_mj.mapping.field_geometry import FieldGeometry
     from anm_mj.mapping.keyframes import KeyframeStore
     from anm_mj.mapping.occupancy import OccupancyGrid
-    from anm_mj.planning.policies.gvg.policy import Gvg
+    from anm_mj.planning.policies.gvg.gvg_policy import Gvg
     from anm_mj.planning.stages import Stages
-    from anm_mj.planning.topdown import TopDownMapper
+    from anm_mj.planning.topdown_mapper import TopDownMapper
     from anm_mj.recording.recorder import RunRecorder
     from anm_mj.sensing.sensor_monitor import SensorMonitor
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
     for name in ("observe", "anticipate"):
         watch.over(SimRobot, name, "camera")
@@ -171,7 +172,7 @@ def watched(watch: Watch) -> None:
 
 def watched_around(watch: Watch) -> None:
     """Put another watch on the parts of a run."""
-    import anm_mj.recording.recorder
+    import anm_mj.recording.results
     import anm_mj.run
     from anm_mj.mapping.neural_map import NeuralMap
     from anm_mj.recording.recorder import RunRecorder
@@ -180,14 +181,14 @@ def watched_around(watch: Watch) -> None:
     watch.over(anm_mj.run, "explore", "explore")
     watch.over(NeuralMap, "finish", "settle")
     watch.over(anm_mj.run, "_what_is_left", "survey")
-    watch.over(RunRecorder, "finish", "other")
+    watch.over(anm_mj.run, "write_results", "other")
     watch.over(RunRecorder, "flush", "waiting")
     watch.over(NeuralMap, "save", "map file")
     watch.over(NeuralMap, "mesh", "mesh")
-    watch.over(anm_mj.recording.recorder, "write_mesh", "mesh")
-    watch.over(anm_mj.recording.recorder, "without_cap_cm", "completion")
-    watch.over(anm_mj.recording.recorder, "quality_of_mesh", "mesh quality")
-    watch.over(RunRecorder, "_draw", "pictures")
+    watch.over(anm_mj.recording.results, "write_mesh", "mesh")
+    watch.over(anm_mj.recording.results, "without_cap_cm", "completion")
+    watch.over(anm_mj.recording.results, "quality_of_mesh", "mesh quality")
+    watch.over(anm_mj.recording.results, "_draw", "pictures")
     watch.over(anm_mj.run, "run", "set up")
 
 
@@ -215,13 +216,13 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     # What comes after the loop belongs to no step.
     loop: dict[str, Any] = {}
 
-    def ended(outcome: Any) -> None:
+    def note(ended: Ended) -> None:
         loop.update(seconds=dict(watch.seconds), beside=dict(watch.beside), calls=dict(watch.calls))
         # The map is given back before the run ends.
         loop.update(config=maps[0].config, grid=maps[0].observed.grid)
 
     config = make_config("default", [], scene=scene, policy="gvg", steps=steps, sensor=sensor)
-    _, metrics = anm_mj.run.run(config, out=out, on_end=ended)
+    _, metrics = anm_mj.run.run(config, out=out, observers=(On(Ended, note),))
     seconds, calls = loop["seconds"], loop["calls"]
     frames = calls["occupancy"]
     stage_ms = {name: 1e3 * seconds.get(name, 0.0) / frames for name in STAGES}

@@ -25,7 +25,8 @@ from jaxtyping import Float, Float32
 
 from anm_mj.config import make_config
 from anm_mj.evaluation.completion_curve import CompletionCurve
-from anm_mj.explore import Outcome, explore
+from anm_mj.events import Ended, Observed, Stepped
+from anm_mj.explore import explore
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import reduce_depth
@@ -37,11 +38,10 @@ from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.types import (
     OCCUPIED,
     Action,
-    ActionResult,
     MapUpdate,
     Observation,
     Plan,
@@ -49,7 +49,6 @@ from anm_mj.types import (
     SurfacePoints,
     VoxelGrid,
 )
-from anm_mj.viz.viewer import NullViewer
 
 LAST_PERCENT = 0.25
 """What is seen after all but this much of the whole surface is of no use any more [%]."""
@@ -67,6 +66,11 @@ class OccupancyMapper:
         """Fuse the depth."""
         self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
         return MapUpdate(math.nan, 0, 0)
+
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        return FAR_M
 
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Negative in occupied voxels."""
@@ -127,19 +131,15 @@ class Coverage:
         self.num_turns = 0
         self.num_contacts = 0
 
-    def observation(self, observation: Observation) -> None:
-        """Take a frame in."""
-        depth = reduce_depth(observation.depth_m)
-        self.curve.frame(observation.step, depth, observation.intrinsics, observation.T_world_camera, observation.pose)
-
-    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """Count."""
-        del step, pose, update, stage_ms
-        self.num_turns += result.action is not Action.MOVE_FORWARD
-        self.num_contacts += result.collided
-
-    def plan(self, step: int, plan: Plan) -> None:
-        """Decisions are timed elsewhere."""
+    def on_event(self, event: object) -> None:
+        """Take a frame in, count a step; decisions are timed elsewhere."""
+        if isinstance(event, Observed):
+            seen = event.observation
+            depth = reduce_depth(seen.depth_m)
+            self.curve.frame(seen.step, depth, seen.intrinsics, seen.T_world_camera, seen.pose)
+        elif isinstance(event, Stepped):
+            self.num_turns += event.result.action is not Action.MOVE_FORWARD
+            self.num_contacts += event.result.collided
 
 
 def main(
@@ -184,7 +184,7 @@ def main(
 
 def run(
     world: Scene, name: str, steps: int, pose: Pose2, seed: int, sensor: str | None = None
-) -> tuple[Outcome, Coverage, Timed]:
+) -> tuple[Ended, Coverage, Timed]:
     """One run of one policy."""
     with make_robot(world, start=pose, sensor=sensor_config(sensor or "exact")) as robot:
         first = robot.observe()
@@ -195,7 +195,7 @@ def run(
         # With the uncertainty that guides the policy.
         config = make_config("default", [], scene=world.name, policy=name)
         mapper = OccupancyMapper() if sensor is None else NeuralMap(config.mapping, seed=seed)
-        outcome = explore(robot, mapper, timed, num_steps=steps, recorder=coverage, viewer=NullViewer())
+        outcome = explore(robot, mapper, timed, num_steps=steps, observers=(coverage,))
         coverage.curve.last()
         return outcome, coverage, timed
 

@@ -94,7 +94,7 @@ def _rate(connections: int, scene: str, steps: int) -> float:
 
     try:
         with tempfile.TemporaryDirectory() as folder:
-            run = explore_scene(scene, steps=steps, out=Path(folder) / "run", on_step=begin, viewer=viewer)
+            run = explore_scene(scene, steps=steps, out=Path(folder) / "run", on_step=begin, observers=(viewer,))
             return run.metrics["hz"]
     finally:
         viewer.close()

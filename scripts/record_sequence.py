@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from anm_mj.config import make_config
+from anm_mj.events import Observed
 from anm_mj.explore import explore
 from anm_mj.io.sequence import SequenceWriter
 from anm_mj.mapping.neural_map import NeuralMap
@@ -17,25 +18,18 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, Pose2
-from anm_mj.viz.viewer import NullViewer
 
 
 class SequenceRecorder:
-    """A recorder that keeps the images only."""
+    """Hears of the run and keeps the images."""
 
     def __init__(self, path: Path):
         self._writer = SequenceWriter(path)
 
-    def observation(self, observation: Observation) -> None:
-        """Write the images."""
-        self._writer.write(observation)
-
-    def step(self, step: int, result: ActionResult, pose: Pose2, update: MapUpdate, stage_ms: dict[str, float]) -> None:
-        """Ignore actions."""
-
-    def plan(self, step: int, plan: Plan) -> None:
-        """Ignore plans."""
+    def on_event(self, event: object) -> None:
+        """Write the images of an observation."""
+        if isinstance(event, Observed):
+            self._writer.write(event.observation)
 
 
 def main(
@@ -66,8 +60,7 @@ def main(
             NeuralMap(config.mapping, seed=seed, device="cpu"),
             make_policy(policy, PolicyContext(robot.footprint, config.policy_settings, config.planning, seed)),
             num_steps=steps,
-            recorder=recorder,
-            viewer=NullViewer(),
+            observers=(recorder,),
         )
     print(f"{outcome.num_steps + 1} frames in {out}; stop reason: {outcome.stop_reason}.")
 

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from anm_mj.frames import cell_to_world, world_to_cell
 from anm_mj.planning.policies.upen.occupancy_net import CLASSES, VOID, WIDTHS, layer_shapes, predict
-from anm_mj.planning.policies.upen.policy import WEIGHTS, egocentric_crop
+from anm_mj.planning.policies.upen.upen_policy import WEIGHTS, egocentric_crop
 from anm_mj.scene.generation.topdown import topdown
 from anm_mj.types import FREE, OCCUPIED, TURN_STEP_RAD, UNKNOWN, Pose2, TopDownMap
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from anm_mj.events import Ended
 from anm_mj.frames import move_pose, pixel_directions
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.io.run_folder import RunFolder
@@ -24,6 +25,7 @@ from anm_mj.types import (
     Plan,
     Pose2,
     Region,
+    StopReason,
     TopDownMap,
     VoronoiGraph,
     WheelSpeeds,
@@ -138,3 +140,8 @@ def record_steps(recorder: RunRecorder, num_steps: int, time_scale: float = 1.0)
 
 def new_recorder(path: Path, **options: Any) -> RunRecorder:
     return RunRecorder(RunFolder.create(path, "room", "gvg"), room_truth(), **options)
+
+
+def ended(stop_reason: StopReason, loop_s: float) -> Ended:
+    """The end of a loop of which the recorder knows the rest."""
+    return Ended(stop_reason, 0, loop_s, observe(0, Pose2(0.0, 0.0, 0.0)))

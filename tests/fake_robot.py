@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
+from anm_mj.events import Decided, Observed, Stepped
 from anm_mj.frames import move_pose
 from anm_mj.types import (
     Action,
@@ -67,6 +68,14 @@ class ListRecorder:
 
     def __init__(self):
         self.observations, self.steps, self.plans = [], [], []
+
+    def on_event(self, event):
+        if isinstance(event, Observed):
+            self.observation(event.observation)
+        elif isinstance(event, Decided):
+            self.plan(event.step, event.plan)
+        elif isinstance(event, Stepped):
+            self.step(event.step, event.result, event.observation.pose, event.update, event.stage_ms)
 
     def observation(self, observation):
         self.observations.append(observation)

@@ -21,7 +21,7 @@ from pathlib import Path
 import anm_mj
 
 
-def far(report: anm_mj.StepReport) -> bool:
+def far(report: anm_mj.Stepped) -> bool:
     return report.step >= 4 and report.observation.pose.x_m > 1.0
 
 

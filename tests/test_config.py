@@ -7,7 +7,7 @@ import pytest
 from anm_mj.config import OPTIONS, ConfigError, RunConfig, make_config, read_config
 from anm_mj.errors import AnmError, PlanError
 from anm_mj.planning.policies.registry import policies
-from anm_mj.robot.presets import preset_config
+from anm_mj.robot.robot_presets import preset_config
 
 
 def config_with(*settings, preset="default", **options):

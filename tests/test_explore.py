@@ -4,19 +4,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from anm_mj.anticipating_robot import AnticipatingRobot
 from anm_mj.errors import MapError, PlanError
+from anm_mj.events import On, Stepped
 from anm_mj.explore import STUCK_COLLISIONS, explore
+from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.types import OCCUPIED, Action, Plan, Pose2, StopReason
-from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import FakeRobot, ListRecorder
 from tests.planning.worlds import room
 
 
-def run(policy, world, pose, num_steps=200, **options):
+def run(policy, world, pose, num_steps=200, observers=()):
     robot, recorder = FakeRobot(world, pose), ListRecorder()
-    outcome = explore(robot, world, policy, num_steps=num_steps, recorder=recorder, viewer=NullViewer(), **options)
+    outcome = explore(robot, world, policy, num_steps=num_steps, observers=(recorder, *observers))
     return outcome, recorder
 
 
@@ -61,7 +63,7 @@ def test_everything_is_recorded_in_the_order_it_happened():
     assert [observation.step for observation in recorder.observations] == list(range(8))
     assert [step for step, *_ in recorder.steps] == list(range(1, 8))
     assert [step for step, _ in recorder.plans] == [0, 3, 6]
-    assert set(recorder.steps[0][3]) == {"plan", "act", "observe", "map", "view"}
+    assert set(recorder.steps[0][3]) == {"plan", "act", "observe", "map"}
     assert outcome.loop_s > 0
 
 
@@ -83,7 +85,9 @@ class Anticipating(FakeRobot):
 def test_a_robot_is_told_what_comes_next_only_from_a_pose_that_is_finite():
     robot, recorder = Anticipating(seen_room(), Pose2(1.0, 1.5, 0.0)), ListRecorder()
     policy = Scripted(straight_to(3.0, 1.5))
-    outcome = explore(robot, robot.world, policy, num_steps=6, recorder=recorder, viewer=NullViewer())
+    state = LoopState()
+    ahead = AnticipatingRobot(robot, state)
+    outcome = explore(ahead, robot.world, policy, num_steps=6, observers=(ahead, recorder), state=state)
     assert outcome.num_steps == 6
     assert robot.steps == 6
     # Twice after each step, but not where the pose of step 3 is asked.
@@ -94,7 +98,9 @@ def test_a_robot_is_told_what_comes_next_only_from_a_pose_that_is_finite():
 
 def expected_images(plan, num_steps):
     robot = Anticipating(seen_room(), Pose2(1.0, 1.5, 0.0))
-    explore(robot, robot.world, Scripted(plan), num_steps=num_steps, recorder=ListRecorder(), viewer=NullViewer())
+    state = LoopState()
+    ahead = AnticipatingRobot(robot, state)
+    explore(ahead, robot.world, Scripted(plan), num_steps=num_steps, observers=(ahead,), state=state)
     return robot.expected
 
 
@@ -107,8 +113,8 @@ def test_where_a_path_ends_the_last_action_is_expected_again_and_after_given_act
 
 def test_a_request_to_stop_ends_the_run_as_interrupted():
     turns = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
-    asked = iter([False, False, True])
-    outcome, recorder = run(Scripted(turns), seen_room(), Pose2(1.0, 1.5, 0.0), stop_requested=lambda: next(asked))
+    stop = On(Stepped, lambda stepped: stepped.step == 2)
+    outcome, recorder = run(Scripted(turns), seen_room(), Pose2(1.0, 1.5, 0.0), observers=(stop,))
     assert outcome.stop_reason is StopReason.INTERRUPTED
     assert outcome.num_steps == len(recorder.steps) == 2
 

@@ -12,7 +12,7 @@ from anm_mj.config import RunConfig
 from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
 from anm_mj.evaluation.oracle.planner import TourPlanner
 from anm_mj.io.read_run import read_json
-from anm_mj.run import make_parts
+from anm_mj.run_parts import make_parts
 from anm_mj.utils.files import write_text
 
 _SHARED = ("scene_hash", "start_pose", "robot", "drive", "pose", "sensor")
@@ -48,7 +48,7 @@ def write_bound(config: RunConfig, path: Path) -> None:
         AnmError: The scene cannot be used.
         OSError: The file cannot be written.
     """
-    with make_parts(config, lambda done, total: None) as parts:
+    with make_parts(config) as parts:
         pose = parts.robot.observe().pose
         bound = TourPlanner(parts.truth(), 1, pose).upper_bound(pose)
     lines = [

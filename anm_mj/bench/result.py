@@ -28,7 +28,7 @@ from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Count, Number
 from anm_mj.planning.policies.context import DEFAULT_GOAL
-from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.types import FORWARD_STEP_M, Action
 from anm_mj.utils.read_file import convert, read_text
 from anm_mj.utils.settings import of_type

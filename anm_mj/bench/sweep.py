@@ -50,12 +50,12 @@ from anm_mj.errors import AnmError
 from anm_mj.evaluation.oracle.measure import MEASURES
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import needs_truth
-from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
-from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import convert, read_toml
 
 

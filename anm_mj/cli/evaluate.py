@@ -32,7 +32,7 @@ def evaluate(run: Path, *, novel_views: bool = False, halved_intrinsics: bool = 
         with progress_bar(console, "fixed views") as on_progress:
             fixed = evaluate_fixed_views(run, scene=scene, on_progress=on_progress)
     with ProgressLine(console) as line:
-        metrics = evaluate_run(run, line.surveying, novel, fixed)
+        metrics = evaluate_run(run, line.survey, novel, fixed)
     print_metrics(console, metrics, run)
     if halved_intrinsics:
         other = completion_with_halved_intrinsics(run)

@@ -13,7 +13,7 @@ from anm_mj.cli.command_line import Fields, Option, arguments
 from anm_mj.cli.option_types import NewFolder, Port, Settings
 from anm_mj.errors import ConfigError
 from anm_mj.planning.policies.registry import policies
-from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 
 if TYPE_CHECKING:
     from anm_mj.config import RunConfig
@@ -116,11 +116,11 @@ def explore(
         title = resume.resolve().name
         start = functools.partial(resume_run, resume, policy=policy)
     else:
-        from anm_mj.run import run
-
         if scene is None:
             raise ConfigError("No scene is named; give one of anm-mj scene list, a scene folder, or --resume RUN.")
         config = run_config(scene, **setup)
+        from anm_mj.run import run
+
         title = f"{Path(scene).name}, {config.policy}, seed {config.seed}"
         start = functools.partial(run, config, out=out)
     return _show(start, title if view else None, port, verbose=verbose)
@@ -141,7 +141,7 @@ def _show(
     """Run, show how it goes, and print the metrics at the end.
 
     Args:
-        start: the run, given those who follow it.
+        start: makes the run, given its observers.
         title: of the page in the browser; None = no page.
         port: of the page.
         verbose: whether details are shown.
@@ -151,54 +151,20 @@ def _show(
     from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.cli.run_summary import print_metrics
     from anm_mj.types import StopReason
-    from anm_mj.viz.meshcat_viewer import MeshcatViewer
 
     console = PlainConsole()
     if console.is_terminal:
         log_to(console, verbose=verbose)  # The live line makes room for what its own console prints.
-    viewer = None if title is None else MeshcatViewer(port=port, title=title)
+    viewer = None
+    if title is not None:
+        from anm_mj.viz.meshcat_viewer import MeshcatViewer
+
+        viewer = MeshcatViewer(port=port, title=title)
     try:
         with Interrupt(console) as interrupt, ProgressLine(console, details=verbose) as line:
-            folder, metrics = start(
-                viewer=viewer,
-                stop_requested=interrupt.requested,
-                on_step=_on_step(line, viewer),
-                on_survey=line.surveying,
-                on_end=_on_end(line, viewer),
-            )
+            folder, metrics = start(observers=[interrupt, line, *([] if viewer is None else [viewer])])
     finally:
         if viewer is not None:
             viewer.close()
     print_metrics(console, metrics, folder.path)
     return RUN_FAILED if metrics.stop_reason in (StopReason.POLICY_ERROR, StopReason.MAP_ERROR) else 0
-
-
-def _on_step(line: Any, viewer: Any) -> Any:
-    """What is told after every step: the terminal, and the page where there is one."""
-
-    def tell(report: Any, recorder: Any, num_steps: int) -> None:
-        line.update(report, recorder, num_steps)
-        if viewer is not None:
-            viewer.progress(report.step, num_steps, _completed(recorder.completion))
-
-    return tell
-
-
-def _on_end(line: Any, viewer: Any) -> Any:
-    """What is told at the end of the loop: the terminal, and the page where there is one."""
-
-    def tell(outcome: Any) -> None:
-        line.finishing(outcome.num_steps)
-        if viewer is not None:
-            viewer.ended(f"The run has ended after {outcome.num_steps} steps: {outcome.stop_reason}.")
-
-    return tell
-
-
-def _completed(row: Any) -> str:
-    """The headline metric in words; empty where it was not measured yet."""
-    if row is None:
-        return ""
-    if row.observable_ratio is not None:
-        return f"{row.observable_ratio:.1f} % of the observable surface"
-    return f"{row.completion_ratio:.1f} % of the surface"

@@ -14,8 +14,6 @@ from anm_mj.errors import ConfigError
 
 TALLEST_M = 100.0
 """No robot is higher [m]."""
-PLAIN_EVERY = 50
-"""Frames between two printed lines, if the output is no terminal."""
 
 
 def _map_fields() -> tuple[type, Mapping[str, Option]]:
@@ -69,7 +67,7 @@ def map_recorded(
     """
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
-    from anm_mj.cli.progress import Interrupt
+    from anm_mj.cli.progress import FrameLine, Interrupt
     from anm_mj.cli.run_summary import print_folder
     from anm_mj.config import DEFAULT_PRESET, make_config
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
@@ -91,28 +89,9 @@ def map_recorded(
     height_m = frames.frames[0].T_world_camera[2, 3]
     console.say(f"{len(frames)} frames, layout {layout}; the first camera is {height_m:.2f} m above the floor.")
     with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
-
-        def show(done: int, total: int, plan: Any) -> None:
-            on_progress(done, total)
-            if not console.is_terminal and (done % PLAIN_EVERY == 0 or done == total):
-                console.say(f"frame {done}/{total}{_intent(plan)}")
-
+        observers = (FrameLine(console, on_progress), interrupt)
         folder = map_sequence(
-            frames,
-            config,
-            Footprint(radius, 0.05, height),
-            out=out,
-            shadow=shadow,
-            stop_requested=interrupt.requested,
-            on_frame=show,
+            frames, config, Footprint(radius, 0.05, height), out=out, shadow=shadow, observers=observers
         )
     print_folder(console, folder.path)
     return 0
-
-
-def _intent(plan: Any) -> str:
-    """What the policy would have done."""
-    if plan is None:
-        return ""
-    target = "would stay" if plan.target_xy_m is None else "would go to ({:.2f}, {:.2f})".format(*plan.target_xy_m)
-    return f": {target}: {plan.reason}"

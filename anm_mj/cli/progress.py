@@ -7,14 +7,16 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from types import FrameType
 
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from anm_mj.explore import StepReport
-from anm_mj.recording.recorder import RunRecorder
+from anm_mj.events import Decided, Ended, Observed, Stepped
+from anm_mj.io.run_events import Started, Surveying
+from anm_mj.types import Plan
 
 PLAIN_EVERY = 50
 """Steps between two printed lines, if the output is no terminal."""
@@ -33,6 +35,7 @@ class ProgressLine:
         self._console = console
         self._details = details
         self._loss = math.nan
+        self._started: Started | None = None
         self._begun: tuple[int, float] | None = None
         """Step and time [s] of the first report."""
         self._live = Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
@@ -46,26 +49,33 @@ class ProgressLine:
         if self._live is not None:
             self._live.stop()
 
-    def surveying(self, done: int, total: int) -> None:
-        """Show the progress of the computation of the observable surface."""
+    def on_event(self, event: object) -> None:
+        """Show an event of the run; see :class:`anm_mj.events.Observer`."""
+        if isinstance(event, Surveying):
+            self.survey(event.done, event.total)
+        elif isinstance(event, Started):
+            self._started = event
+        elif isinstance(event, Stepped):
+            self._step(event)
+        elif isinstance(event, Ended) and self._live is not None:
+            text = f"step {event.num_steps}, the last · finishing the map, its mesh and the metrics"
+            self._live.update(Text(text))
+
+    def survey(self, done: int, total: int) -> None:
+        """Show how far the search for the observable surface is."""
         if self._live is not None:
             self._live.update(Text(f"computing the observable surface (once per scene): {100 * done // total} %"))
         elif done == 1:
             self._console.print("Computing the observable surface (once per scene).")
 
-    def finishing(self, num_steps: int) -> None:
-        """Say what takes the last seconds of a run."""
-        if self._live is not None:
-            self._live.update(Text(f"step {num_steps}, the last · finishing the map, its mesh and the metrics"))
-
-    def update(self, report: StepReport, recorder: RunRecorder, num_steps: int) -> None:
-        """Show how the run stands."""
+    def _step(self, report: Stepped) -> None:
+        assert self._started is not None, "the start comes first"
+        num_steps, row = self._started.num_steps, self._started.completed()
         if report.update.num_iterations:  # Not every step trains.
             self._loss = report.update.loss
         self._begun = self._begun or (report.step, time.monotonic())
         if self._live is None and report.step % PLAIN_EVERY and report.step != num_steps:
             return
-        row = recorder.completion
         parts = [
             f"step {report.step} of {num_steps}",
             f"completion {row.completion_ratio:.1f} %" if row is not None else "",
@@ -99,6 +109,41 @@ class ProgressLine:
         )
 
 
+class FrameLine:
+    """How far a recorded sequence is mapped; without a terminal also what the policy would do, now and then."""
+
+    def __init__(self, console: Console, on_progress: Callable[[int, int], None]):
+        """Nothing is shown before the first frame.
+
+        Args:
+            console: where lines are shown.
+            on_progress: called with the frames done and all frames.
+        """
+        self._console, self._on_progress = console, on_progress
+        self._total = 0
+        self._plan: Plan | None = None
+
+    def on_event(self, event: object) -> None:
+        """Show an event of the mapping; see :class:`anm_mj.events.Observer`."""
+        if isinstance(event, Started):
+            self._total = event.num_steps
+        elif isinstance(event, Decided):
+            self._plan = event.plan
+        elif isinstance(event, Observed):
+            done = event.observation.step + 1
+            self._on_progress(done, self._total)
+            if not self._console.is_terminal and (done % PLAIN_EVERY == 0 or done == self._total):
+                self._console.print(f"frame {done}/{self._total}{_intent(self._plan)}", highlight=False, soft_wrap=True)
+
+
+def _intent(plan: Plan | None) -> str:
+    """What the policy would have done."""
+    if plan is None:
+        return ""
+    target = "would stay" if plan.target_xy_m is None else "would go to ({:.2f}, {:.2f})".format(*plan.target_xy_m)
+    return f": {target}: {plan.reason}"
+
+
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 """Ctrl-C, the end that a cluster or a system announces, and a terminal that was closed."""
 
@@ -124,8 +169,8 @@ class Interrupt:
         for number, handler in self._former.items():
             signal.signal(number, handler)
 
-    def requested(self) -> bool:
-        """Whether the end of the run was asked for."""
+    def on_event(self, event: object) -> bool:
+        """Whether the end of the run was asked for; see :class:`anm_mj.events.Observer`."""
         return self._requested
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:

@@ -28,7 +28,7 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     """
     from anm_mj.cli.console import PlainConsole, say_problems
     from anm_mj.config import DEFAULT_PRESET, make_config
-    from anm_mj.robot.presets import robot_path
+    from anm_mj.robot.robot_presets import robot_path
     from anm_mj.sim.gl import select_backend
 
     require_ending(out, (".png",))

@@ -34,7 +34,7 @@ def scene_check(scene: str, *, out: NewFile | None = None) -> int:
     require_ending(out, (".png", ".pdf", ".svg"))
     world = load_scene(scene)
     backend = select_backend()
-    from anm_mj.sim.views import CUT_M, SceneViews
+    from anm_mj.sim.scene_views import CUT_M, SceneViews
     from anm_mj.viz.scene_sheet import VIEWS, write_sheet
 
     console = PlainConsole()

@@ -6,11 +6,11 @@ import dataclasses
 import math
 from typing import Any
 
-from anm_mj.control.motion import MotionLimits
+from anm_mj.control.action_motion import MotionLimits
 from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
 from anm_mj.errors import TaskError
-from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 from anm_mj.sim.simulation_config import DRIVES
 from anm_mj.types import FORWARD_STEP_M
 from anm_mj.utils.close_names import close_name

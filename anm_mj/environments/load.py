@@ -14,12 +14,12 @@ from anm_mj.environments.config import explore_config
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
-from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.robot.presets import preset_config, robot_path
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.robot.robot_presets import preset_config, robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.types import Footprint
 
 TASKS = ("explore",)

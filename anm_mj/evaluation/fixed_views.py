@@ -25,8 +25,8 @@ from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult, compare_vie
 from anm_mj.io.read_run import read_run
 from anm_mj.io.to_json import write_json
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.sim.make_robot import FOOTPRINT

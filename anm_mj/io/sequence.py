@@ -31,7 +31,7 @@ from anm_mj.io.run_shapes import IntrinsicsShape
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation, Pose2
-from anm_mj.utils.limits import limit
+from anm_mj.utils.file_limits import limit
 from anm_mj.utils.read_file import convert, read_json, read_npy, read_table
 
 _logger = logging.getLogger(__name__)

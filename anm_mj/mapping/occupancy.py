@@ -22,7 +22,7 @@ from anm_mj.mapping.occupancy_native import NativeFusion, native_fusion
 from anm_mj.sensing.lost_pixels import vouched_depth
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
 from anm_mj.utils.arrays import embed
-from anm_mj.utils.limits import limit
+from anm_mj.utils.file_limits import limit
 from anm_mj.utils.read_file import array_of
 
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4

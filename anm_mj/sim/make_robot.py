@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from anm_mj.errors import RobotError, SceneError
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.simulation_config import SimulationConfig
@@ -22,8 +22,8 @@ from anm_mj.utils.threads import usual_num_threads
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.camera import Camera
-    from anm_mj.sim.robot import SimRobot
-    from anm_mj.sim.sensors.config import SensorConfig
+    from anm_mj.sim.sensors.sensor_config import SensorConfig
+    from anm_mj.sim.sim_robot import SimRobot
 
 FOOTPRINT = DEFAULT_FOOTPRINT
 """Of the robot in ``models/diff_drive``."""
@@ -77,7 +77,7 @@ def make_robot(
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
     from anm_mj.sim.drives.physics_drive import PhysicsDrive
     from anm_mj.sim.gl_camera import GlCamera
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
     description = describe_robot(path, config.model, config.camera, config.image_px)
     start = _start_pose(scene, start or config.start_pose, description.footprint)

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, cast
 
 from anm_mj.errors import ConfigError
 from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.sim.motion_config import MotionConfig
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.utils.close_names import close_name
 
 if TYPE_CHECKING:
     from anm_mj.types import Pose2
+
 DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry")
 LARGEST_SEED = 2**63 - 1
@@ -58,7 +59,7 @@ class SimulationConfig:
             RobotError: the settings of the named robots cannot be read.
         """
         if self.model is None:
-            from anm_mj.robot.presets import preset_config  # Names alone should not cost the import of numpy.
+            from anm_mj.robot.robot_presets import preset_config  # Names alone should not cost the import of numpy.
 
             object.__setattr__(self, "model", preset_config(self.robot))
         require_choice("drive", self.drive, DRIVES)

@@ -18,7 +18,9 @@ from meshcat.geometry import Object
 from meshcat.path import Path
 from PIL import Image
 
+from anm_mj.events import Ended, Stepped
 from anm_mj.frames import pose_matrix
+from anm_mj.io.run_events import Completed, Started
 from anm_mj.protocols import Mapper
 from anm_mj.types import Observation, Plan
 from anm_mj.viz import palette, shapes
@@ -70,6 +72,7 @@ class MeshcatViewer:
         self._server = PageServer(FIRST_PORT if port is None else port, filled("live.html", parts))
         self._server.say("title", {"title": title})
         self._failed = False
+        self._started: Started | None = None
         self._trajectory_xy_m: list[Float[np.ndarray, "2"]] = []
         self._plan: Plan | None = None
         self._begin_s = time.perf_counter()
@@ -85,6 +88,20 @@ class MeshcatViewer:
     def url(self) -> str:
         """Address of the page."""
         return self._server.url
+
+    def on_event(self, event: object) -> None:
+        """Show an event of the run; see :class:`anm_mj.events.Observer`. It returns quickly."""
+        if isinstance(event, Started):
+            self._started = event
+        elif isinstance(event, Stepped):
+            self.show(event.observation, event.mapper, event.plan)
+            if self._started is not None:
+                completed = _completed(self._started.completed())
+                self.progress(event.step, self._started.num_steps, completed)
+        elif isinstance(event, Ended):
+            self._server.say(
+                "ended", {"ended": f"The run has ended after {event.num_steps} steps: {event.stop_reason}."}
+            )
 
     def show(self, observation: Observation, mapper: Mapper, plan: Plan | None) -> None:
         """Show the present state; returns quickly, and an error disables the view but not the run."""
@@ -115,10 +132,6 @@ class MeshcatViewer:
             completed: How much is done, in words; empty = not measured.
         """
         self._server.say("progress", {"step": step, "num_steps": num_steps, "completed": completed})
-
-    def ended(self, why: str) -> None:
-        """Tell the page that the run has ended, and why; it stays as it is after that."""
-        self._server.say("ended", {"ended": why})
 
     def close(self) -> None:
         """Free the port; a second time does nothing."""
@@ -192,6 +205,15 @@ class MeshcatViewer:
 
     def _property(self, path: str, key: str, value: object) -> None:
         self._server.publish(SetProperty(key, value, _path(path)))
+
+
+def _completed(row: Completed | None) -> str:
+    """The headline metric in words; empty where it was not measured yet."""
+    if row is None:
+        return ""
+    if row.observable_ratio is not None:
+        return f"{row.observable_ratio:.1f} % of the observable surface"
+    return f"{row.completion_ratio:.1f} % of the surface"
 
 
 def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> str:

@@ -76,7 +76,7 @@ def test_a_policy_with_other_settings_is_another_row(tmp_path):
 
 
 OWN = """
-from anm_mj.planning.policies.random_walk.policy import RandomWalk
+from anm_mj.planning.policies.random_walk import RandomWalk
 from tests.bench.fake import quick
 
 

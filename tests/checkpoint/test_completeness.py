@@ -9,14 +9,15 @@ from dataclasses import replace
 
 import pytest
 
+from anm_mj.anticipating_robot import AnticipatingRobot
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.encode import encode
 from anm_mj.config import make_config
-from anm_mj.explore import LoopState, explore
+from anm_mj.explore import explore
+from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.registry import policies
-from anm_mj.run import make_parts
-from anm_mj.sim.sensors.presets import SENSORS
-from anm_mj.viz.viewer import NullViewer
+from anm_mj.run_parts import make_parts
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 from tests.fake_robot import ListRecorder
 from tests.scene.small import make_small_scene
 
@@ -62,7 +63,7 @@ def configuration(scene, policy="gvg", settings=(), **options):
 
 
 def go_on(parts, recorder, state, num_steps):
-    followed = {"num_steps": num_steps, "recorder": recorder, "viewer": NullViewer()}
+    followed = {"num_steps": num_steps, "observers": (AnticipatingRobot(parts.robot, state), recorder)}
     return explore(parts.robot, parts.mapper, parts.policy, **followed, state=state)
 
 
@@ -80,14 +81,14 @@ def now(parts, state):
 def ends(config):
     """Steps and final state of an undisturbed run, and of one that goes on in newly made parts."""
     found = []
-    with make_parts(config, lambda done, total: None) as parts:
+    with make_parts(config) as parts:
         recorder, state = ListRecorder(), LoopState()
         go_on(parts, recorder, state, STOP)
         stored = now(parts, state)
         before = len(recorder.steps)
         go_on(parts, recorder, state, END)
         found.append((recorder.steps[before:], now(parts, state)))
-    with make_parts(config, lambda done, total: None) as parts:
+    with make_parts(config) as parts:
         recorder, state = ListRecorder(), LoopState()
         # As a run does before it goes on: the observable surface is looked for from the start.
         parts.robot.observe()
@@ -126,7 +127,7 @@ def test_every_engine_goes_on(scene, engine):
 
 def test_the_comparison_would_find_a_forgotten_attribute(scene, monkeypatch):
     """A policy whose count is left out does not come back with it."""
-    from anm_mj.planning.policies.random_walk.policy import RandomWalk
+    from anm_mj.planning.policies.random_walk import RandomWalk
 
     monkeypatch.setattr(RandomWalk, "REBUILT", ("_rng",), raising=False)
     (steps, _), (steps_again, _) = ends(configuration(scene, "random"))

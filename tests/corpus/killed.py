@@ -10,7 +10,7 @@ from pathlib import Path
 
 import anm_mj.run
 from anm_mj.config import make_config
-from anm_mj.explore import StepReport
+from anm_mj.events import On, Stepped
 
 TINY = ("mapping.schedule.first_iterations=5", "mapping.schedule.replay_bytes=2000000", "image_px=64")
 """Settings of short runs."""
@@ -24,7 +24,7 @@ def main(scene: str, out: str) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "run"
 
-        def copy(report: StepReport, recorder: object, num_steps: int) -> None:
+        def copy(report: Stepped) -> None:
             if report.step < STEPS // 2 or Path(out).exists():
                 return
             until = time.monotonic() + 20.0
@@ -36,7 +36,7 @@ def main(scene: str, out: str) -> None:
             except shutil.Error:  # The oldest checkpoint was removed meanwhile.
                 shutil.rmtree(out)
 
-        anm_mj.run.run(config, out=folder, on_step=copy)
+        anm_mj.run.run(config, out=folder, observers=(On(Stepped, copy),))
 
 
 if __name__ == "__main__":

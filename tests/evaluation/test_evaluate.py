@@ -10,8 +10,9 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.evaluate import add_views, completion_with_halved_intrinsics, evaluate_run
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.frames import pose_matrix
+from anm_mj.recording.results import write_results
 from anm_mj.types import Pose2, StopReason, TrueView
-from tests.box_room import FakeMap, new_recorder, observe, record_steps, room_plan
+from tests.box_room import FakeMap, ended, new_recorder, observe, record_steps, room_plan
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +20,7 @@ def finished(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "finished"
     recorder = new_recorder(path)
     record_steps(recorder, 33)
-    recorder.finish(StopReason.COMPLETE, FakeMap(), room_plan(), wall_s=9.0, loop_s=3.0)
+    write_results(recorder, ended(StopReason.COMPLETE, 3.0), FakeMap(), room_plan(), wall_s=9.0)
     return path
 
 

@@ -10,6 +10,7 @@ import anm_mj.run
 from anm_mj.config import make_config
 from anm_mj.errors import MapError, RunFolderError
 from anm_mj.evaluation.evaluate import evaluate_run
+from anm_mj.events import On, Stepped
 from anm_mj.resume import resume
 from tests.integration.test_kills import OFTEN, TINY, assert_same
 from tests.scene.small import make_small_scene
@@ -85,11 +86,11 @@ def test_a_continued_run_can_be_resumed(small, former, tmp_path):
         "quick", [*TINY, *OFTEN], scene=str(small), steps=100, seed=3, device="cpu", policy="frontier", **options
     )
 
-    def copy(report, recorder, num_steps):
+    def copy(report):
         if report.step == 36:
             shutil.copytree(whole, cut, ignore=shutil.ignore_patterns(".*"))
 
-    _, metrics = anm_mj.run.run(config, out=whole, on_step=copy)
+    _, metrics = anm_mj.run.run(config, out=whole, observers=(On(Stepped, copy),))
     assert metrics.stop_reason in ("RETURNED", "COMPLETE")
     assert metrics.return_distance_m < 0.1
     assert metrics.return_steps > 0

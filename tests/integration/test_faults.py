@@ -13,6 +13,7 @@ from PIL import Image
 
 import anm_mj.run
 from anm_mj.config import make_config
+from anm_mj.events import On, Stepped
 from anm_mj.explore import explore
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.mapping.neural_map import NeuralMap
@@ -21,7 +22,6 @@ from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import OCCUPIED, Action, Pose2, StopReason
-from anm_mj.viz.viewer import NullViewer
 from tests.fake_robot import ListRecorder
 from tests.integration.test_kills import GROWING, TINY, assert_same, finished, words
 from tests.scene.shapes import room
@@ -138,7 +138,7 @@ def test_an_obstacle_that_appears_where_the_map_said_free(tmp_path, drive, polic
         seen.append(report.step > appears and sees_front(report.observation))
 
     outcome = explore(
-        robot, mapper, make_policy(policy, context), num_steps=400, recorder=recorder, viewer=NullViewer(), on_step=note
+        robot, mapper, make_policy(policy, context), num_steps=400, observers=(recorder, On(Stepped, note))
     )
     noticed = sum(seen[: next(step for step, share in enumerate(held, 1) if share >= 0.5)])
     collisions = sum(result.collided for _, result, *_ in recorder.steps)

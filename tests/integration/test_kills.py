@@ -16,6 +16,7 @@ import pytest
 import anm_mj.run
 from anm_mj.config import make_config
 from anm_mj.errors import CheckpointError, RunFolderError
+from anm_mj.events import On, Stepped
 from anm_mj.mapping.map_file import read_map
 from anm_mj.resume import resume
 from anm_mj.scene.importing.import_scene import import_scene
@@ -129,7 +130,7 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
     """What is in the folder at a moment is what a kill at that moment leaves; the last checkpoint is being written."""
     whole, killed = tmp_path / "whole", tmp_path / "killed"
 
-    def copy(report, recorder, num_steps):
+    def copy(report):
         whole_ones = list(whole.glob("checkpoint/[!.]*"))
         if report.step < 21 or len(whole_ones) < 2 or killed.exists():
             return
@@ -140,7 +141,7 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
 
     settings = [*TINY, *OFTEN, *GROWING]
     config = make_config("quick", settings, scene=str(small), steps=36, seed=3, device="cpu")
-    anm_mj.run.run(config, out=whole, on_step=copy)
+    anm_mj.run.run(config, out=whole, observers=(On(Stepped, copy),))
     assert read_map(whole / "map.safetensors").config.field.log2_table_size > 11
     with (killed / "steps.jsonl").open("a") as file:
         file.write('{"step": 99, "act')
@@ -157,7 +158,7 @@ def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(small, tmp_path):
 def test_code_that_a_folder_names_is_not_run(small, tmp_path):
     folder = tmp_path / "run"
     config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=2, seed=3, device="cpu")
-    anm_mj.run.run(config, out=folder, stop_requested=lambda: True)
+    anm_mj.run.run(config, out=folder, observers=(On(object, lambda event: True),))
     said = json.loads((folder / "config.json").read_text())
     (folder / "config.json").write_text(json.dumps(said | {"policy": "antigravity:Policy"}))
     with pytest.raises(CheckpointError, match="add --policy antigravity:Policy"):
@@ -178,7 +179,7 @@ def test_code_that_a_folder_names_is_not_run(small, tmp_path):
 def test_settings_that_were_edited_are_refused_and_a_longer_budget_is_not(small, tmp_path):
     folder = tmp_path / "run"
     config = make_config("quick", [*TINY, *OFTEN], scene=str(small), steps=9, seed=3, device="cpu")
-    anm_mj.run.run(config, out=folder, stop_requested=lambda: num_steps(folder) >= 2)
+    anm_mj.run.run(config, out=folder, observers=(On(object, lambda event: num_steps(folder) >= 2),))
     said = json.loads((folder / "config.json").read_text())
     edited = {
         "seed = 4, and the run was made with 3": said | {"seed": 4},

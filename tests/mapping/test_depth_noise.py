@@ -8,8 +8,8 @@ import pytest
 
 from anm_mj.mapping import depth_noise
 from anm_mj.mapping.depth_noise import NoiseMean, inverse_depth_noise
-from anm_mj.sim.sensors.depth import measure_depth
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.measure_depth import measure_depth
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from tests.mapping.ray_room import Room
 
 

@@ -10,17 +10,19 @@ from anm_mj.errors import RunFolderError
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.io.read_run import read_run
-from anm_mj.recording.recorder import peak_rss_mib
+from anm_mj.recording.results import peak_rss_mib, write_results
 from anm_mj.recording.run_log import tum_line
 from anm_mj.types import Action, Plan, Pose2, StopReason
-from tests.box_room import CAMERA, FakeMap, new_recorder, observe, record_steps, room_depth, room_plan
+from tests.box_room import CAMERA, FakeMap, ended, new_recorder, observe, record_steps, room_depth, room_plan
 
 
 def test_a_finished_run_leaves_every_file(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 23)
     finished = FakeMap()
-    metrics = recorder.finish(StopReason.BUDGET, finished, room_plan(), wall_s=9.0, loop_s=4.6)
+    metrics = write_results(
+        recorder, ended(StopReason.BUDGET, 4.6), finished, room_plan(), wall_s=9.0, release=finished.close
+    )
     assert finished.closed
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names >= {
@@ -120,7 +122,7 @@ def test_a_run_without_a_surface_has_metrics(tmp_path, caplog):
 
     recorder = new_recorder(tmp_path / "run")
     recorder.observation(observe(0, Pose2(0.0, 0.0, 0.0)))
-    metrics = recorder.finish(StopReason.INTERRUPTED, EmptyMap(), room_plan(), wall_s=1.0, loop_s=0.0)
+    metrics = write_results(recorder, ended(StopReason.INTERRUPTED, 0.0), EmptyMap(), room_plan(), wall_s=1.0)
     assert metrics.accuracy_cm is None
     assert metrics.hz is None
     assert not (tmp_path / "run" / "mesh.ply").exists()
@@ -133,7 +135,7 @@ def test_a_map_that_nothing_trained_has_no_mesh(tmp_path, caplog):
 
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 1)
-    metrics = recorder.finish(StopReason.BUDGET, Untrained(), room_plan(), wall_s=1.0, loop_s=1.0)
+    metrics = write_results(recorder, ended(StopReason.BUDGET, 1.0), Untrained(), room_plan(), wall_s=1.0)
     assert metrics.accuracy_cm is None
     assert metrics.completion_ratio > 0.0
     assert not (tmp_path / "run" / "mesh.ply").exists()
@@ -143,7 +145,7 @@ def test_a_map_that_nothing_trained_has_no_mesh(tmp_path, caplog):
 def test_mesh_keeps_its_colours(tmp_path):
     recorder = new_recorder(tmp_path / "run")
     record_steps(recorder, 1)
-    recorder.finish(StopReason.BUDGET, FakeMap(), room_plan(), wall_s=1.0, loop_s=1.0)
+    write_results(recorder, ended(StopReason.BUDGET, 1.0), FakeMap(), room_plan(), wall_s=1.0)
     mesh = trimesh.load_mesh(tmp_path / "run" / "mesh.ply")
     assert mesh.visual.vertex_colors[0].tolist() == [200, 180, 160, 255]
 

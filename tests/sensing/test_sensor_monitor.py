@@ -9,7 +9,6 @@ from anm_mj.frames import move_pose
 from anm_mj.sensing.outliers import outliers
 from anm_mj.sensing.sensor_monitor import PATIENCE_FRAMES, SensorMonitor
 from anm_mj.types import Action, Intrinsics, Observation, Plan, Pose2, StopReason
-from anm_mj.viz.viewer import NullViewer
 from tests.box_room import ROOM_HIGH_M, ROOM_LOW_M, camera_pose, room_depth
 from tests.fake_robot import FakeRobot, ListRecorder
 from tests.planning.worlds import room
@@ -35,7 +34,7 @@ def with_depth(value):
 def outcome_of(change, from_step, plan):
     world = room(5, 4)
     robot = FaultyRobot(world, Pose2(1.0, 1.5, 0.0), change, from_step)
-    return explore(robot, world, Scripted(plan), num_steps=100, recorder=ListRecorder(), viewer=NullViewer())
+    return explore(robot, world, Scripted(plan), num_steps=100, observers=(ListRecorder(),))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, -1.0])
@@ -55,7 +54,7 @@ def test_one_frame_without_depth_hides_no_end():
     turn = Plan("turn", np.zeros((0, 2)), actions=(Action.TURN_LEFT,))
     world = room(5, 4)
     robot = FaultyRobot(world, Pose2(1.0, 1.5, 0.0), with_depth(np.nan), 1)
-    outcome = explore(robot, world, Scripted(turn, done), num_steps=100, recorder=ListRecorder(), viewer=NullViewer())
+    outcome = explore(robot, world, Scripted(turn, done), num_steps=100, observers=(ListRecorder(),))
     assert outcome.stop_reason is StopReason.COMPLETE
 
 

@@ -8,7 +8,7 @@ import trimesh
 
 from anm_mj.errors import ConfigError, RobotError, SceneError
 from anm_mj.frames import back_project
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import FOOTPRINT, make_robot

@@ -19,7 +19,6 @@ from anm_mj.errors import RenderError
 from anm_mj.types import Pose2
 from anm_mj.viz import meshcat_viewer, page_server
 from anm_mj.viz.meshcat_viewer import FIRST_MESH_STEP, MESH_EVERY_STEPS, MeshcatViewer
-from anm_mj.viz.viewer import NullViewer
 from tests.box_room import FakeMap, observe, room_plan
 from tests.viz.chromium import PROGRAM, Chromium
 
@@ -320,12 +319,6 @@ def test_showing_after_the_close_does_nothing():
     viewer = MeshcatViewer(port=0)
     viewer.close()
     show(viewer, 2)
-
-
-def test_null_viewer_shows_nothing():
-    viewer = NullViewer()
-    show(viewer, 1)
-    viewer.close()
 
 
 @pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")

@@ -17,7 +17,7 @@ from anm_mj.scene.importing.floorplans.houseexpo import is_houseexpo, read_house
 from anm_mj.scene.importing.floorplans.plan1 import is_plan1, read_plan1
 from anm_mj.scene.importing.floorplans.procthor import is_procthor, read_procthor
 from anm_mj.scene.writer import SceneInfo, check_destination
-from anm_mj.utils.limits import limit
+from anm_mj.utils.file_limits import limit
 from anm_mj.utils.read_file import parse_json, read_bytes, read_json
 
 _logger = logging.getLogger(__name__)

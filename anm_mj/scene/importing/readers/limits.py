@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.submesh import Submesh
-from anm_mj.utils.limits import MAX_TEXTURE_MEGAPIXELS, limit
+from anm_mj.utils.file_limits import MAX_TEXTURE_MEGAPIXELS, limit
 
 MAX_MESH_MIB = limit("ANM_MJ_MAX_MESH_MIB", 4096)
 """Largest mesh file [MiB]."""

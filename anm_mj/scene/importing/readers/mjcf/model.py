@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from anm_mj.errors import SceneError
-from anm_mj.utils.limits import limit
+from anm_mj.utils.file_limits import limit
 from anm_mj.utils.quiet_mujoco import quiet
 from anm_mj.utils.read_mjcf import TIMESTEPS_S, OutsideError, read_spec
 

@@ -1,0 +1,101 @@
+"""What the loop tells, and who listens: recorder, viewer, progress, checkpoints, a user's own function.
+
+An observer hears every event in the order in which things happen, when the state of the run is whole. It may ask for
+the end of the run; apart from that, nothing that the robot does depends on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+from anm_mj.protocols import Mapper
+from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, StopReason
+
+
+@dataclass(frozen=True)
+class Observed:
+    """An observation was taken into the map; the first one comes before any action."""
+
+    observation: Observation
+    """As the robot believes it: with its estimated pose, and without what the camera got wrong."""
+    update: MapUpdate
+    """What the map learnt from it."""
+
+
+@dataclass(frozen=True)
+class Decided:
+    """The policy made a plan."""
+
+    step: int
+    """Number of actions before it."""
+    plan: Plan
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """An action was executed, and what the robot saw after it was taken into the map."""
+
+    step: int
+    """Number of actions so far."""
+    result: ActionResult
+    """What the action did."""
+    observation: Observation
+    """What the robot saw after it."""
+    update: MapUpdate
+    """What the map learnt from that."""
+    plan: Plan
+    """The plan that the action belongs to."""
+    mapper: Mapper
+    """The map, as of now."""
+    stage_ms: dict[str, float]
+    """Time of each stage of this step [ms]."""
+    loop_s: float
+    """Time spent in the loop so far, without set-up and observers [s]."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The loop has come to its end."""
+
+    stop_reason: StopReason
+    num_steps: int
+    """Number of actions in all."""
+    loop_s: float
+    """Time spent in the loop, without set-up and observers [s]."""
+    observation: Observation
+    """The last one."""
+
+
+Event = Observed | Decided | Stepped | Ended
+
+
+@runtime_checkable
+class Observer(Protocol):
+    """Follows a run."""
+
+    def on_event(self, event: object) -> bool | None:
+        """Take an event in; ignore those of a type that it does not know.
+
+        Returns:
+            True to end the run (``INTERRUPTED``) before its next step.
+        """
+        ...
+
+
+class On:
+    """An observer that is a function: it hears the events of one type."""
+
+    def __init__(self, event_type: type, function: Callable[[Any], object]) -> None:
+        """Listen.
+
+        Args:
+            event_type: such as :class:`Stepped`.
+            function: called with the event; the run ends when it returns True.
+        """
+        self._type, self._function = event_type, function
+
+    def on_event(self, event: object) -> bool | None:
+        """See :class:`Observer`."""
+        return isinstance(event, self._type) and self._function(event) is True

@@ -1,0 +1,43 @@
+"""What a run tells beside the events of its loop (:mod:`anm_mj.events`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+
+@runtime_checkable
+class Completed(Protocol):
+    """How complete a run is."""
+
+    @property
+    def completion_ratio(self) -> float:
+        """Share of all surface that was seen to 5 cm [%]."""
+        ...
+
+    @property
+    def observable_ratio(self) -> float | None:
+        """The same of the surface that can be seen; None where that is not known [%]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Surveying:
+    """The observable surface is searched for, once per scene and camera."""
+
+    done: int
+    total: int
+
+
+@dataclass(frozen=True)
+class Started:
+    """The loop is about to begin, or to go on."""
+
+    folder: Path
+    """The run folder."""
+    num_steps: int
+    """The budget."""
+    completed: Callable[[], Completed | None]
+    """How complete the run is, as far as that is computed; None before the first figure."""

@@ -1,0 +1,33 @@
+"""What the loop itself remembers between two steps."""
+
+from __future__ import annotations
+
+from anm_mj.control.path_follower import Follower
+from anm_mj.sensing.sensor_monitor import SensorMonitor
+from anm_mj.types import Observation, Plan
+from anm_mj.utils.stopwatch import Stopwatch
+
+
+class LoopState:
+    """Where a run stands; a checkpoint holds it, and a run goes on from it."""
+
+    def __init__(self) -> None:
+        """Before the first observation."""
+        self.step = 0
+        """Number of actions so far."""
+        self.follower = Follower()
+        self.monitor = SensorMonitor()
+        self.total = Stopwatch()
+        """Time spent in the loop, without set-up and observers."""
+        self.collisions = 0
+        """On paths, without a free step in between."""
+        self.map_failed = False
+        """Whether the map cannot be trained any further."""
+        self.plan: Plan | None = None
+        self.observation: Observation | None = None
+        """The last one."""
+
+    @property
+    def loop_s(self) -> float:
+        """Time spent in the loop so far [s]."""
+        return sum(self.total.ms.values()) / 1e3

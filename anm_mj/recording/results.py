@@ -1,0 +1,230 @@
+"""What a run folder gets at its end: map, mesh, pictures and metrics."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import math
+import resource
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.evaluation.evaluate import quality_of_mesh, without_cap_cm, write_curve
+from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
+from anm_mj.events import Ended
+from anm_mj.io.changes_file import write_changes
+from anm_mj.io.explored_file import Explored, write_explored
+from anm_mj.io.mesh_file import write_mesh
+from anm_mj.io.plan_file import PlanRecord, write_plan
+from anm_mj.io.read_run import read_json
+from anm_mj.io.run_title import titled
+from anm_mj.io.to_json import write_json
+from anm_mj.io.write import writing
+from anm_mj.recording.recorder import RunRecorder
+from anm_mj.types import FormerRun, Pose2, Region, SurfaceChange, TopDownMap, VoronoiGraph
+from anm_mj.utils.files import atomic_write
+from anm_mj.utils.memory import malloc_trim
+
+if TYPE_CHECKING:
+    import trimesh
+
+MESH_RESOLUTION_M = 0.05
+"""Grid of the final mesh [m] (the paper's released code)."""
+
+
+@runtime_checkable
+class Arrays(Protocol):
+    """Something that can be stored as arrays."""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays by name."""
+        ...
+
+
+@runtime_checkable
+class FinishedMap(Protocol):
+    """The neural map at the end of a run."""
+
+    @property
+    def is_trained(self) -> bool:
+        """Whether it has a surface: whether anything was trained."""
+        ...
+
+    def mesh(self, resolution_m: float) -> trimesh.Trimesh:
+        """The coloured mesh of the surface, world [m]."""
+        ...
+
+    def save(self, path: Path) -> None:
+        """Write the map to a file."""
+        ...
+
+    def replay(self, limit_bytes: int) -> Arrays:
+        """What is replayed of the frames, thinned to so much memory."""
+        ...
+
+    def changes(self) -> tuple[SurfaceChange, ...] | None:
+        """What is gone or new since the former run; None for a map that began empty."""
+        ...
+
+
+@runtime_checkable
+class Survey(Protocol):
+    """The state of planning that is drawn."""
+
+    @property
+    def topdown(self) -> TopDownMap:
+        """The map."""
+        ...
+
+    @property
+    def graph(self) -> VoronoiGraph:
+        """The road map."""
+        ...
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The regions of interest."""
+        ...
+
+
+class WayBack(NamedTuple):
+    """How a robot that was to go back to its start did so."""
+
+    steps: int | None
+    """Steps of the way back; None where it did not begin one."""
+    distance_m: float
+    """From the last pose to the first one [m]."""
+
+    @classmethod
+    def of(cls, poses: list[Pose2], explored_steps: int | None) -> WayBack:
+        """The way back of a run, from its poses and the number of steps before it; None = there was none."""
+        steps = None if explored_steps is None else len(poses) - 1 - explored_steps
+        return cls(steps, math.dist(poses[-1].xy_m, poses[0].xy_m))
+
+
+def load_writers(recorder: RunRecorder) -> None:
+    """Wait until everything is written, and begin to load what pictures and mesh are written with."""
+    recorder.flush()
+    # No run waits for these before its first step.
+    for name in ("anm_mj.viz.plots", "trimesh"):
+        recorder.background.submit(functools.partial(importlib.import_module, name))
+
+
+def write_results(
+    recorder: RunRecorder,
+    ended: Ended,
+    finished: FinishedMap,
+    survey: Survey,
+    *,
+    wall_s: float,
+    release: Callable[[], None] = lambda: None,
+    memory: dict[str, np.ndarray] | None = None,
+    back: WayBack | None = None,
+) -> Metrics:
+    """Write mesh, map, pictures and metrics, and close the recorder.
+
+    Args:
+        recorder: Has recorded the run.
+        ended: How the loop ended.
+        finished: The neural map.
+        survey: What planning reads out of it at the end, for the picture.
+        wall_s: Wall time from the start of the program to the end of the loop [s].
+        release: Called as soon as the map is needed no more, so that its memory is free for what follows.
+        memory: What the policy remembers beside the map, for a run that goes on from this one; None = no run is to do
+            so.
+        back: How the robot went back to its start; None where it was not to.
+
+    Raises:
+        RunFolderError: The folder cannot be written.
+    """
+    recorder.flush()
+    folder, curve, statistics = recorder.folder, recorder.curve, recorder.statistics
+    summary = RunSummary(
+        stop_reason=ended.stop_reason.value,
+        wall_s=wall_s,
+        hz=statistics.steps / ended.loop_s if ended.loop_s > 0.0 else None,
+        evaluation_s=recorder.evaluation_s,
+        peak_rss_mib=peak_rss_mib(),
+        return_steps=back and back.steps,
+        return_distance_m=back and back.distance_m,
+    )
+    recorder.close_logs()
+    # What cannot be recomputed comes first, then what takes long: a run killed in between loses nothing.
+    write_json(folder.metrics, summary)
+    with writing(folder.map), atomic_write(folder.map) as partial:
+        finished.save(partial)
+    if memory is not None:
+        _write_explored(recorder, finished, memory)
+    changes = finished.changes() if recorder.former is not None else None
+    if changes is not None:
+        write_changes(folder.changes, folder.changed_voxels, changes)
+    write_plan(folder.survey, PlanRecord(np.zeros((0, 2)), survey.topdown, survey.graph, survey.regions))
+    # The curve's last figure is searched for beside the mesh, and the pictures are drawn beside its comparison.
+    curve.last()
+    uncapped_cm: list[float | None] = []
+    recorder.background.submit(lambda: uncapped_cm.append(without_cap_cm(folder, recorder.truth, curve)))
+    if finished.is_trained:
+        write_mesh(folder.mesh, finished.mesh(MESH_RESOLUTION_M))
+    release()
+    malloc_trim()
+    # Map and mesh took memory too, since the summary was first written.
+    summary = replace(summary, peak_rss_mib=peak_rss_mib())
+    recorder.flush()
+    recorder.background.submit(lambda: _draw(recorder, survey, changes or ()))
+    mesh = quality_of_mesh(folder, recorder.truth, curve)
+    metrics = summarise(
+        statistics, curve.rows, curve.path_m, uncapped_cm[0], recorder.truth, mesh, summary, before=curve.before
+    )
+    # Before the pictures, which may find no room.
+    write_json(folder.metrics, metrics)
+    recorder.flush()
+    recorder.close()
+    return metrics
+
+
+def _draw(recorder: RunRecorder, survey: Survey, changes: Sequence[SurfaceChange]) -> None:
+    """Draw the curve and the top-down map."""
+    from anm_mj.viz.plots import draw_topdown  # No run waits for matplotlib before its first step.
+
+    folder = recorder.folder
+    write_curve(folder, recorder.curve, recorder.statistics)
+    with writing(folder.topdown_picture):
+        draw_topdown(
+            folder.topdown_picture,
+            survey.topdown,
+            survey.graph,
+            survey.regions,
+            recorder.log.poses,
+            target_xy_m=recorder.log.last_target_xy_m,
+            title=titled(folder, pictured(recorder.curve, recorder.statistics)),
+            changes=changes,
+        )
+
+
+def _write_explored(recorder: RunRecorder, finished: FinishedMap, memory: dict[str, np.ndarray]) -> None:
+    """Write what a run that goes on from this one needs beside the map."""
+    folder = recorder.folder
+    manifest = read_json(folder.manifest) if folder.manifest.is_file() else {}
+    poses, collisions = _rows(recorder.poses), _rows(recorder.collisions)
+    if recorder.former is not None:
+        poses = np.concatenate((recorder.former.poses, poses))
+        collisions = np.concatenate((recorder.former.refused, collisions))
+    former = FormerRun(str(manifest.get("policy", "")), poses, collisions, memory)
+    write_explored(folder.explored, Explored(former, finished.replay(recorder.replay_bytes).arrays()))
+
+
+def _rows(poses: list[Pose2]) -> Float[np.ndarray, "n 3"]:
+    return np.array([[pose.x_m, pose.y_m, pose.yaw_rad] for pose in poses], float).reshape(-1, 3)
+
+
+def peak_rss_mib() -> float:
+    """Peak resident memory of this process [MiB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Linux counts in KiB, macOS in bytes.
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)

@@ -1,0 +1,170 @@
+"""Builds the parts of a run from its configuration, in one place for new, resumed and continued runs."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from anm_mj.checkpoint.classes import KnownClasses
+from anm_mj.config import RunConfig
+from anm_mj.evaluation.scene_truth import SceneTruth
+from anm_mj.events import Observer
+from anm_mj.ground_truth.cache import cached_ground_truth, reachable_area
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
+from anm_mj.io.manifest import RunFacts
+from anm_mj.io.run_events import Surveying
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.continued_run import LookingAround
+from anm_mj.planning.policies.guarded_policy import GuardedPolicy
+from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
+from anm_mj.planning.policies.return_to_start import Returning
+from anm_mj.prior_run import PriorRun
+from anm_mj.protocols import Policy
+from anm_mj.scene.budget import default_steps
+from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.sim.gl import GlBackend, select_backend
+from anm_mj.types import TrueView
+
+if TYPE_CHECKING:
+    from anm_mj.mapping.neural_map import NeuralMap
+    from anm_mj.sim.sim_robot import SimRobot
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a run is put together from."""
+
+    config: RunConfig
+    """With the budget filled in."""
+    scene: Scene
+    robot: SimRobot
+    mapper: NeuralMap
+    explorer: GuardedPolicy
+    """The policy that the configuration names."""
+    policy: Policy
+    """The same, with what the run adds to it."""
+    truth: Callable[[], SceneTruth]
+    """For the recorder, and for policies that declare that they need it; it is built when it is first asked for."""
+    facts: RunFacts
+
+    @property
+    def known(self) -> KnownClasses:
+        """The classes that the state of the run may have: the package's own, and those of the user's policy."""
+        return KnownClasses(policy_class(self.config.policy).__module__)
+
+
+@contextmanager
+def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: PriorRun | None = None) -> Iterator[Parts]:
+    """Put a run together; robot and map are closed at the end.
+
+    Args:
+        config: what to do.
+        observers: hear of the search for the observable surface.
+        prior: the run that this one goes on from; None = it begins with nothing, or with a checkpoint.
+
+    Raises:
+        AnmError: see :func:`run`.
+    """
+    scene = load_scene(config.scene)
+    config = replace(config, steps=config.steps or scene.budget_steps or default_steps(scene.rooms))
+    if prior is not None:
+        prior.compare_scene(config.scene, scene.hash)
+        config = prior.config(config)
+    backend = select_backend()
+    mapper = make_mapper(config)
+    if prior is not None:
+        prior.begin(mapper)
+    with _make_robot(config, scene) as robot:
+        truth = functools.cache(lambda: _true_scene(scene, robot, config.steps, observers))
+        told = truth() if needs_truth(config.policy) else None
+        context = PolicyContext(
+            robot.footprint, config.policy_settings, config.planning, config.seed, told, config.goal
+        )
+        explorer = GuardedPolicy(make_policy(config.policy, context), config.policy)
+        if prior is not None:
+            explorer.continue_from(prior.found(config.policy), mapper)
+        facts = _facts(config, scene, robot, mapper, backend)
+        if prior is not None:
+            facts = replace(facts, continued_from=prior.provenance)
+        yield Parts(config, scene, robot, mapper, explorer, _wrapped(explorer, config, robot), truth, facts)
+
+
+def true_view(parts: Parts) -> Callable[[], TrueView] | None:
+    """A function that gives true poses and depth; None where observations hold them."""
+    config = parts.config
+    exact = config.pose == "true" and not config.sensor.misses and config.sensor.fault == "none"
+    return None if exact else parts.robot.true_view
+
+
+# The next two functions import torch and mujoco: a mistyped option should not cost the seconds that this takes, and
+# mujoco must not be imported before its GL back-end is chosen.
+
+
+def make_mapper(config: RunConfig) -> NeuralMap:
+    """The empty map of a run, or of a recorded sequence.
+
+    Raises:
+        MapError: the device or the engine is absent.
+    """
+    # Threads of torch that spin while they wait for work take the cores away from rendering and from other programs; on
+    # a busy machine that costs a factor of five. The OpenMP runtime reads this when torch is imported.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    from anm_mj.mapping.neural_map import NeuralMap
+
+    return NeuralMap(
+        config.mapping,
+        seed=config.seed,
+        device=config.device,
+        # A policy with a map of its own kind reads no geometry out of it.
+        field_is_geometry=config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None,
+    )
+
+
+def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
+    from anm_mj.sim.make_robot import make_robot
+
+    return make_robot(scene, config, anticipates=True, forgets_textures=True)
+
+
+def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int | None, observers: Sequence[Observer]) -> SceneTruth:
+    """The true surface with its observable part; the search for that part takes minutes at the first run in a scene."""
+
+    def tell(done: int, total: int) -> None:
+        for observer in observers:
+            observer.on_event(Surveying(done, total))
+
+    first = robot.observe()
+    camera = CameraExtrinsics.of_view(first.intrinsics, first.T_world_camera, first.pose, first.range_m)
+    surface = cached_ground_truth(scene, robot.footprint, camera, first.pose, tell)
+    return SceneTruth(surface, reachable_area(scene, robot.footprint, first.pose), camera, budget_steps)
+
+
+def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
+    """A policy with the look around of a continued run, and with the way back."""
+    policy = explorer if config.continue_from is None else LookingAround(explorer)
+    if not config.return_to_start:
+        return policy
+    assert config.steps is not None
+    return Returning(policy, config.planning, robot.footprint, config.steps)
+
+
+def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:
+    return RunFacts(
+        config.scene,
+        scene.hash,
+        config.robot,
+        robot.robot_hash,
+        config.policy,
+        config.goal,
+        config.seed,
+        mapper.backend.device,
+        mapper.engine_name,
+        backend.name,
+        backend.renderer_string,
+        robot.camera_kind,
+        config.sensor.name,
+    )
