@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
-from anm_mj.checkpoint.config import CheckpointConfig
+from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
 from anm_mj.errors import ConfigError
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.planning_config import PlanningConfig

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from anm_mj.checkpoint.classes import KnownClasses
+from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.events import Observer

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, UInt8
@@ -77,6 +78,8 @@ class StopReason(StrEnum):
     """A wheel did not turn although it was driven, again and again."""
     DIVERGED = "DIVERGED"
     """The simulation of the robot became unstable."""
+    LOST = "LOST"
+    """The robot did not know where it was, and no place in its map fitted what it saw."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
 
@@ -323,6 +326,17 @@ class FormerRun:
     """Poses from which a forward step met an obstacle, likewise."""
     memory: dict[str, np.ndarray] = field(default_factory=dict)
     """What its policy remembered (:meth:`anm_mj.protocols.Continues.memory`)."""
+
+
+class TrainingEffort(NamedTuple):
+    """Effort on one frame, in place of the schedule's."""
+
+    iterations: int
+    """Training iterations."""
+    current_rays: int
+    """Rays per iteration from the frame at hand, at most; the others come from keyframes."""
+    is_keyframe: bool | None = None
+    """Whether the frame is kept for replay; None = as the schedule says."""
 
 
 @dataclass(frozen=True)

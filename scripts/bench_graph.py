@@ -1,7 +1,7 @@
 """Measures what the graph of a building costs, stage by stage, and how well its rooms are found.
 
     python scripts/bench_graph.py
-    python scripts/bench_graph.py --areas-m2 80 500 2000 --style office --seeds 3
+    python scripts/bench_graph.py --areas-m2 80 500 2000 --kind office --seeds 3
 
 Buildings come from the scene generator, furnished and seen as a whole, on a grid of 5 cm; for a large area several of
 them stand in a row with a passage from each to the next. The robot stands in the middle. Printed are Markdown tables:
@@ -34,8 +34,8 @@ from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
 from anm_mj.protocols import Mapper
-from anm_mj.scene.generation.layout import Style
-from anm_mj.scene.generation.topdown import topdown as generated
+from anm_mj.scene.generation.building_map import generated_map
+from anm_mj.scene.generation.layout import BuildingKind
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.types import FREE, OCCUPIED, Pose2, TopDownMap, VoxelGrid
 
@@ -84,20 +84,20 @@ class Row:
 
 
 def main(
-    areas_m2: tuple[float, ...] = (80.0, 2000.0), style: Style = "apartment", seeds: int = 1, repeats: int = 15
+    areas_m2: tuple[float, ...] = (80.0, 2000.0), kind: BuildingKind = "apartment", seeds: int = 1, repeats: int = 15
 ) -> None:
     """Print the tables.
 
     Args:
         areas_m2: Floors of the buildings, furniture included.
-        style: "apartment" or "office".
+        kind: "apartment" or "office".
         seeds: Buildings of each size.
         repeats: Each stage is run so often.
     """
     rows = [
         measure(plan, coarse_far_field, repeats)
         for area_m2 in areas_m2
-        for plan in (building(area_m2, style, seed) for seed in range(seeds))
+        for plan in (building(area_m2, kind, seed) for seed in range(seeds))
         for coarse_far_field in (False, True)
     ]
     stages = list(rows[0].ms)
@@ -119,12 +119,12 @@ def table(*cells: object) -> None:
         print("|" + "---|" * len(cells))
 
 
-def building(area_m2: float, style: Style, seed: int) -> Plan:
+def building(area_m2: float, kind: BuildingKind, seed: int) -> Plan:
     """Generated buildings in a row, so many that their rooms have the area."""
     obstacles, room = np.ones((1, 0), bool), np.full((1, 0), -1)
     while (missing := area_m2 - np.count_nonzero(room >= 0) * CELL_M**2) > ROOM_M2 / 2:
         # No two of one kind.
-        part = generated(min(MOST_ROOMS, math.ceil(missing / ROOM_M2)), 100 * seed + obstacles.shape[1], style)
+        part = generated_map(min(MOST_ROOMS, math.ceil(missing / ROOM_M2)), 100 * seed + obstacles.shape[1], kind)
         labels = np.where(part.rooms >= 0, part.rooms + int(room.max(initial=-1)) + 1, -1)
         rows, seam = max(len(obstacles), len(labels)), obstacles.shape[1]
         obstacles = np.hstack([_as_high(a, rows, True) for a in (obstacles, part.obstacles)])

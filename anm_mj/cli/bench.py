@@ -22,7 +22,7 @@ def bench(
     policy: Annotated[Sequence[str], Option("NAME")] = (),
     out: NewFolder | None = None,
     workers: Count = 1,
-    engine: str = "local",
+    executor: str = "local",
 ) -> int:
     """Compare policies over scenes, starts and seeds, and write tables.
 
@@ -34,13 +34,13 @@ def bench(
         policy: compare this policy too, as module:Class your own; may be given several times
         out: folder; by default bench/<name of FILE or suite>
         workers: runs in parallel
-        engine: local (processes) or ray (a cluster)
+        executor: local (processes) or ray (a cluster)
     """
     if (file is None) == (suite is None):
         raise ConfigError("anm-mj bench takes a FILE or a --suite; give one of the two.")
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from anm_mj.bench.bench import run_bench
+    from anm_mj.bench.comparison import run_bench
     from anm_mj.bench.suite import suite_file
     from anm_mj.cli.console import PlainConsole
 
@@ -60,7 +60,7 @@ def bench(
             file,
             out,
             num_workers=workers,
-            engine=engine,
+            executor=executor,
             policies=policy,
             one_revision=suite is not None,
             command=["anm-mj", *sys.argv[1:]],

@@ -19,7 +19,7 @@ def evaluate(run: Path, *, novel_views: bool = False, halved_intrinsics: bool = 
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.progress import ProgressLine
     from anm_mj.cli.run_summary import print_metrics
-    from anm_mj.evaluation.evaluate import completion_with_halved_intrinsics, evaluate_run
+    from anm_mj.evaluation.run_evaluation import completion_with_halved_intrinsics, evaluate_run
 
     console = PlainConsole()
     novel, fixed = None, None

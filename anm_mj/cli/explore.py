@@ -64,7 +64,7 @@ def run_config(
         AnmError: the scene cannot be imported, or an option or setting cannot have its value.
     """
     from anm_mj.config import DEFAULT_PRESET, make_config
-    from anm_mj.scene.importing.on_the_fly import folder_of
+    from anm_mj.scene.importing.import_on_demand import folder_of
     from anm_mj.sim.gl import select_backend
 
     # A MuJoCo world is compiled before the run begins, and the back-end must be chosen before that.

@@ -88,10 +88,9 @@ def map_recorded(
     console = PlainConsole()
     height_m = frames.frames[0].T_world_camera[2, 3]
     console.say(f"{len(frames)} frames, layout {layout}; the first camera is {height_m:.2f} m above the floor.")
+    footprint = Footprint(radius, 0.05, height)
     with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
         observers = (FrameLine(console, on_progress), interrupt)
-        folder = map_sequence(
-            frames, config, Footprint(radius, 0.05, height), out=out, shadow=shadow, observers=observers
-        )
+        folder = map_sequence(frames, config, footprint, out=out, shadow=shadow, observers=observers)
     print_folder(console, folder.path)
     return 0

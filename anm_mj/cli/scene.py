@@ -129,7 +129,7 @@ def scene_generate(
     """
     from anm_mj.cli.bar import busy
     from anm_mj.cli.console import PlainConsole
-    from anm_mj.scene.generation.scene import generate_scene
+    from anm_mj.scene.generation.generate_scene import generate_scene
 
     with busy(PlainConsole(), "generate"):
         scene = generate_scene(out, rooms, seed, kind, name, overwrite=force, moved=moved)

@@ -45,7 +45,7 @@ def explored_scene(record: Run, scene: str | None = None) -> Scene:
 
 
 def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run | None = None) -> Iterator[Observation]:
-    """The simulated robot's view at each pose, obstacles or not; the observation's step is the pose's index.
+    """The simulated robot's view at each pose, obstacles or not, with that pose and its index as the step.
 
     Args:
         world: The scene.
@@ -70,7 +70,7 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run 
         base = SimulatedBase(robot.model, robot.data, ROBOT_PREFIX)
         for step, pose in enumerate(poses):
             base.place(pose)
-            yield replace(robot.observe(), step=step)
+            yield replace(robot.observe(), step=step, pose=pose)
 
 
 def _of_config(kind: type[T], values: Mapping[str, Any]) -> T:

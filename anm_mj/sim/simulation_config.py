@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from anm_mj.types import Pose2
 
 DRIVES = ("kinematic", "physics")
-POSES = ("true", "odometry")
+POSES = ("true", "odometry", "slam")
 LARGEST_SEED = 2**63 - 1
 
 
@@ -35,7 +35,8 @@ class SimulationConfig:
     drive: str = "kinematic"
     """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
     pose: str = "true"
-    """The pose in the observations: the ``true`` one, or the one from wheel ``odometry``."""
+    """The pose in the observations: the ``true`` one, that of wheel ``odometry``, or ``slam``: odometry corrected by
+    registration to the map."""
     image_px: int = 256
     """Width and height of the camera image [px]."""
     start: tuple[float, float, float] | None = None

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from anm_mj.sim.sensors.sensor_presets import SENSORS
 from rich.console import Console
 
 from anm_mj.cli.bar import busy
 from anm_mj.cli.main import COMMANDS, main
 from anm_mj.config import OPTIONS
 from anm_mj.planning.policies.registry import policies
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 
 
 def fails(capsys, *argv):
