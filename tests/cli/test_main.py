@@ -228,7 +228,7 @@ def test_an_unforeseen_error_is_one_sentence_and_with_verbose_a_traceback(monkey
     monkeypatch.setitem(COMMANDS.commands, "doctor", broken)
     assert main(["doctor"]) == 2
     (said,) = capsys.readouterr().err.splitlines()
-    assert said.startswith("anm-mj: unforeseen KeyError in test_cli.py, line ")
+    assert said.startswith("anm-mj: unforeseen KeyError in test_main.py, line ")
     assert "--verbose" in said
     with pytest.raises(KeyError):
         main(["doctor", "--verbose"])
