@@ -17,6 +17,7 @@ from typing import Any
 
 from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
 from anm_mj.errors import ConfigError
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.goals import DEFAULT_GOAL, GOALS
@@ -75,6 +76,8 @@ class RunConfig(SimulationConfig):
     preset: str = DEFAULT_PRESET
     """Mapping effort: ``quick``, ``default`` or ``paper``; some policies have their own."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
+    localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
+    """Settings of localisation, which ``pose = slam`` asks for."""
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Settings of the planning stages that the policies share."""
     record: RecordConfig = field(default_factory=RecordConfig)

@@ -30,6 +30,7 @@ from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import TrueView
 
 if TYPE_CHECKING:
+    from anm_mj.localisation.field_localiser import FieldLocaliser
     from anm_mj.mapping.neural_map import NeuralMap
     from anm_mj.sim.sim_robot import SimRobot
 
@@ -43,6 +44,8 @@ class Parts:
     scene: Scene
     robot: SimRobot
     mapper: NeuralMap
+    localiser: FieldLocaliser | None
+    """Where poses come from localisation."""
     explorer: GuardedPolicy
     """The policy that the configuration names."""
     policy: Policy
@@ -90,7 +93,8 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         facts = _facts(config, scene, robot, mapper, backend)
         if prior is not None:
             facts = replace(facts, continued_from=prior.provenance)
-        yield Parts(config, scene, robot, mapper, explorer, _wrapped(explorer, config, robot), truth, facts)
+        localiser = make_localiser(config, mapper)
+        yield Parts(config, scene, robot, mapper, localiser, explorer, _wrapped(explorer, config, robot), truth, facts)
 
 
 def true_view(parts: Parts) -> Callable[[], TrueView] | None:
@@ -122,6 +126,19 @@ def make_mapper(config: RunConfig) -> NeuralMap:
         # A policy with a map of its own kind reads no geometry out of it.
         field_is_geometry=config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None,
     )
+
+
+def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | None:
+    """What finds the poses of a robot on wheels in its map; None where poses are taken as they come.
+
+    Raises:
+        MapError: the engine of the map cannot localise.
+    """
+    if config.pose != "slam":
+        return None
+    from anm_mj.localisation.field_localiser import FieldLocaliser
+
+    return FieldLocaliser(mapper, config.localisation, seed=config.seed, planar=True, odometry=True)
 
 
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
-from anm_mj.localisation.config import LocalisationConfig
 from anm_mj.localisation.frame_points import draw_points
 from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, register

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from anm_mj.localisation.config import KeyImageConfig
+from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
 from anm_mj.utils.native_functions import native_function

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from anm_mj.localisation.config import RegistrationConfig
 from anm_mj.localisation.frame_points import with_trust
+from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 

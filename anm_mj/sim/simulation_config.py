@@ -35,8 +35,7 @@ class SimulationConfig:
     drive: str = "kinematic"
     """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
     pose: str = "true"
-    """The pose in the observations: the ``true`` one, that of wheel ``odometry``, or ``slam``: odometry corrected by
-    registration to the map."""
+    """Where poses come from: ``true``, wheel ``odometry``, or ``slam`` (odometry, corrected by localisation in the map)."""
     image_px: int = 256
     """Width and height of the camera image [px]."""
     start: tuple[float, float, float] | None = None
