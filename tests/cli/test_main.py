@@ -80,6 +80,14 @@ def test_a_missing_scene_is_named(capsys):
     assert "xxx" in fails(capsys, "explore", "x" * 300)
 
 
+@pytest.mark.parametrize(
+    "words", [["home"], ["--steps", "3"], ["--return"], ["--set", "image_px=32"], ["--continue", "x"], ["--seed", "0"]]
+)
+def test_a_resumed_run_takes_no_options_of_a_new_one(capsys, tmp_path, words):
+    left = "the scene" if words == ["home"] else words[0]
+    assert f"leave out {left}." in fails(capsys, "explore", "--resume", tmp_path, *words)
+
+
 def test_a_folder_that_merely_has_a_scenes_name_does_not_hide_the_catalogue(tmp_path, monkeypatch):
     from anm_mj.scene.folder import load_scene
 
