@@ -5,7 +5,7 @@ import pytest
 from anm_mj.cli.main import main
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.importing.readers.source_formats import format_names
-from tests.cli.test_cli import fails
+from tests.cli.test_main import fails
 from tests.scene.furnished import furnished, write_glb
 
 _DOCS = Path(__file__).resolve().parents[3] / "docs" / "scenes.md"
