@@ -109,6 +109,19 @@ class Metrics:
     fixed_view_depth_l1_cm: float | None = None
     fixed_view_depth_error_cm: float | None = None
     fixed_view_known_percent: float | None = None
+    position_rmse_cm: float | None = None
+    """This and the next eight: see :class:`~anm_mj.evaluation.trajectory_error.TrajectoryError`; None with true poses."""
+    ate_rmse_cm: float | None = None
+    rpe_cm_per_m: float | None = None
+    rpe_deg_per_m: float | None = None
+    rpe_deg_per_quarter_turn: float | None = None
+    final_position_error_cm: float | None = None
+    final_heading_error_deg: float | None = None
+    lost_percent: float | None = None
+    unmapped_percent: float | None = None
+    aligned_observed_accuracy_cm: float | None = None
+    """This and the next one: the mesh metrics after the alignment of the trajectory; None with true poses."""
+    aligned_observed_f_score: float | None = None
     steps: int
     path_m: float
     """Driven distance [m]."""
@@ -185,6 +198,7 @@ def summarise(
     mesh: tuple[MeshQuality, MeshQuality | None] | None,
     summary: RunSummary,
     views: Mapping[str, Any] | None = None,
+    trajectory: Mapping[str, Any] | None = None,
     before: Completion | None = None,
 ) -> Metrics:
     """Assemble the metrics of a run.
@@ -198,6 +212,7 @@ def summarise(
         mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh.
         summary: Facts that only the running program knows.
         views: Quality of the map on novel and fixed views, as :func:`view_metrics` has it; None if not measured.
+        trajectory: Errors of the trajectory, as :func:`~.run_evaluation.trajectory_metrics` has them; None for true poses.
         before: What the runs before this one had covered; None for a run that began with nothing.
     """
     last = rows[-1] if rows else None
@@ -211,6 +226,7 @@ def summarise(
         **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
         **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
         **(views or {}),
+        **(trajectory or {}),
         path_m=path_m,
         **{name: getattr(statistics, name) for name in (*COUNTS, "stage_hz")},
         **vars(summary),
