@@ -27,7 +27,6 @@ from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.robot.robot_presets import preset_config
 from anm_mj.sim.choices import DRIVES, POSES
-from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.utils.close_names import close_name
@@ -104,8 +103,6 @@ class RunConfig:
     """Optics and mount of the camera where they differ from the robot's file."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
     """Errors of camera and odometry."""
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    """Faults of the wheels."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Settings of the planning stages that the policies share."""

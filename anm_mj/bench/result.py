@@ -47,7 +47,7 @@ COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 UNKNOWN_REVISION = "unknown"
 MOST_MISSING = 0.1
 """A variant is drawn that lacks at most this share of all starts, or one: a run or two may have failed."""
-OF_THE_ROBOT = ("model.", "sensor.", "motion.")
+OF_THE_ROBOT = ("model.", "sensor.")
 """What the names of settings of the robot's body and sensors begin with."""
 _METRICS = {field.name for field in fields(Metrics)}
 _PER_CENT = ("_ratio", "_ratio_25mm", "_share", "_percent", "f_score")

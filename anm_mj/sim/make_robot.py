@@ -24,7 +24,6 @@ from anm_mj.utils.threads import usual_num_threads
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.camera import Camera
-    from anm_mj.sim.motion_config import MotionConfig
     from anm_mj.sim.sensors.sensor_config import SensorConfig
     from anm_mj.sim.sim_robot import SimRobot
 
@@ -47,7 +46,6 @@ def make_robot(
     seed: int = 0,
     sensor: SensorConfig | None = None,
     camera: CameraConfig | None = None,
-    motion: MotionConfig | None = None,
     anticipates: bool = False,
     forgets_textures: bool = False,
 ) -> SimRobot:
@@ -64,7 +62,6 @@ def make_robot(
         seed: of all noise.
         sensor: errors of camera and odometry; None = none.
         camera: optics and mount of the camera where they differ from the robot's file; None = nowhere.
-        motion: names a fault of the wheels; None = none.
         anticipates: whether it may render the next image while the present one is worked on, where there are cores for
             both and the drive knows where it will be; the images are the same.
         forgets_textures: whether the model gives its textures back once GL has them, so that they are held once; no
@@ -75,8 +72,8 @@ def make_robot(
 
     Raises:
         SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
-        RobotError: if there is no such drive or robot, the robot lacks a part, the sensor's range exceeds the camera's
-            far plane, or a wheel is to stick of a robot that has none.
+        RobotError: if there is no such drive or robot, the robot lacks a part, or the sensor's range exceeds the
+            camera's far plane.
         RenderError: if the user's GL back-end does not work.
     """
     if drive not in DRIVES:
@@ -109,8 +106,6 @@ def make_robot(
         prefix=_PREFIX,
         top_m=description.footprint.z_max_m,
     )
-    if motion is not None and motion.fault != "none" and not description.wheel_joints:
-        raise RobotError(f"motion.fault is '{motion.fault}', but the robot {description.name} has no wheels.")
     _require_range(sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)
     odometer = odometer_of(kinematics_of(description), noise=config.wheel_noise, seed=seed)
@@ -139,7 +134,6 @@ def make_robot(
         robot_hash=description.hash,
         sensor=sensor,
         seed=seed,
-        motion=motion,
     )
 
 
