@@ -16,7 +16,6 @@ from jaxtyping import Bool, Float64, Int64
 
 from anm_mj.config import make_config, read_config
 from anm_mj.errors import AnmError, MapError
-from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.io.curve_file import read_curve
 from anm_mj.io.read_run import Run, read_json, read_run
 from anm_mj.io.run_folder import RunFolder
@@ -194,7 +193,7 @@ def load_run(path: str | os.PathLike[str]) -> LoadedRun:
         RunFolderError: the folder holds no run, or a file in it is damaged.
     """
     run = read_run(Path(path))
-    return LoadedRun(run, read_metrics(run.folder.metrics) if run.folder.metrics.is_file() else {})
+    return LoadedRun(run, read_json(run.folder.metrics) if run.folder.metrics.is_file() else {})
 
 
 def load_map(path: str | os.PathLike[str], *, device: str = "auto") -> NeuralMap:

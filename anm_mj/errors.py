@@ -9,6 +9,10 @@ class AnmError(Exception):
     """Base class of all errors that a user can cause and fix."""
 
 
+class ConfigError(AnmError):
+    """A setting or an option has a value that it cannot have."""
+
+
 class SceneError(AnmError):
     """A scene cannot be read, imported or built, or the robot cannot start in it."""
 

@@ -102,8 +102,16 @@ class Mapper(Protocol):
         """Add an observation and train for the iterations that the schedule sets."""
         ...
 
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        ...
+
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """Signed distance to the nearest surface at world points, truncated [m]; positive in free space."""
+        """Signed distance to the nearest surface at world points, truncated to +-``truncation_m`` [m].
+
+        It is positive in free space.
+        """
         ...
 
     def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:

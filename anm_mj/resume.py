@@ -17,8 +17,8 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
+from anm_mj.checkpoint.checkpoint_file import StoredState
 from anm_mj.checkpoint.decode import restore
-from anm_mj.checkpoint.file import StoredState
 from anm_mj.checkpoint.store import CheckpointStore
 from anm_mj.config import RunConfig, leaves, read_config
 from anm_mj.errors import AnmError, CheckpointError

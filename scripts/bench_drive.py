@@ -30,7 +30,8 @@ from anm_mj.io.read_run import read_run
 from anm_mj.io.to_json import write_json
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.navigable import is_clear, scene_area
-from anm_mj.sim.make_robot import DRIVES, make_robot
+from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.simulation_config import DRIVES
 from anm_mj.types import Action, Footprint, Pose2
 
 if TYPE_CHECKING:

@@ -143,9 +143,9 @@ def watched(watch: Watch) -> None:
     from anm_mj.mapping.field_geometry import FieldGeometry
     from anm_mj.mapping.keyframes import KeyframeStore
     from anm_mj.mapping.occupancy import OccupancyGrid
-    from anm_mj.planning.policies.gvg.policy import Gvg
+    from anm_mj.planning.policies.gvg.gvg_policy import Gvg
     from anm_mj.planning.stages import Stages
-    from anm_mj.planning.topdown import TopDownMapper
+    from anm_mj.planning.topdown_mapper import TopDownMapper
     from anm_mj.recording.recorder import RunRecorder
     from anm_mj.sensing.sensor_monitor import SensorMonitor
     from anm_mj.sim.sim_robot import SimRobot

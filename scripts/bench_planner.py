@@ -67,6 +67,11 @@ class OccupancyMapper:
         self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
         return MapUpdate(math.nan, 0, 0)
 
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        return FAR_M
+
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Negative in occupied voxels."""
         return np.where(self._grid.state_at(points_m) == OCCUPIED, -FAR_M / 2, FAR_M).astype(np.float32)

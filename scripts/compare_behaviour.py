@@ -24,12 +24,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from anm_mj.evaluation.metrics import FORMER_KEYS
-
 SCENES = ("flat", "home", "office")
 POLICIES = ("gvg", "anm-s", "frontier", "oracle")
 DRIVES = ("kinematic", "physics")
-RENAMED = {"unseen": "unexplored", **FORMER_KEYS}
+RENAMED = {"unseen": "unexplored"}
 """Keys of ``steps.jsonl``, ``plans.jsonl``, ``curve.csv`` and ``metrics.json``, former to present."""
 TIMES = frozenset({"ms", "stage_hz", "wall_s", "hz", "evaluation_s", "peak_rss_mib"})
 """What differs from run to run."""

@@ -15,7 +15,7 @@
 Keys outside of a sweep hold for all sweeps; a file without sweeps is one sweep itself. Every run is one scene, one
 policy, one robot, drive, pose and sensor, one start and one seed.
 
-Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench.generated`):
+Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench.generated_scene`):
 
     [[generated]]
     name = "office_a"
@@ -23,7 +23,7 @@ Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench
     seed = 3
     kind = "office"
 
-Those of others are named with where they come from (:mod:`anm_mj.bench.imported`):
+Those of others are named with where they come from (:mod:`anm_mj.bench.imported_scene`):
 
     [[imported]]
     name = "house"
@@ -43,11 +43,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from anm_mj.bench.generated import GeneratedScene, area_budget, provide
-from anm_mj.bench.imported import ImportedScene, find_imported
+from anm_mj.bench.generated_scene import GeneratedScene, area_budget, provide
+from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.job import Job
 from anm_mj.errors import AnmError
-from anm_mj.evaluation.oracle.measure import MEASURES
+from anm_mj.evaluation.oracle.tour_measure import MEASURES
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import needs_truth
 from anm_mj.robot.robot_config import DEFAULT_ROBOT

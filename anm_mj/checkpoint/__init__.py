@@ -3,7 +3,7 @@
 A checkpoint holds the object graph of the run as plain data (:mod:`anm_mj.checkpoint.encode`,
 :mod:`anm_mj.checkpoint.decode`). To go on, the run is put together from its configuration as at its start, and the
 stored state is laid over it. Nothing in a checkpoint is executed: objects are made without their constructors, and only
-of the classes that :mod:`anm_mj.checkpoint.classes` allows.
+of the classes that :mod:`anm_mj.checkpoint.known_classes` allows.
 
 New state takes part by itself, because every attribute of every object is stored. A class says what is different:
 

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.checkpoint.classes import KnownClasses, attributes_of, name_of, rebuilt_names
 from anm_mj.checkpoint.encode import FACTORIES, MAPPINGS, SEQUENCES
+from anm_mj.checkpoint.known_classes import KnownClasses, attributes_of, name_of, rebuilt_names
 from anm_mj.errors import AnmError, CheckpointError
 
 _BIT_GENERATORS = ("PCG64", "PCG64DXSM", "MT19937", "Philox", "SFC64")

@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from anm_mj.checkpoint.classes import KnownClasses, attributes_of, is_enum, name_of
+from anm_mj.checkpoint.known_classes import KnownClasses, attributes_of, is_enum, name_of
 from anm_mj.errors import CheckpointError
 
 MAX_INLINE_BYTES = 256

@@ -10,7 +10,7 @@ from typing import Any
 from dm_control.rl import control
 from dm_env import specs
 
-from anm_mj.environments.config import explore_config
+from anm_mj.environments.environment_config import explore_config
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
@@ -60,7 +60,7 @@ def load_environment(
         scene: name from the catalogue, or path of a scene folder; of several, every episode draws one.
         task: one of ``TASKS``.
         seed: of the random starts and the sensor's errors.
-        **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
+        **options: fields of :class:`~anm_mj.environments.environment_config.EnvironmentConfig`.
 
     Returns:
         A ``dm_env.Environment``; :class:`~anm_mj.environments.task.ExploreTask` defines observations and rewards. The

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from anm_mj.errors import MapError
 from anm_mj.utils.settings import check_settings, of_type, setting
@@ -135,8 +135,6 @@ class OptimizerConfig:
 @dataclass(frozen=True)
 class ScheduleConfig:
     """How much is trained, when, and on what; counted in steps and iterations, never in seconds."""
-
-    FORMER_NAMES: ClassVar[dict[str, str]] = {"evenness": "density_exponent"}
 
     first_iterations: int = setting(200, at_least=0)
     """Iterations on the first frame."""
@@ -320,9 +318,7 @@ def _part(config: type, values: Any) -> Any:
     """One part of the configuration."""
     if not isinstance(values, dict):
         raise ValueError(f"it holds {type(values).__name__} for settings")
-    former = getattr(config, "FORMER_NAMES", {})
-    named = {former.get(name, name): value for name, value in values.items()}
-    return config(**{name: of_type(config, name, value) for name, value in named.items()})
+    return config(**{name: of_type(config, name, value) for name, value in values.items()})
 
 
 MAPPING_PRESETS: dict[str, Callable[[], MappingConfig]] = {

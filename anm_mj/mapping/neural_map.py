@@ -15,6 +15,7 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.mapping.expected_error import EXPONENT, reducible_error_m
 from anm_mj.mapping.field_geometry import FieldGeometry
 from anm_mj.mapping.former_surface import FormerSurface
@@ -107,8 +108,10 @@ class NeuralMap:
         """What computes the map, for the run's manifest: "torch", "triton", or "native" with its instruction set."""
         return self.backend.name
 
-    def integrate(self, observation: Observation) -> MapUpdate:
+    def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
+
+        With an ``effort``, every frame but the first is trained on with that.
 
         A training loss that is not finite takes the parameters back to the last good ones (:mod:`.last_good`); the
         frame's training ends there, its loss is NaN, and the next frame goes on from them.
@@ -133,6 +136,8 @@ class NeuralMap:
         num_iterations = 0
         if first:
             num_iterations = schedule.first_iterations
+        elif effort is not None:
+            num_iterations = effort.iterations
         elif self._num_frames % schedule.train_every == 0:
             num_iterations = schedule.iterations
         self._num_frames += 1
@@ -141,7 +146,8 @@ class NeuralMap:
         if num_iterations and self._good.is_due(self._num_frames):
             self._good.keep_or_restore(self.backend, self._num_frames, observation.step)
         try:
-            for latest in self._train(observation, num_iterations, first=first):
+            current_rays = None if effort is None else effort.current_rays
+            for latest in self._train(observation, num_iterations, first=first, current_rays=current_rays):
                 loss, done = latest, done + 1
         except _NotFinite as err:
             loss = math.nan
@@ -189,13 +195,17 @@ class NeuralMap:
         self._geometry = FieldGeometry(self._occupancy) if self._geometry is not None else None
         return done
 
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        return self.config.field.truncation_m
+
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Signed distance at world points [m], positive in free space, truncated to +-``truncation_m``.
 
         Where nothing was observed the value means nothing; ask ``occupancy``.
         """
-        truncation = np.float32(self.config.field.truncation_m)
-        return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * truncation
+        return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * np.float32(self.truncation_m)
 
     def rgb(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
         """Colours in [0, 1] at world points [m]."""
@@ -433,7 +443,9 @@ class NeuralMap:
         """Go on with a new engine of another configuration, from given parameters."""
         self.backend = make_backend(config, seed=self.seed, device=self._device, state=state)
 
-    def _train(self, observation: Observation, count: int, *, first: bool) -> Iterator[float]:
+    def _train(
+        self, observation: Observation, count: int, *, first: bool, current_rays: int | None = None
+    ) -> Iterator[float]:
         """Train on rays of the keyframes and, after the first frame, of the one at hand; the loss of each iteration.
 
         Raises:
@@ -441,6 +453,8 @@ class NeuralMap:
         """
         schedule = self.config.schedule
         num_current = 0 if first else max(schedule.num_rays // len(self._keyframes), schedule.min_current_rays)
+        if current_rays is not None:
+            num_current = min(num_current, current_rays)
         smooth = not first and self.config.loss.smoothness != 0.0
         for start in range(0, count, _DRAWN_TOGETHER):
             together = min(_DRAWN_TOGETHER, count - start)

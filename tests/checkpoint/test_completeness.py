@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from anm_mj.anticipating_robot import AnticipatingRobot
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.encode import encode
 from anm_mj.config import make_config
@@ -126,7 +127,7 @@ def test_every_engine_goes_on(scene, engine):
 
 def test_the_comparison_would_find_a_forgotten_attribute(scene, monkeypatch):
     """A policy whose count is left out does not come back with it."""
-    from anm_mj.planning.policies.random_walk.policy import RandomWalk
+    from anm_mj.planning.policies.random_walk import RandomWalk
 
     monkeypatch.setattr(RandomWalk, "REBUILT", ("_rng",), raising=False)
     (steps, _), (steps_again, _) = ends(configuration(scene, "random"))

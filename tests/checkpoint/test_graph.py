@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from anm_mj.checkpoint.classes import KnownClasses, name_of
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.encode import encode
+from anm_mj.checkpoint.known_classes import KnownClasses, name_of
 from anm_mj.errors import CheckpointError
 from anm_mj.mapping.pixel_memory import PIXEL
 from anm_mj.types import Action, Plan, Pose2
