@@ -43,18 +43,8 @@ print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda e
 """
 
 ENGINE_PROGRAM = """
-import json
-from anm_mj.mapping.backends.select import choose_engine
-from anm_mj.mapping.occupancy_native import native_fusion
-choice = choose_engine()
-name, device, outdated = choice.name, "cpu", False
-if name == "native":
-    from anm_mj.mapping.backends.native_backend import can_overlap, kernel_names
-    name, outdated = f"native ({kernel_names()[0]})", native_fusion() is None or not can_overlap()
-else:
-    from anm_mj.mapping.backends.tensor_backend import resolve_device
-    device = resolve_device("auto").type
-print(json.dumps([name, device, choice.reason, choice.instead_of, outdated]))
+from anm_mj.mapping.backends.native_backend import kernel_names
+print(kernel_names()[0])
 """
 
 
@@ -153,25 +143,18 @@ def check_torch() -> list[Check]:
     version, num_threads, gpu, memory_gib = json.loads(done.stdout)
     torch = Check("torch", State.GOOD, f"{version}, {num_threads} threads")
     if gpu:
-        advice = "The map is trained on the CPU; --set mapping.engine=triton tries the GPU engine, which is unmeasured."
+        advice = "The map is trained on the CPU; --device cuda trains it on the GPU, by torch."
         return [torch, Check("CUDA", State.GOOD, f"{gpu}, {memory_gib} GiB", advice)]
     return [torch, Check("CUDA", State.GOOD, "no GPU that torch can use; none is needed")]
 
 
 def check_engine() -> Check:
-    """The engine that trains the map, its device, and the reason for the choice."""
+    """The native engine, which trains the map, and its instruction set."""
     done = run_python(ENGINE_PROGRAM)
     if done.returncode != 0:
-        advice = "Run make setup, or explore with --set mapping.engine=torch."
-        return Check("map engine", State.NOTE, f"does not start: {_last_line(done.stderr)}", advice)
-    name, device, reason, instead_of, outdated = json.loads(done.stdout)
-    found = f"{name} on the {'GPU' if device == 'cuda' else 'CPU'}"
-    if instead_of is not None:
-        return Check("map engine", State.NOTE, f"{found}, slower than {instead_of} would be", f"Why: {reason}.")
-    if outdated:
-        found = f"{found}, but built from an older source, without what makes it quicker now"
-        return Check("map engine", State.NOTE, found, "Run make setup, which builds it again.")
-    return Check("map engine", State.GOOD, f"{found}, {reason}")
+        advice = "Install a C++17 compiler (apt install g++) and run make setup."
+        return Check("map engine", State.BAD, f"does not start: {_last_line(done.stderr)}", advice)
+    return Check("map engine", State.GOOD, f"native ({done.stdout.strip()}) on the CPU")
 
 
 def check_backend(name: str) -> Check:

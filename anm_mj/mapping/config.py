@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 from anm_mj.errors import MapError
 from anm_mj.utils.settings import check_settings, of_type, setting
 
-ENGINES = ("auto", "native", "triton", "torch", "mlp")
+ENGINES = ("auto", "native", "torch", "mlp")
 """Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
 
 
@@ -227,10 +227,10 @@ class MappingConfig:
     schedule: ScheduleConfig = ScheduleConfig()
     occupancy: OccupancyConfig = OccupancyConfig()
     uncertainty: UncertaintyConfig = UncertaintyConfig()
-    engine: Literal["auto", "native", "triton", "torch", "mlp"] = setting("auto", choices=ENGINES)
-    """What computes: "native" (C++ on the CPU), "triton" (CUDA; not measured yet), "torch" (any device), or "auto":
-    native wherever it was built, else torch. These give the same map up to rounding. "mlp" is another map: one network
-    without a grid (Yan et al., ICCV 2023), in torch."""
+    engine: Literal["auto", "native", "torch", "mlp"] = setting("auto", choices=ENGINES)
+    """What computes: "native" (C++ on the CPU), "torch" (any device), or "auto": torch with the device "cuda",
+    else native. These give the same map up to rounding. "mlp" is another map: one network without a grid (Yan et al.,
+    ICCV 2023), in torch."""
     surface_lattice_m: float = setting(0.1, at_least=0.01, at_most=1.0)
     """Spacing of the lattice on which zero-crossings are looked for [m]."""
 

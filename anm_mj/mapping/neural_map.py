@@ -13,7 +13,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.backends.select import make_backend, with_available_engine
+from anm_mj.mapping.backends.select import make_backend
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.expected_error import EXPONENT, reducible_error_m
 from anm_mj.mapping.field_geometry import FieldGeometry
@@ -103,7 +103,7 @@ class NeuralMap:
 
     @property
     def engine_name(self) -> str:
-        """What computes the map, for the run's manifest: "torch", "triton", or "native" with its instruction set."""
+        """What computes the map, for the run's manifest: "torch", "mlp", or "native" with its instruction set."""
         return self.backend.name
 
     def integrate(self, observation: Observation) -> MapUpdate:
@@ -316,8 +316,7 @@ class NeuralMap:
             MapError: If the file is missing or is not such a map.
         """
         saved = read_map(path)
-        config = with_available_engine(saved.config)
-        loaded = cls(config, seed=saved.seed, device=device, field_is_geometry=field_is_geometry)
+        loaded = cls(saved.config, seed=saved.seed, device=device, field_is_geometry=field_is_geometry)
         loaded._take_arrays(saved)
         loaded._num_frames = saved.num_frames
         return loaded

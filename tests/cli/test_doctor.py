@@ -81,26 +81,6 @@ def test_broken_torch(monkeypatch: pytest.MonkeyPatch):
     assert "libcudart" in check.found
 
 
-def test_missing_native_engine(monkeypatch: pytest.MonkeyPatch):
-    found = '["torch", "cpu", "the native engine is missing: it was not built", "native", false]'
-    monkeypatch.setattr(doctor, "run_python", lambda *_: subprocess.CompletedProcess([], 0, found, ""))
-
-    check = doctor.check_engine()
-
-    assert check.state is State.NOTE
-    assert check.found == "torch on the CPU, slower than native would be"
-    assert "it was not built" in check.advice
-
-
-# Prepended to the doctor's program: simulates a machine without compiler and native engine.
-NATIVE_WITHOUT_COMPILER = """
-import shutil, sys, torch
-torch.cuda.is_available = lambda: False
-shutil.which = lambda name, **rest: None
-sys.modules["anm_mj._native"] = None
-"""
-
-
 @pytest.mark.slow
 def test_native_engine_beside_a_gpu(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
@@ -110,29 +90,21 @@ def test_native_engine_beside_a_gpu(monkeypatch: pytest.MonkeyPatch):
     assert doctor.check_engine().found.startswith("native (")
 
 
-def test_missing_compiler(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "ENGINE_PROGRAM", NATIVE_WITHOUT_COMPILER + doctor.ENGINE_PROGRAM)
-
-    check = doctor.check_engine()
-
-    assert check.found == "torch on the CPU, slower than native would be"
-    assert "it was not built; install a C++17 compiler (apt install g++) and run make setup" in check.advice
-
-
-@pytest.mark.parametrize("gone", ['vars(native).pop("Occupancy", None)', "native.Engine = type('Engine', (), {})"])
-def test_an_engine_of_an_older_source_is_to_be_built_again(gone, monkeypatch: pytest.MonkeyPatch):
-    without = f"import anm_mj._native as native\n{gone}\n"
+def test_missing_native_engine(monkeypatch: pytest.MonkeyPatch):
+    without = 'import sys; sys.modules["anm_mj._native"] = None\n'
     monkeypatch.setattr(doctor, "ENGINE_PROGRAM", without + doctor.ENGINE_PROGRAM)
+
     check = doctor.check_engine()
-    assert check.state is doctor.State.NOTE
-    assert "older source" in check.found
-    assert "make setup" in check.advice
+
+    assert check.state is State.BAD
+    assert "The compiled part of anm-mj is missing" in check.found
+    assert "Install a C++17 compiler" in check.advice
 
 
 def test_engine_that_does_not_start(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(doctor, "run_python", lambda *_: subprocess.CompletedProcess([], -4, "", ""))
 
-    assert "mapping.engine=torch" in doctor.check_engine().advice
+    assert doctor.check_engine().state is State.BAD
 
 
 def test_low_memory():

@@ -3,14 +3,9 @@
 import json
 
 import numpy as np
-import pytest
 
 from anm_mj.frames import back_project
-from anm_mj.mapping.backends.select import native_fault
 from scripts import bench_growth
-
-if native_fault() is not None:
-    pytest.skip(f"the native engine cannot be used: {native_fault()}", allow_module_level=True)
 
 
 def test_every_pixel_lies_on_a_wall_or_on_the_cupboard_of_its_room():

@@ -9,7 +9,7 @@ import torch
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.backends.select import native_fault
+from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.parameters import DECODER_NAMES
@@ -17,11 +17,6 @@ from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame
 from anm_mj.mapping.sampling import sample_depths
 from tests.mapping.ray_room import Room
 from tests.mapping.reference import reference_gradients
-
-if native_fault() is not None:
-    pytest.skip(f"the native engine cannot be used: {native_fault()}", allow_module_level=True)
-
-from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
 
 CORNER_M = np.array([0.3, 0.4, 0.1])
 

@@ -6,7 +6,6 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.mapping import last_good
-from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.config import FieldConfig
 from anm_mj.mapping.neural_map import MAX_FAILURES, NeuralMap
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
@@ -224,8 +223,6 @@ def test_what_was_learnt_stays_where_it_was_when_the_world_grows(tiny_config, ro
 
 @pytest.mark.parametrize("engine", ["torch", "native"])
 def test_the_table_grows_with_the_scene_and_every_place_keeps_what_was_learnt(tiny_config, room, engine, monkeypatch):
-    if engine == "native" and native_fault() is not None:
-        pytest.skip(f"the native engine is missing: {native_fault()}")
     field = replace(tiny_config.field, log2_table_size=10, largest_log2_table_size=12, entries_per_m3=90.0)
     neural_map = NeuralMap(replace(tiny_config, field=field, engine=engine), seed=0, device="cpu")
     rng = np.random.default_rng(0)

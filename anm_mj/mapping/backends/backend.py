@@ -43,7 +43,7 @@ class MapperBackend(ABC):
 
     config: MappingConfig
     name: str
-    """Which engine it is, for the log: "torch", "triton", "mlp", or "native" with its instruction set."""
+    """Which engine it is, for the log: "torch", "mlp", or "native" with its instruction set."""
     device: str
     """Where it computes, for the log: "cpu" or "cuda"."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj import _native
-from anm_mj.errors import CheckpointError, MapError
+from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.config import MappingConfig
 from anm_mj.mapping.grid_layout import bins_per_m, cells_per_m, index_factors
@@ -26,19 +26,12 @@ from anm_mj.mapping.parameters import (
 )
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.mapping.spaced_depths import spaced_depths
-from anm_mj.utils.cores import tell_lent
-from anm_mj.utils.native_functions import native_function
 from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024
 """Most neurons, outputs and samples per ray that the engine's fixed buffers hold."""
 
 _MOMENTS = ("table_m", "table_v", "table_touched", "decoders_m", "decoders_v")
-
-
-# An engine that was built before it could do this keeps all its threads.
-if (_lend_cores := native_function("lend_cores")) is not None:
-    tell_lent(_lend_cores)
 
 
 class NativeBackend(MapperBackend):
@@ -102,8 +95,6 @@ class NativeBackend(MapperBackend):
         self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
         """Several iterations, whose phases overlap; see the base class."""
-        if not can_overlap():
-            return super().steps(batches, draws)
         arrays = [_ray_arrays(rays) for rays in batches]
         seeds, corners = [seed & 0xFFFFFFFF for seed, _ in draws], [_optional(corner_m) for _, corner_m in draws]
         return [StepLosses(*losses) for losses in self._engine.steps(arrays, seeds, corners)]
@@ -168,8 +159,6 @@ class NativeBackend(MapperBackend):
 
     def get_optimizer(self) -> dict[str, np.ndarray]:
         """Moments of table and decoders, lines of the table that ever had a gradient, and iterations so far."""
-        if not hasattr(self._engine, "get_optimizer"):
-            raise CheckpointError("The native engine was built by an older version; run make setup.")
         *moments, iteration = self._engine.get_optimizer()
         return {**dict(zip(_MOMENTS, moments, strict=True)), "iteration": np.array(iteration)}
 
@@ -249,11 +238,6 @@ def _floats(array: Float[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
 
 def _optional(array: Float[np.ndarray, "..."] | None) -> Float32[np.ndarray, "..."] | None:
     return None if array is None else _floats(array)
-
-
-def can_overlap() -> bool:
-    """Whether the engine overlaps iterations; one that was built before it could does one after another."""
-    return hasattr(_native.Engine, "steps")
 
 
 def _ray_arrays(rays: RayBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
