@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from anm_mj.prior_run import PriorRun
 
 from anm_mj.errors import MapError
 from anm_mj.types import FormerRun, VoxelGrid

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from anm_mj.anticipating_robot import AnticipatingRobot
 from anm_mj.checkpoint.decode import restore
 from anm_mj.checkpoint.encode import encode
 from anm_mj.config import make_config

@@ -3,7 +3,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.evaluation.test_observable import CAMERA, T_BASE_CAMERA, box, joined
 
 from anm_mj.evaluation import ground_truth_cache as module
 from anm_mj.frames import pose_matrix
@@ -12,6 +11,7 @@ from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.scene.folder import Scene
 from anm_mj.types import Footprint, Intrinsics, Pose2
 from anm_mj.utils.files import cache_folder
+from tests.ground_truth.test_observable import CAMERA, T_BASE_CAMERA, box, joined
 
 FOOTPRINT = Footprint(radius_m=0.2, z_min_m=0.05, z_max_m=1.35)
 START = Pose2(-1.0, 0.0, 0.0)

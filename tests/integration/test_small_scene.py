@@ -64,7 +64,7 @@ def test_every_file_of_the_run_can_be_read_back(finished):
     folder, metrics = finished
     steps, plans = read_jsonl(folder / "steps.jsonl"), read_jsonl(folder / "plans.jsonl")
     assert [line["step"] for line in steps] == list(range(1, metrics.steps + 1))
-    assert set(steps[0]["ms"]) == {"plan", "act", "observe", "map", "view"}
+    assert set(steps[0]["ms"]) == {"plan", "act", "observe", "map"}
     assert all(line["reason"] for line in plans)
     # Where a plan still stands, the graph is not made anew.
     assert all({"topdown", "gain"} <= set(line["ms"]) for line in plans[1:])

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from tests.evaluation.test_observable import CAMERA_ON_BASE, box, joined
 
 from anm_mj.evaluation.oracle.roadmap import Roadmap
 from anm_mj.evaluation.oracle.visibility import frame_bits
@@ -8,6 +7,7 @@ from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.ground_truth.observable import ReachableArea, observable_samples
 from anm_mj.ground_truth.pixel_rays import PixelRays
 from anm_mj.utils.raycast import RayCaster
+from tests.ground_truth.test_observable import CAMERA_ON_BASE, box, joined
 
 
 @pytest.fixture(autouse=True)

@@ -1,11 +1,11 @@
 import math
 
 import numpy as np
-from tests.evaluation.test_observable import CAMERA, T_BASE_CAMERA
 
 from anm_mj.frames import move_pose, pose_matrix
 from anm_mj.types import Action, ActionResult, Observation, WheelSpeeds
 from anm_mj.utils.raycast import RayCaster
+from tests.ground_truth.test_observable import CAMERA, T_BASE_CAMERA
 
 
 def cast_depth(caster: RayCaster, T_world_camera):

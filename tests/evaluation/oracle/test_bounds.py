@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.evaluation.test_observable import CAMERA_ON_BASE
 
 from anm_mj.errors import PlanError
 from anm_mj.evaluation.oracle.discretize import shorter_side
@@ -18,6 +17,7 @@ from anm_mj.evaluation.oracle.upper_bound import coverage_bound, earliest_steps
 from anm_mj.evaluation.oracle.visibility import count
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD, Pose2
+from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
 SPACING_M = 0.4
 BUDGET = 150

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from tests.evaluation.test_observable import CAMERA_ON_BASE
 
 from anm_mj.control.follow import Follower
 from anm_mj.errors import PlanError
@@ -14,6 +13,7 @@ from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import Action, Footprint, MapUpdate, Pose2, StopReason, SurfacePoints, VoxelGrid
 from tests.evaluation.oracle.ray_robot import RayRobot
+from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
 ROUNDS = 40
 """Annealing rounds."""

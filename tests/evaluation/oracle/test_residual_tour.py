@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from tests.evaluation.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.residual_tour import exact_bits, select_places
@@ -15,6 +14,7 @@ from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.types import TURN_STEP_RAD, Pose2
 from anm_mj.utils.raycast import RayCaster
 from tests.evaluation.oracle.ray_robot import cast_depth
+from tests.ground_truth.test_observable import CAMERA, CAMERA_ON_BASE, T_BASE_CAMERA, box, joined
 
 RNG_SEED = 5
 

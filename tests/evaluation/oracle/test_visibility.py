@@ -1,7 +1,6 @@
 import math
 
 import numpy as np
-from tests.evaluation.test_observable import CAMERA
 
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.evaluation.oracle.visibility import count, pack, unpack
@@ -10,6 +9,7 @@ from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.types import Pose2
 from tests.evaluation.oracle.ray_robot import RayRobot
+from tests.ground_truth.test_observable import CAMERA
 
 
 def test_bits_are_flags():

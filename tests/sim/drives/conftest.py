@@ -1,0 +1,1 @@
+from tests.robots import compile_scene, description, kinematics  # noqa: F401
