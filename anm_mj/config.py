@@ -18,7 +18,7 @@ from typing import Any
 
 from anm_mj.checkpoint.config import CheckpointConfig
 from anm_mj.errors import AnmError
-from anm_mj.mapping.config import MAPPING_PRESETS, MappingConfig
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
 from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry

@@ -33,7 +33,7 @@ from anm_mj.evaluation.surface_distance import surface_distance
 from anm_mj.frames import pixel_directions
 from anm_mj.ground_truth.ground_truth import NUM_SAMPLES, GroundTruth, sample_triangles
 from anm_mj.io.read_run import read_run
-from anm_mj.mapping.config import MAPPING_PRESETS
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.types import FREE, Intrinsics, Observation, Pose2
 

@@ -29,7 +29,7 @@ from rich.table import Table
 
 from anm_mj.config import make_config
 from anm_mj.events import Ended, On
-from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.types import VoxelGrid
 
 STAGES = {
@@ -140,9 +140,9 @@ def watched(watch: Watch) -> None:
     import anm_mj.run
     from anm_mj.evaluation.completion_curve import CompletionCurve
     from anm_mj.mapping.backends.native_backend import NativeBackend
-    from anm_mj.mapping.field_geometry import FieldGeometry
+    from anm_mj.mapping.depth_occupancy import DepthOccupancy
+    from anm_mj.mapping.field_occupancy import FieldOccupancy
     from anm_mj.mapping.keyframes import KeyframeStore
-    from anm_mj.mapping.occupancy import OccupancyGrid
     from anm_mj.planning.policies.gvg.policy import Gvg
     from anm_mj.planning.stages import Stages
     from anm_mj.planning.topdown import TopDownMapper
@@ -155,12 +155,12 @@ def watched(watch: Watch) -> None:
     for name in ("mjv_updateScene", "mjr_render", "mjr_readPixels"):
         watch.over(mujoco, name, "renderer")
     watch.over(SensorMonitor, "check", "monitor")
-    watch.over(OccupancyGrid, "integrate", "occupancy")
-    watch.over(OccupancyGrid, "observation_count", "counts")
+    watch.over(DepthOccupancy, "integrate", "occupancy")
+    watch.over(DepthOccupancy, "observation_count", "counts")
     watch.over(KeyframeStore, "add", "keyframes")
     watch.over(KeyframeStore, "batches", "draw")
     watch.over(NativeBackend, "steps", "train")
-    watch.over(FieldGeometry, "grid", "field read")
+    watch.over(FieldOccupancy, "grid", "field read")
     watch.over(TopDownMapper, "update", "top-down")
     watch.over(Stages, "update_graph", "graph")
     watch.over(Gvg, "plan", "plan")

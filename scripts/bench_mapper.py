@@ -34,10 +34,10 @@ from torch import Tensor
 from anm_mj.io.manifest import cpu_model
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
+from anm_mj.mapping.backends.parameters import decoder_shapes
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.config import MappingConfig, SamplingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.keyframes import KeyframeStore
-from anm_mj.mapping.parameters import decoder_shapes
+from anm_mj.mapping.mapping_config import MappingConfig, SamplingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.rays import RayBatch
 from anm_mj.types import Intrinsics, Observation, Pose2
 

@@ -30,9 +30,9 @@ from anm_mj.explore import explore
 from anm_mj.ground_truth.cache import cached_ground_truth
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import reduce_depth
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.protocols import Mapper, Policy
@@ -60,7 +60,7 @@ class OccupancyMapper:
     """A map that knows free, occupied and unknown, and no more."""
 
     def __init__(self) -> None:
-        self._grid = OccupancyGrid(OccupancyConfig())
+        self._grid = DepthOccupancy(OccupancyConfig())
 
     def integrate(self, observation: Observation) -> MapUpdate:
         """Fuse the depth."""

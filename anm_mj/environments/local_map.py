@@ -7,8 +7,8 @@ from jaxtyping import Float32, Float64, Int8
 from scipy.ndimage import distance_transform_edt
 
 from anm_mj.frames import cell_to_world, pose_matrix
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2, VoxelGrid
 
 CELLS = 192
@@ -35,7 +35,7 @@ class LocalMap:
     def __init__(self, footprint: Footprint) -> None:
         """Start with an unknown map; the heights of ``footprint`` bound the columns."""
         self._footprint = footprint
-        self._grid = OccupancyGrid(OccupancyConfig())
+        self._grid = DepthOccupancy(OccupancyConfig())
         # Of cell centres in base axes: row 0 is the farthest x (forward), column 0 the farthest y (left).
         self._offsets_m = (CELLS / 2 - 0.5 - np.arange(CELLS)) * self._grid.config.voxel_m
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8, Int64, Shaped
 
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from anm_mj.utils.arrays import dilate_mask
 from anm_mj.utils.native_functions import native_function

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64, Shaped
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.pixel_memory import PIXEL, HostPixels, PixelMemory, pack
+from anm_mj.mapping.packed_pixels import PIXEL, HostPixels, PixelMemory, pack
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, camera_row, sample_frame
 from anm_mj.types import Observation
 
@@ -22,7 +22,7 @@ class Keyframes:
     """Pixels of some keyframes, and the cameras that saw them."""
 
     pixels: Shaped[np.ndarray, " p"]
-    """Of type :data:`~anm_mj.mapping.pixel_memory.PIXEL`, those of each keyframe in random order."""
+    """Of type :data:`~anm_mj.mapping.packed_pixels.PIXEL`, those of each keyframe in random order."""
     num_pixels: Int64[np.ndarray, " k"]
     """Pixels of each keyframe; one at least."""
     cameras: Float32[np.ndarray, "k 17"]

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.config import FieldConfig
-from anm_mj.mapping.grid_layout import doubled_table
+from anm_mj.mapping.backends.grid_layout import doubled_table
+from anm_mj.mapping.mapping_config import FieldConfig
 
 _logger = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int8, Int64
 
 from anm_mj.mapping.field_blocks import blocks_of
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import OCCUPIED, SdfQuery
 from anm_mj.utils.native_functions import native_function
 

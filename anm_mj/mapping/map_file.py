@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import MappingConfig, config_from_dict
+from anm_mj.mapping.mapping_config import MappingConfig, config_from_dict
 from anm_mj.utils.files import write_tensors
 from anm_mj.utils.read_file import convert, parse_json, read_tensors
 

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64, UInt8
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.marching import active_cells, march, merge_vertices, remove_unreferenced
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.surface import REACH_VOXELS
 from anm_mj.types import OCCUPIED, SdfQuery
 
@@ -50,7 +50,7 @@ class _Piece:
 class MeshExtractor:
     """Marches cubes over the lattice cells that touch an occupied voxel, and remembers the result piece by piece."""
 
-    def __init__(self, occupancy: OccupancyGrid) -> None:
+    def __init__(self, occupancy: DepthOccupancy) -> None:
         self._occupancy = occupancy
         self._resolution_m = 0.0
         self._pieces: dict[tuple[int, int, int], _Piece] = {}

@@ -13,18 +13,18 @@ from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.backends.grid_layout import doubled_table
 from anm_mj.mapping.backends.select import make_backend
-from anm_mj.mapping.config import MappingConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.expected_error import EXPONENT, reducible_error_m
-from anm_mj.mapping.field_geometry import FieldGeometry
-from anm_mj.mapping.former_surface import FormerSurface
-from anm_mj.mapping.grid_layout import doubled_table
+from anm_mj.mapping.field_occupancy import FieldOccupancy
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.last_good import LastGood
 from anm_mj.mapping.last_layer import last_layer_variance, observation_density
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.prior_surface import PriorSurface
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
@@ -85,11 +85,11 @@ class NeuralMap:
         self._keyframes = KeyframeStore(
             config.schedule.replay_bytes, config.schedule.pixel_share, self.backend.pixel_memory
         )
-        self._occupancy = OccupancyGrid(config.occupancy)
-        self._geometry = FieldGeometry(self._occupancy) if field_is_geometry else None
+        self._occupancy = DepthOccupancy(config.occupancy)
+        self._geometry = FieldOccupancy(self._occupancy) if field_is_geometry else None
         self._surface = SurfaceExtractor(self._occupancy, config.surface_lattice_m)
         self._mesh = MeshExtractor(self._occupancy)
-        self._former: FormerSurface | None = None
+        self._former: PriorSurface | None = None
         """What was here before, where the map goes on from that of a former run."""
         self.is_trained = False
         """Whether the field was ever trained; else it says nothing, and only the occupancy means something."""
@@ -185,7 +185,7 @@ class NeuralMap:
         self._take_engine(self.config, self._good.finite_state(self.backend, self._num_frames))
         # What was read from the field before is read anew.
         self._surface = SurfaceExtractor(self._occupancy, self.config.surface_lattice_m)
-        self._geometry = FieldGeometry(self._occupancy) if self._geometry is not None else None
+        self._geometry = FieldOccupancy(self._occupancy) if self._geometry is not None else None
         return done
 
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
@@ -238,7 +238,7 @@ class NeuralMap:
         return SurfaceErrors(points, reducible_error_m(variance), count, (1.0 - density_exponent) * EXPONENT)
 
     @property
-    def observed(self) -> OccupancyGrid:
+    def observed(self) -> DepthOccupancy:
         """What depth alone says, and how often each place was observed; :attr:`occupancy` is read from it."""
         return self._occupancy
 
@@ -337,7 +337,7 @@ class NeuralMap:
         former = self.occupancy
         self._occupancy.soften()
         self._keyframes.replace(0, keyframes)
-        self._former = FormerSurface(
+        self._former = PriorSurface(
             former.state, self._occupancy.corner, former.resolution_m, keyframes, former.version
         )
         # The next frame is a keyframe, and one to train on.

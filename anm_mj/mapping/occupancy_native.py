@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int64, UInt16
 
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy_fusion import (
+from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.occupancy_kernels import (
     FOOTPRINT,
     HALF_DIAGONAL,
     MAX_REACH,
@@ -25,7 +25,7 @@ from anm_mj.utils.threads import usual_num_threads
 
 
 class NativeFusion:
-    """What :class:`anm_mj.mapping.occupancy_fusion.NumpyFusion` does."""
+    """What :class:`anm_mj.mapping.occupancy_kernels.NumpyFusion` does."""
 
     def __init__(self, kernels: Any) -> None:
         """Wrap an ``_native.Occupancy``."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.lattice import crossings, touched_cells
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import SdfQuery
 
 _NORMAL_STEP_M = 0.02
@@ -37,7 +37,7 @@ class SurfaceExtractor:
     Only lattice cells that touch an occupied voxel are looked at: elsewhere the field's sign is its own invention.
     """
 
-    def __init__(self, occupancy: OccupancyGrid, spacing_m: float) -> None:
+    def __init__(self, occupancy: DepthOccupancy, spacing_m: float) -> None:
         self._occupancy = occupancy
         self._spacing_m = spacing_m
         self._patches: dict[tuple[int, int, int], _Patch] = {}

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.config import UncertaintyConfig
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.last_layer import last_layer_variance
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.mapping_config import UncertaintyConfig
 from anm_mj.utils.native_functions import native_function
 
 _CHUNK = 16384
@@ -30,7 +30,7 @@ _CHUNK = 16384
 
 def uncertainty_at(
     backend: MapperBackend,
-    occupancy: OccupancyGrid,
+    occupancy: DepthOccupancy,
     points_m: Float[np.ndarray, "n 3"],
     config: UncertaintyConfig,
     seed: int,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from anm_mj.frames import pixel_directions
-from anm_mj.mapping.occupancy import OccupancyGrid
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.types import OCCUPIED, Intrinsics, SdfQuery
 
 _SAMPLES = 24
@@ -22,7 +22,7 @@ _PROBES = 9
 
 
 def view_samples(
-    occupancy: OccupancyGrid,
+    occupancy: DepthOccupancy,
     sdf: SdfQuery,
     intrinsics: Intrinsics,
     T_world_camera: Float[np.ndarray, "4 4"],
@@ -65,7 +65,7 @@ def view_samples(
 
 
 def _search(
-    occupancy: OccupancyGrid, sdf: SdfQuery, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
+    occupancy: DepthOccupancy, sdf: SdfQuery, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float64[np.ndarray, " n"], Float64[np.ndarray, " n"]]:
     """Planar depth of the first occupied voxel, and of the first surface in or at one [m]; NaN where there is none."""
     first = np.full(len(directions), np.nan)

@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.keyframes import KeyframeStore
-from anm_mj.mapping.pixel_memory import PIXEL
+from anm_mj.mapping.packed_pixels import PIXEL
 from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame
 from tests.mapping.ray_room import Room
 

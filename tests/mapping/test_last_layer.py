@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.mapping.config import OccupancyConfig, quick_mapping
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.last_layer import last_layer_variance, leverage, observation_density
+from anm_mj.mapping.mapping_config import OccupancyConfig, quick_mapping
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.uncertainty import closed_form_variance
 from anm_mj.types import OCCUPIED
 from scripts.bench_uncertainty import relative_area
@@ -21,8 +21,8 @@ def half_seen(tiny_config, room) -> NeuralMap:
     return neural_map
 
 
-def _fused(room, *places) -> OccupancyGrid:
-    grid = OccupancyGrid(OccupancyConfig())
+def _fused(room, *places) -> DepthOccupancy:
+    grid = DepthOccupancy(OccupancyConfig())
     for x, y in places:
         view = room.observe(x, y, 0.0, size=64)
         grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
@@ -50,7 +50,7 @@ def test_half_the_distance_gives_four_times_the_density(room):
 
 
 def test_density_is_zero_where_nothing_was_observed(room):
-    assert (observation_density(OccupancyGrid(OccupancyConfig()), WALL) == 0.0).all()
+    assert (observation_density(DepthOccupancy(OccupancyConfig()), WALL) == 0.0).all()
     assert (observation_density(_fused(room, (2.0, 0.6)), WALL - [10.0, 0.0, 0.0]) == 0.0).all()
 
 

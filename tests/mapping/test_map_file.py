@@ -8,8 +8,8 @@ import torch
 from safetensors.numpy import save
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import MAPPING_PRESETS
 from anm_mj.mapping.map_file import SavedMap, read_map, write_map
+from anm_mj.mapping.mapping_config import MAPPING_PRESETS
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anm_mj.mapping import lattice
-from anm_mj.mapping.config import default_mapping
 from anm_mj.mapping.field_blocks import DoubtRule, NativeBlocks, NumpyBlocks, field_blocks
-from anm_mj.mapping.occupancy_fusion import BLOCK
-from anm_mj.mapping.pixel_memory import PIXEL, native_batches, numpy_batches
+from anm_mj.mapping.mapping_config import default_mapping
+from anm_mj.mapping.occupancy_kernels import BLOCK
+from anm_mj.mapping.packed_pixels import PIXEL, native_batches, numpy_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch
 from anm_mj.mapping.uncertainty import numpy_pass_variance, pass_variance
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN

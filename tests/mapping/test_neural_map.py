@@ -6,7 +6,7 @@ import pytest
 
 from anm_mj.errors import MapError
 from anm_mj.mapping import last_good
-from anm_mj.mapping.config import FieldConfig
+from anm_mj.mapping.mapping_config import FieldConfig
 from anm_mj.mapping.neural_map import MAX_FAILURES, NeuralMap
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from tests.mapping.ray_room import Room

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.mapping.config import UncertaintyConfig, paper_mapping
+from anm_mj.mapping.mapping_config import UncertaintyConfig, paper_mapping
 from anm_mj.mapping.uncertainty import closed_form_variance, perturbed_variance, uncertainty_at
 from scripts.bench_uncertainty import rank_correlation
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from anm_mj.mapping.config import OptimizerConfig
-from anm_mj.mapping.parameters import check_state
+from anm_mj.mapping.backends.parameters import check_state
+from anm_mj.mapping.mapping_config import OptimizerConfig
 
 
 class Adam:

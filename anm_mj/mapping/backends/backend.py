@@ -1,8 +1,8 @@
 """The seam at which the mapper's engine is swapped: whole training steps in, losses out.
 
 A narrower seam (an encoding, a network) would cost as much again in copies and launches. Arrays are numpy at this
-border, in host memory; the parameter layout is the one of :mod:`anm_mj.mapping.parameters`. Given the same state, rays
-and seed, all engines draw the same samples (:func:`anm_mj.mapping.sampling.counter_uniform`) and agree to rounding.
+border, in host memory; the parameter layout is the one of :mod:`anm_mj.mapping.backends.parameters`. Given the same
+state, rays and seed, all engines draw the same samples (:func:`.torch_sampling.counter_uniform`) and agree to rounding.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.pixel_memory import HostPixels, PixelMemory
+from anm_mj.mapping.mapping_config import MappingConfig
+from anm_mj.mapping.packed_pixels import HostPixels, PixelMemory
 from anm_mj.mapping.rays import RayBatch
 
 Vectors = Float32[np.ndarray, "n 3"]

@@ -23,12 +23,12 @@ from torch import Tensor
 
 from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import RenderedRays, SampleDepths, StepLosses, Vectors
+from anm_mj.mapping.backends.parameters import check_state
 from anm_mj.mapping.backends.tensor_backend import CPU_CHUNK, TensorBackend
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.parameters import check_state
+from anm_mj.mapping.backends.torch_sampling import counter_uniform
+from anm_mj.mapping.backends.volume_rendering import sdf_to_weight
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import sdf_to_weight
-from anm_mj.mapping.sampling import counter_uniform
 
 NUM_OCTAVES = 6
 POSITION_SCALE = 0.0594

@@ -14,9 +14,8 @@ from jaxtyping import Float, Float32
 from anm_mj import _native
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.grid_layout import bins_per_m, cells_per_m, index_factors
-from anm_mj.mapping.parameters import (
+from anm_mj.mapping.backends.grid_layout import bins_per_m, cells_per_m, index_factors
+from anm_mj.mapping.backends.parameters import (
     DECODER_NAMES,
     check_state,
     decoder_shapes,
@@ -24,8 +23,9 @@ from anm_mj.mapping.parameters import (
     parameter_shapes,
     split_flat,
 )
+from anm_mj.mapping.backends.spaced_depths import spaced_depths
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.spaced_depths import spaced_depths
 from anm_mj.utils.threads import usual_num_threads
 
 _MAX_WIDTH = 1024

@@ -13,7 +13,7 @@ from jaxtyping import Float32
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.config import ENGINES, MappingConfig
+from anm_mj.mapping.mapping_config import ENGINES, MappingConfig
 
 DEVICES = ("auto", "cpu", "cuda")
 

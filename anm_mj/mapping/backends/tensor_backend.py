@@ -12,9 +12,9 @@ from torch import Tensor
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, Vectors
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import sdf_hidden
-from anm_mj.mapping.rendering import composite, sdf_to_weight
+from anm_mj.mapping.backends.torch_field import sdf_hidden
+from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
+from anm_mj.mapping.mapping_config import MappingConfig
 
 CPU_CHUNK = 8192
 """Points per query on a CPU: the temporaries of so many stay in the second-level cache's reach."""

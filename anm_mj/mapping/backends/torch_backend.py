@@ -9,14 +9,14 @@ from torch import Tensor
 
 from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import StepLosses
+from anm_mj.mapping.backends.parameters import DECODER_NAMES, check_state, decoder_shapes, parameter_shapes, split_flat
 from anm_mj.mapping.backends.tensor_backend import HashGridBackend
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.field import NeuralField, decode_color, decode_sdf
-from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
-from anm_mj.mapping.parameters import DECODER_NAMES, check_state, decoder_shapes, parameter_shapes, split_flat
+from anm_mj.mapping.backends.torch_field import TorchField, decode_color, decode_sdf
+from anm_mj.mapping.backends.torch_losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.backends.torch_sampling import sample_depths, valid_depth
+from anm_mj.mapping.backends.volume_rendering import composite, sdf_to_weight
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
-from anm_mj.mapping.rendering import composite, sdf_to_weight
-from anm_mj.mapping.sampling import sample_depths, valid_depth
 
 
 class TorchBackend(HashGridBackend):
@@ -26,7 +26,7 @@ class TorchBackend(HashGridBackend):
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str = "auto") -> None:
         super().__init__(config, device)
-        self.field = NeuralField(config.field, seed, self._device)
+        self.field = TorchField(config.field, seed, self._device)
         self._optimizer = self._make_optimizer()
 
     def _make_optimizer(self) -> Adam:

@@ -6,7 +6,7 @@ import torch
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.mlp_backend import MlpBackend
-from anm_mj.mapping.config import MappingConfig, UncertaintyConfig, anm_mapping
+from anm_mj.mapping.mapping_config import MappingConfig, UncertaintyConfig, anm_mapping
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.rays import RayBatch, sample_frame
 from tests.mapping.ray_room import Room

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.former_surface import MIN_VOXELS, FormerSurface
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.map_file import read_map
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.mapping.prior_surface import MIN_VOXELS, PriorSurface
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 from tests.mapping.ray_room import TABLE, Room
 
@@ -106,7 +106,7 @@ def grid(state, version=1):
 def test_a_surface_that_falls_into_the_next_voxel_is_no_change():
     state = np.full((16, 32, 32), FREE, np.int8)
     state[5] = OCCUPIED
-    former = FormerSurface(state, np.zeros(3, np.int64), 0.05, NOTHING, 0)
+    former = PriorSurface(state, np.zeros(3, np.int64), 0.05, NOTHING, 0)
     moved = np.full_like(state, FREE)
     moved[6] = OCCUPIED
     assert former.changes(moved, np.zeros(3, np.int64)) == ()
@@ -117,7 +117,7 @@ def test_a_surface_that_falls_into_the_next_voxel_is_no_change():
 def test_small_and_unseen_changes_are_not_told():
     state = np.full((16, 32, 32), FREE, np.int8)
     state[:, :, 20:] = UNKNOWN
-    former = FormerSurface(state, np.zeros(3, np.int64), 0.05, NOTHING, 0)
+    former = PriorSurface(state, np.zeros(3, np.int64), 0.05, NOTHING, 0)
     now = state.copy()
     now[:, :, 24:] = OCCUPIED
     now[4, 4, : MIN_VOXELS - 1] = OCCUPIED
@@ -133,7 +133,7 @@ def test_small_and_unseen_changes_are_not_told():
 
 def test_the_grid_may_grow_to_all_sides():
     state = np.full((16, 16, 16), FREE, np.int8)
-    former = FormerSurface(state, np.array([16, 0, -16]), 0.05, NOTHING, 0)
+    former = PriorSurface(state, np.array([16, 0, -16]), 0.05, NOTHING, 0)
     grown = np.full((32, 32, 48), UNKNOWN, np.int8)
     grown[16:, 16:, 16:32] = FREE
     grown[20:24, 20:24, 20:24] = OCCUPIED

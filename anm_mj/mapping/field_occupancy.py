@@ -22,9 +22,9 @@ import math
 import numpy as np
 from jaxtyping import Float, Int8, Int32, Int64
 
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.field_blocks import DoubtRule, NumpyBlocks, field_blocks
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK, HALF_DIAGONAL
+from anm_mj.mapping.occupancy_kernels import BLOCK, HALF_DIAGONAL
 from anm_mj.types import UNKNOWN, SdfQuery, VoxelGrid
 from anm_mj.utils.arrays import embed
 
@@ -47,12 +47,12 @@ _NOTHING = np.zeros(0, np.int64), np.zeros(0, np.int8)
 """No voxel that the field decides."""
 
 
-class FieldGeometry:
+class FieldOccupancy:
     """Keeps the states of all observed voxels in step with the field, block by block, where frames came in."""
 
     REBUILT = ("_blocks",)
 
-    def __init__(self, occupancy: OccupancyGrid, blocks: NumpyBlocks | None = None) -> None:
+    def __init__(self, occupancy: DepthOccupancy, blocks: NumpyBlocks | None = None) -> None:
         """Start with nothing read.
 
         Args:

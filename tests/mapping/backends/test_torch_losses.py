@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from anm_mj.mapping.config import LossConfig
-from anm_mj.mapping.losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.backends.torch_losses import ray_losses, smoothness_lattice, smoothness_loss
+from anm_mj.mapping.mapping_config import LossConfig
 
 TRUNCATION_M = 0.1
 

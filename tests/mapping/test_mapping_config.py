@@ -6,7 +6,7 @@ from dataclasses import asdict
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import (
+from anm_mj.mapping.mapping_config import (
     MAPPING_PRESETS,
     FieldConfig,
     LossConfig,
@@ -64,5 +64,5 @@ def test_unknown_field_is_refused():
 
 
 def test_config_does_not_import_torch():
-    code = "import sys, anm_mj.mapping.config; sys.exit('torch' in sys.modules)"
+    code = "import sys, anm_mj.mapping.mapping_config; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

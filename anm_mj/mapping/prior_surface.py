@@ -18,8 +18,8 @@ from scipy.spatial import KDTree
 
 from anm_mj.geometry.connected_components import connected_components
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
-from anm_mj.mapping.occupancy_fusion import BLOCK
-from anm_mj.mapping.pixel_memory import DEPTH_UNIT_M, NO_DEPTH
+from anm_mj.mapping.occupancy_kernels import BLOCK
+from anm_mj.mapping.packed_pixels import DEPTH_UNIT_M, NO_DEPTH
 from anm_mj.mapping.rays import rays_of_pixels
 from anm_mj.types import FREE, OCCUPIED, SurfaceChange, VoxelGrid
 
@@ -35,7 +35,7 @@ Voxels = Int64[np.ndarray, "_ 3"]
 """Layer, row and column of some voxels of the former grid."""
 
 
-class FormerSurface:
+class PriorSurface:
     """The grid of a former run, and which keyframes of the store are its own."""
 
     def __init__(

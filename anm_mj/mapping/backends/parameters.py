@@ -23,8 +23,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import FieldConfig
-from anm_mj.mapping.grid_layout import NUM_FEATURES
+from anm_mj.mapping.backends.grid_layout import NUM_FEATURES
+from anm_mj.mapping.mapping_config import FieldConfig
 
 if TYPE_CHECKING:
     from torch import Tensor

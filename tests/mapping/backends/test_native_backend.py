@@ -10,11 +10,11 @@ import torch
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
+from anm_mj.mapping.backends.parameters import DECODER_NAMES
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.config import MappingConfig, default_mapping, paper_mapping
-from anm_mj.mapping.parameters import DECODER_NAMES
+from anm_mj.mapping.backends.torch_sampling import sample_depths
+from anm_mj.mapping.mapping_config import MappingConfig, default_mapping, paper_mapping
 from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame
-from anm_mj.mapping.sampling import sample_depths
 from tests.mapping.ray_room import Room
 from tests.mapping.reference import reference_gradients
 

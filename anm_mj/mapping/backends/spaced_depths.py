@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32
 
-from anm_mj.mapping.config import SamplingConfig
+from anm_mj.mapping.mapping_config import SamplingConfig
 
 
 def spaced_depths(

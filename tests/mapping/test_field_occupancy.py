@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.field_geometry import HIT_SHARE, FieldGeometry
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.field_occupancy import HIT_SHARE, FieldOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
 from anm_mj.utils.arrays import dilate_mask
 from tests.mapping.ray_room import Room
@@ -37,27 +37,27 @@ def centres(grid, state):
 
 
 @pytest.fixture
-def occupancy(room: Room) -> OccupancyGrid:
-    return fuse(OccupancyGrid(OccupancyConfig()), noisy(room.turn(1.5, 1.5, 12, size=128)))
+def occupancy(room: Room) -> DepthOccupancy:
+    return fuse(DepthOccupancy(OccupancyConfig()), noisy(room.turn(1.5, 1.5, 12, size=128)))
 
 
 def test_noise_leaves_no_obstacle_in_free_space(room, occupancy):
     before = np.abs(room.sdf(centres(occupancy.grid, OCCUPIED)))
-    after = room.sdf(centres(FieldGeometry(occupancy).grid(room.sdf), OCCUPIED))
+    after = room.sdf(centres(FieldOccupancy(occupancy).grid(room.sdf), OCCUPIED))
     assert (before > 0.06).mean() > 0.05
     assert after.max() <= HIT_SHARE * VOXEL_M + 1e-6
 
 
 def test_surface_stays_occupied(room, occupancy):
-    grid = FieldGeometry(occupancy).grid(room.sdf)
+    grid = FieldOccupancy(occupancy).grid(room.sdf)
     wall = np.stack([np.zeros(40), np.linspace(0.5, 2.5, 40), np.full(40, 1.2)], axis=1)
     cell = np.floor((wall - grid.origin_m) / grid.resolution_m).astype(int)
     assert (grid.state[cell[:, 2], cell[:, 1], cell[:, 0]] == OCCUPIED).all()
 
 
 @pytest.fixture
-def exact(room: Room) -> OccupancyGrid:
-    return fuse(OccupancyGrid(OccupancyConfig()), room.turn(1.5, 1.5, 12, size=128))
+def exact(room: Room) -> DepthOccupancy:
+    return fuse(DepthOccupancy(OccupancyConfig()), room.turn(1.5, 1.5, 12, size=128))
 
 
 def nothing_there(points):
@@ -65,17 +65,17 @@ def nothing_there(points):
 
 
 def test_every_hit_of_exact_depth_stands(exact):
-    grid = FieldGeometry(exact).grid(nothing_there)
+    grid = FieldOccupancy(exact).grid(nothing_there)
     assert np.array_equal(grid.state, exact.grid.state)
 
 
 def test_what_rays_of_exact_depth_passed_stays_free(exact):
-    grid = FieldGeometry(exact).grid(lambda points: np.full(len(points), -0.02, np.float32))
+    grid = FieldOccupancy(exact).grid(lambda points: np.full(len(points), -0.02, np.float32))
     assert np.array_equal(grid.state, exact.grid.state)
 
 
 def test_what_noise_let_rays_pass_is_occupied(occupancy):
-    state = FieldGeometry(occupancy).grid(lambda points: np.full(len(points), -0.02, np.float32)).state
+    state = FieldOccupancy(occupancy).grid(lambda points: np.full(len(points), -0.02, np.float32)).state
     raw = occupancy.grid.state
     beside = dilate_mask(raw == OCCUPIED) & (raw == FREE)
     assert (state[beside] == OCCUPIED).any()
@@ -83,19 +83,19 @@ def test_what_noise_let_rays_pass_is_occupied(occupancy):
 
 
 def test_hits_that_noise_explains_do_not(occupancy):
-    state = FieldGeometry(occupancy).grid(nothing_there).state
+    state = FieldOccupancy(occupancy).grid(nothing_there).state
     far = (occupancy.grid.state == OCCUPIED) & (occupancy.grid.seen_range_m > 1.5)
     assert far.any()
     assert (state[far] == FREE).all()
 
 
 def test_of_a_noisy_sensor_what_was_hit_from_near_stands(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     rng = np.random.default_rng(0)
     for seen in room.turn(1.5, 1.5, 12, size=128):
         noise = 1.0 + 0.004 * seen.depth_m * rng.standard_normal(seen.depth_m.shape)
         fuse(occupancy, [replace(seen, depth_m=(seen.depth_m * noise).astype(np.float32))])
-    state = FieldGeometry(occupancy).grid(nothing_there).state
+    state = FieldOccupancy(occupancy).grid(nothing_there).state
     hit, seen_m = occupancy.grid.state == OCCUPIED, occupancy.grid.seen_range_m
     assert (state[hit & (seen_m < 1.4)] == OCCUPIED).all()
     assert (state[hit & (seen_m > 1.7)] == FREE).all()
@@ -104,13 +104,13 @@ def test_of_a_noisy_sensor_what_was_hit_from_near_stands(room):
 def test_the_field_decides_where_no_image_told_of_the_sensor(exact):
     state = exact.get_state()
     del state["depth_noise"]
-    old = OccupancyGrid(OccupancyConfig())
+    old = DepthOccupancy(OccupancyConfig())
     old.set_state(state)
-    assert not (FieldGeometry(old).grid(nothing_there).state == OCCUPIED).any()
+    assert not (FieldOccupancy(old).grid(nothing_there).state == OCCUPIED).any()
 
 
 def test_a_part_is_of_now_and_the_rest_follows(room, occupancy):
-    geometry, whole = FieldGeometry(occupancy), FieldGeometry(occupancy)
+    geometry, whole = FieldOccupancy(occupancy), FieldOccupancy(occupancy)
     geometry.grid(room.sdf)
     whole.grid(room.sdf)
     fuse(occupancy, noisy(room.turn(1.5, 0.7, 6, size=128)))
@@ -130,18 +130,18 @@ def test_a_part_is_of_now_and_the_rest_follows(room, occupancy):
 
 
 def test_field_decides_nothing_that_was_not_observed(occupancy):
-    grid = FieldGeometry(occupancy).grid(lambda points: np.full(len(points), -0.1, np.float32))
+    grid = FieldOccupancy(occupancy).grid(lambda points: np.full(len(points), -0.1, np.float32))
     assert ((grid.state == UNKNOWN) == (occupancy.grid.state == UNKNOWN)).all()
 
 
 def test_field_frees_nothing_without_a_hit_beside_it(occupancy):
-    solid = FieldGeometry(occupancy).grid(lambda points: np.full(len(points), -0.1, np.float32))
+    solid = FieldOccupancy(occupancy).grid(lambda points: np.full(len(points), -0.1, np.float32))
     far = (occupancy.grid.state == FREE) & (solid.state == FREE)
     assert far.sum() > 1000
 
 
 def test_reading_again_reads_what_came_in(room, occupancy):
-    geometry = FieldGeometry(occupancy)
+    geometry = FieldOccupancy(occupancy)
     geometry.grid(room.sdf)
     asked = []
 
@@ -155,23 +155,23 @@ def test_reading_again_reads_what_came_in(room, occupancy):
     geometry.grid(counted)
     came_in = sum(asked)
     asked.clear()
-    FieldGeometry(occupancy).grid(counted)
+    FieldOccupancy(occupancy).grid(counted)
     assert 0 < came_in < sum(asked)
 
 
 def test_bit_by_bit_is_as_good_as_at_once(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
-    geometry = FieldGeometry(occupancy)
+    occupancy = DepthOccupancy(OccupancyConfig())
+    geometry = FieldOccupancy(occupancy)
     for seen in noisy(room.turn(1.0, 1.0, 6, size=96) + room.turn(3.5, 2.5, 6, size=96)):
         fuse(occupancy, [seen])
         kept = geometry.grid(room.sdf)
-    at_once = FieldGeometry(occupancy).grid(room.sdf)
+    at_once = FieldOccupancy(occupancy).grid(room.sdf)
     assert np.array_equal(kept.state, at_once.state)
 
 
 def test_what_depth_and_field_agree_on_is_asked_less_often(room):
-    occupancy = OccupancyGrid(OccupancyConfig())
-    geometry, asked = FieldGeometry(occupancy), []
+    occupancy = DepthOccupancy(OccupancyConfig())
+    geometry, asked = FieldOccupancy(occupancy), []
 
     def counted(points):
         asked[-1] += len(points)
@@ -182,19 +182,19 @@ def test_what_depth_and_field_agree_on_is_asked_less_often(room):
         asked.append(0)
         geometry.grid(counted)
     asked.append(0)
-    at_once = FieldGeometry(occupancy).grid(counted)
+    at_once = FieldOccupancy(occupancy).grid(counted)
     assert np.mean(asked[-7:-1]) < 0.7 * asked[-1]
     assert np.array_equal(geometry.grid(room.sdf).state, at_once.state)
 
 
 def test_what_the_field_has_learnt_is_read_in_a_few_readings(room, occupancy):
-    geometry = FieldGeometry(occupancy)
+    geometry = FieldOccupancy(occupancy)
     geometry.grid(lambda points: np.full(len(points), -0.02, np.float32))
     for seen in noisy([room.observe(1.5, 1.5, 0.0, size=128)] * 3):
         fuse(occupancy, [seen])
         geometry.grid(room.sdf)
     kept = geometry.grid(room.sdf)
-    now = FieldGeometry(occupancy).grid(room.sdf).state
+    now = FieldOccupancy(occupancy).grid(room.sdf).state
     block_layers, block_rows, block_cols = np.nonzero(occupancy.block_stamp >= occupancy.grid.version - 2)
     assert len(block_layers)
     for z, y, x in zip(block_layers * BLOCK, block_rows * BLOCK, block_cols * BLOCK, strict=True):
@@ -203,7 +203,7 @@ def test_what_the_field_has_learnt_is_read_in_a_few_readings(room, occupancy):
 
 
 def test_changes_are_reported_by_block(room, occupancy):
-    geometry = FieldGeometry(occupancy)
+    geometry = FieldOccupancy(occupancy)
     before = geometry.grid(room.sdf)
     old_state, old_version = before.state.copy(), before.version
     fuse(occupancy, noisy([room.observe(1.5, 0.5, 1.2, size=128)]))

@@ -6,9 +6,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.mapping.config import FieldConfig
-from anm_mj.mapping.encoding import HashGrid, _Interpolate, gather_corners, one_blob
-from anm_mj.mapping.grid_layout import cell_sizes_m, doubled_table, index_factors
+from anm_mj.mapping.backends.grid_layout import cell_sizes_m, doubled_table, index_factors
+from anm_mj.mapping.backends.torch_encoding import HashGrid, _Interpolate, gather_corners, one_blob
+from anm_mj.mapping.mapping_config import FieldConfig
 
 CPU = torch.device("cpu")
 SMALL = FieldConfig(num_levels=4, log2_table_size=10, finest_cell_m=0.05, coarsest_cell_m=0.6)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from anm_mj.mapping.backends.adam import Adam
-from anm_mj.mapping.config import OptimizerConfig
+from anm_mj.mapping.mapping_config import OptimizerConfig
 
 
 def grown(optimise):
@@ -37,7 +37,7 @@ def torchs(parameters):
 def test_it_takes_the_same_steps_as_torchs_own_bit_for_bit():
     # In a process of its own: torch.optim loads a compiler that does not stand beside a software renderer.
     code = (
-        "import torch; from tests.mapping.test_adam import grown, ours, torchs; "
+        "import torch; from tests.mapping.backends.test_adam import grown, ours, torchs; "
         "assert all(torch.equal(a, b) for a, b in zip(grown(ours), grown(torchs)))"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -48,7 +48,7 @@ def test_training_loads_no_compiler_whose_llvm_would_clash_with_a_software_rende
         "import sys; import numpy as np\n"
         "from anm_mj.mapping.backends.torch_backend import TorchBackend\n"
         "from anm_mj.mapping.backends.backend import RayBatch\n"
-        "from anm_mj.mapping.config import quick_mapping\n"
+        "from anm_mj.mapping.mapping_config import quick_mapping\n"
         "ones = np.ones((8, 3), np.float32)\n"
         "rays = RayBatch(0 * ones, ones, ones, np.ones(8, np.float32))\n"
         "TorchBackend(quick_mapping(), seed=0, device='cpu').step(rays, 0)\n"

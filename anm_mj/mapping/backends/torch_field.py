@@ -1,7 +1,7 @@
 """The neural field: world point to signed distance and colour (paper, Eq. 8).
 
-Its parameters are those of :mod:`anm_mj.mapping.parameters`. There are no biases. ``s`` is a fraction of the truncation
-distance: 1 in free space, 0 on the surface.
+Its parameters are those of :mod:`anm_mj.mapping.backends.parameters`. There are no biases. ``s`` is a fraction of the
+truncation distance: 1 in free space, 0 on the surface.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from anm_mj.mapping.config import FieldConfig
-from anm_mj.mapping.encoding import HashGrid, one_blob
-from anm_mj.mapping.parameters import DECODER_NAMES, initial_parameters
+from anm_mj.mapping.backends.parameters import DECODER_NAMES, initial_parameters
+from anm_mj.mapping.backends.torch_encoding import HashGrid, one_blob
+from anm_mj.mapping.mapping_config import FieldConfig
 
 
-class NeuralField(torch.nn.Module):
+class TorchField(torch.nn.Module):
     """Hash grid, one-blob code and two shallow decoders (Wang et al., Co-SLAM, 2023), in torch.
 
     The table is kept as one plane per feature, because gathering one float at a time is what a CPU does well.

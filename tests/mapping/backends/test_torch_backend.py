@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.backends.parameters import DECODER_NAMES, decoder_shapes
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.parameters import DECODER_NAMES, decoder_shapes
+from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch, sample_frame
 from tests.mapping.ray_room import Room
 

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from anm_mj.mapping.config import LossConfig
+from anm_mj.mapping.mapping_config import LossConfig
 
 
 class LossTerms(NamedTuple):

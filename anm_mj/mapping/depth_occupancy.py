@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float, Float32, Int, Int8, Int64, UInt16
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
-from anm_mj.mapping.config import OccupancyConfig
 from anm_mj.mapping.depth_noise import NoiseMean
-from anm_mj.mapping.occupancy_fusion import BLOCK, CameraView, NumpyFusion, VoxelArrays, cells_of
+from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, NumpyFusion, VoxelArrays, cells_of
 from anm_mj.mapping.occupancy_native import NativeFusion, native_fusion
 from anm_mj.sensing.lost_pixels import vouched_depth
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
@@ -57,7 +57,7 @@ def _check_state(state: dict[str, np.ndarray]) -> None:
         raise ValueError(f"depth_noise is {noise.tolist()}")
 
 
-class OccupancyGrid:
+class DepthOccupancy:
     """Voxels ``[layer, row, col]`` = ``[z, y, x]`` with 8-bit log-odds; grows by blocks and keeps what it holds."""
 
     REBUILT = ("_fusion", "_rays")

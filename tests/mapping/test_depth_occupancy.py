@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import BLOCK, footprint_minima
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.occupancy_kernels import BLOCK, footprint_minima
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics
 from tests.mapping.ray_room import LEG, Room, camera_pose
 
 
 def _fused(observations, config=None):
-    occupancy = OccupancyGrid(config or OccupancyConfig())
+    occupancy = DepthOccupancy(config or OccupancyConfig())
     for observation in observations:
         occupancy.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
     return occupancy
@@ -24,7 +24,7 @@ def _centres(grid, state):
 
 
 @pytest.fixture(scope="module")
-def occupancy(room: Room) -> OccupancyGrid:
+def occupancy(room: Room) -> DepthOccupancy:
     return _fused(room.turn(1.5, 1.5, 12, size=128))
 
 
@@ -122,14 +122,14 @@ def test_surfaces_beyond_the_carving_range_are_marked_but_the_way_there_stays_un
 @pytest.mark.parametrize(("is_free", "state"), [(True, FREE), (False, UNKNOWN)])
 def test_pixels_without_depth_carve_only_if_asked_to(is_free, state):
     sky = np.full((64, 64), np.inf, np.float32)
-    occupancy = OccupancyGrid(OccupancyConfig(no_depth_is_free=is_free))
+    occupancy = DepthOccupancy(OccupancyConfig(no_depth_is_free=is_free))
     occupancy.integrate(sky, Intrinsics.from_fov(64, 64, 1.5), camera_pose(0.0, 0.0, 1.0, 0.0))
     assert occupancy.state_at(np.array([[2.0, 0.0, 1.0]]))[0] == state
     assert (occupancy.grid.state != OCCUPIED).all()
 
 
 def test_pixels_that_were_not_measured_carve_nothing():
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     depth = np.full((64, 64), np.nan, np.float32)
     depth[:, :8] = 2.0
     occupancy.integrate(depth, Intrinsics.from_fov(64, 64, 1.5), camera_pose(0.0, 0.0, 1.0, 0.0))
@@ -140,7 +140,7 @@ def test_pixels_that_were_not_measured_carve_nothing():
 def test_single_pixels_that_were_not_measured_hide_no_free_space():
     depth = np.full((64, 64), 2.0, np.float32)
     depth[np.random.default_rng(0).random((64, 64)) < 0.1] = np.nan
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     occupancy.integrate(depth, Intrinsics.from_fov(64, 64, 1.5), camera_pose(0.0, 0.0, 1.0, 0.0))
     ahead = np.stack([np.linspace(0.5, 1.7, 20), np.zeros(20), np.ones(20)], axis=1)
     assert (occupancy.state_at(ahead) == FREE).all()
@@ -158,7 +158,7 @@ def test_a_pitched_and_rolled_camera_carves_the_same_truth(room):
 
     directions = pixel_directions(observation.intrinsics).reshape(-1, 3) @ T_world_camera[:3, :3].T
     depth = room.cast(T_world_camera[:3, 3], directions).reshape(96, 96).astype(np.float32)
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     occupancy.integrate(depth, observation.intrinsics, T_world_camera)
     free = _centres(occupancy.grid, FREE)
     assert len(free) > 5000
@@ -185,7 +185,7 @@ def test_an_impossible_setting_is_refused_with_its_value():
 
 def test_the_sky_frees_space_without_making_the_grid_grow():
     open_room = Room(ceiling=False)
-    grid = OccupancyGrid(OccupancyConfig())
+    grid = DepthOccupancy(OccupancyConfig())
     for yaw in (0.0, 1.5, 3.0, 4.5):
         view = open_room.observe(1.5, 1.5, yaw, size=64)
         grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
@@ -197,7 +197,7 @@ def test_the_sky_frees_space_without_making_the_grid_grow():
 
 def test_looks_are_counted_at_the_place_that_a_pixel_shows():
     room = Room(ceiling=False)
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     view = room.observe(1.5, 1.2, 0.4)
     counts = []
     for _ in range(2):
@@ -215,26 +215,26 @@ def test_looks_are_counted_at_the_place_that_a_pixel_shows():
 
 
 def test_layers_between_start_where_a_lower_face_lies_in_the_range():
-    grid = OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid
+    grid = DepthOccupancy(OccupancyConfig(voxel_m=0.1)).grid
     assert grid.layers_between(0.04, 0.36) == slice(1, 5)
     assert grid.num_layers_between(0.04, 0.36) == 4
     assert grid.layers_between(-1.0, 0.36) == slice(0, 5)
 
 
 def test_whole_layers_lie_in_the_range():
-    grid = OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid
+    grid = DepthOccupancy(OccupancyConfig(voxel_m=0.1)).grid
     assert grid.layers_between(0.04, 0.36, whole=True) == slice(1, 4)
 
 
 @pytest.mark.parametrize(("z_m", "layer"), [(0.0, 0), (0.05, 1), (-0.06, -1)])
 def test_layer_of(z_m, layer):
-    assert OccupancyGrid(OccupancyConfig(voxel_m=0.1)).grid.layer_of(z_m) == layer
+    assert DepthOccupancy(OccupancyConfig(voxel_m=0.1)).grid.layer_of(z_m) == layer
 
 
 @pytest.mark.parametrize("far_m", [2e3, 1e8])
 def test_a_grid_says_how_large_it_would_be_before_it_grows(far_m):
     camera = Intrinsics(8, 8, 4.0, 4.0, 4.0, 4.0)
-    occupancy = OccupancyGrid(OccupancyConfig())
+    occupancy = DepthOccupancy(OccupancyConfig())
     occupancy.integrate(np.ones((8, 8), np.float32), camera, np.eye(4))
     shape = occupancy.grid.state.shape
     T = np.eye(4)

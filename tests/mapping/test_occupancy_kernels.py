@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.mapping.config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
-from anm_mj.mapping.occupancy_fusion import NumpyFusion
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.occupancy_kernels import NumpyFusion
 from anm_mj.mapping.occupancy_native import native_fusion
 from anm_mj.types import Intrinsics
 
@@ -66,8 +66,8 @@ def test_both_fuse_the_same_grid(seed, shape, fov_deg, kind, sky_is_free, voxel_
     rng = np.random.default_rng(seed)
     config = OccupancyConfig(no_depth_is_free=sky_is_free, voxel_m=voxel_m, carve_range_m=2.0, hit_range_m=2.5)
     pinhole = Intrinsics.from_fov(shape[1], shape[0], math.radians(fov_deg))
-    reference = OccupancyGrid(config, NumpyFusion())
-    natives = [OccupancyGrid(config, native_fusion(threads)) for threads in (1, 2)]
+    reference = DepthOccupancy(config, NumpyFusion())
+    natives = [DepthOccupancy(config, native_fusion(threads)) for threads in (1, 2)]
     for _ in range(2):
         pose = camera(*rng.uniform(-3, 3, 1), *rng.uniform(-1, 1, 2), rng.uniform(-0.5, 0.5, 3))
         depth = image(rng, *shape, kind)
@@ -82,7 +82,7 @@ def test_both_fuse_the_same_grid(seed, shape, fov_deg, kind, sky_is_free, voxel_
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_a_camera_along_an_axis_at_a_voxels_face(yaw):
-    grids = [OccupancyGrid(OccupancyConfig(), fusion) for fusion in (NumpyFusion(), native_fusion(2))]
+    grids = [DepthOccupancy(OccupancyConfig(), fusion) for fusion in (NumpyFusion(), native_fusion(2))]
     pinhole = Intrinsics.from_fov(64, 64, math.pi / 2)
     depth = np.full((64, 64), 2.0, np.float32)
     for z in (1.25, 1.0, 0.975):
@@ -92,7 +92,7 @@ def test_a_camera_along_an_axis_at_a_voxels_face(yaw):
 
 
 def test_a_voxel_changes_its_mind_the_same_way():
-    grids = [OccupancyGrid(OccupancyConfig(), fusion) for fusion in (NumpyFusion(), native_fusion(2))]
+    grids = [DepthOccupancy(OccupancyConfig(), fusion) for fusion in (NumpyFusion(), native_fusion(2))]
     pinhole = Intrinsics.from_fov(64, 64, math.pi / 2)
     pose = camera(0.3, 0.1, 0.0, (0.0, 0.0, 1.0))
     for depth_m in [1.0] * 3 + [3.0] * 16 + [1.0, 2.0, math.inf, math.nan]:
@@ -104,8 +104,8 @@ def test_a_voxel_changes_its_mind_the_same_way():
 @pytest.mark.parametrize("kernel", kernel_names())
 def test_all_instruction_sets_agree(kernel):
     rng = np.random.default_rng(3)
-    reference = OccupancyGrid(OccupancyConfig(), NumpyFusion())
-    native = OccupancyGrid(OccupancyConfig(), native_fusion(2, kernel))
+    reference = DepthOccupancy(OccupancyConfig(), NumpyFusion())
+    native = DepthOccupancy(OccupancyConfig(), native_fusion(2, kernel))
     pinhole = Intrinsics.from_fov(96, 96, math.pi / 2)
     for step in range(2):
         depth = image(rng, 96, 96, "noisy")
@@ -116,7 +116,7 @@ def test_all_instruction_sets_agree(kernel):
 
 def test_voxels_outside_the_grid_are_refused():
     fusion = native_fusion(1)
-    grid = OccupancyGrid(OccupancyConfig(), fusion)
+    grid = DepthOccupancy(OccupancyConfig(), fusion)
     grid.integrate(np.full((16, 16), 1.0, np.float32), Intrinsics.from_fov(16, 16, 1.5), camera(0, 0, 0, (0, 0, 1.0)))
     with pytest.raises(ValueError, match="outside the grid"):
         fusion.mark(grid._arrays, np.array([[9999, 0, 0]]), np.ones(1, np.float32), OccupancyConfig(), 2)

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from anm_mj.mapping.config import SamplingConfig
-from anm_mj.mapping.sampling import counter_uniform, sample_depths
+from anm_mj.mapping.backends.torch_sampling import counter_uniform, sample_depths
+from anm_mj.mapping.mapping_config import SamplingConfig
 
 TRUNCATION_M = 0.1
 CPU = torch.device("cpu")

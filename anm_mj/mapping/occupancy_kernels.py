@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt16
 
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.types import FREE, OCCUPIED, Intrinsics
 
 BLOCK = 16

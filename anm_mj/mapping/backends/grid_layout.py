@@ -1,6 +1,6 @@
 """Where the multiresolution hash grid keeps what it knows about a place: cells, indices, and how the tables grow.
 
-Every engine reads these numbers; see :mod:`anm_mj.mapping.encoding` for what they mean. Imports no torch.
+Every engine reads these numbers; :mod:`.torch_encoding` says what they mean. Imports no torch.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Int64
 
-from anm_mj.mapping.config import FieldConfig
+from anm_mj.mapping.mapping_config import FieldConfig
 
 NUM_FEATURES = 2
 """Features per table entry."""
