@@ -264,8 +264,13 @@ def _names(node: Any, prefix: str = "") -> Iterator[str]:
             yield prefix + entry.name
 
 
+_RENAMED = {"planning.geometry": "mapping.geometry"}
+"""Settings that stand in another group now, by their old names, which commands and files may still use."""
+
+
 def _present_name(config: RunConfig, name: str) -> tuple[str, ...]:
     """The fields that lead to a setting, from its dotted name, which may be a former one."""
+    name = _RENAMED.get(name, name)
     moved = getattr(config.policy_settings, "FORMER_NAMES", {}).get(name)
     keys = ["policy_settings", moved] if moved else name.split(".")
     if keys[0] == "policy" and len(keys) > 1:

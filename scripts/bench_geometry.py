@@ -122,7 +122,7 @@ def measure(scene: str, sensor: str, noise: float, seen: list[Observation], body
             mapper.occupancy_about(exact.pose.xy_m, lookahead_radius_m(body))
     raw = mapper.observed
     return [
-        Row(scene, sensor, noise, name, *compare(truth.grid, grid, raw.grid, body), raw.depth_noise_per_m)
+        Row(scene, sensor, noise, name, *compare(truth.grid, grid, raw.grid, body), raw.noise.value)
         for name, grid in (("occupancy", raw.grid), ("field", mapper.occupancy))
     ]
 

@@ -129,7 +129,7 @@ def noise_view(rng: np.random.Generator) -> Observation:
 def replay_steps(backend: MapperBackend, rng: np.random.Generator) -> Callable[[int], None]:
     """What takes a training step's worth of iterations, from the draw of their rays on."""
     schedule = default_mapping().schedule
-    store = KeyframeStore(schedule.replay_bytes, schedule.pixel_share, backend.pixel_memory)
+    store = KeyframeStore(schedule.replay_bytes, schedule.pixel_share)
     view = noise_view(rng)
     for _ in range(NUM_KEYFRAMES):
         store.add(view, rng)

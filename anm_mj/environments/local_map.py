@@ -56,7 +56,7 @@ class LocalMap:
     def information_bits(self) -> float:
         """What the grid knows [bits]: one per voxel, less its entropy; 0 where nothing was observed."""
         # Histogram first: there are only 256 different log-odds.
-        counts = np.bincount(self._grid.log_odds.reshape(-1).view(np.uint8), minlength=256)
+        counts = np.bincount(self._grid.voxels.log_odds.reshape(-1).view(np.uint8), minlength=256)
         return float(counts @ _INFORMATION_BITS)
 
     def distance(self, pose: Pose2) -> Float32[np.ndarray, "rows cols"]:

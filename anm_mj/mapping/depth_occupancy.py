@@ -11,16 +11,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, Int64, UInt16
+from jaxtyping import Bool, Float, Float32, Int, Int64, UInt16
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
 from anm_mj.mapping.depth_noise import NoiseMean
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, NumpyFusion, VoxelArrays, cells_of
-from anm_mj.mapping.occupancy_native import NativeFusion, native_fusion
+from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
 from anm_mj.sensing.lost_pixels import vouched_depth
-from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, VoxelGrid
+from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, VoxelGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import array_of
@@ -28,7 +27,7 @@ from anm_mj.utils.read_file import array_of
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4
 """Blocks that the grid grows by at least, in height and in the plane."""
 _HITS_THAT_FILL, _MISSES_THAT_EMPTY = 3, 5
-"""So many frames that contradict it change the state of a voxel of a former run."""
+"""So many frames that contradict it change the state of a voxel of a prior run."""
 _FARTHEST_CELL = 1e8
 """Voxels lie within this number of voxels about the origin."""
 MAX_VOXELS = limit("ANM_MJ_MAX_VOXELS", 130_000_000)
@@ -38,7 +37,7 @@ _HIT_FOCAL_PX = 64.0
 taken from frame to frame."""
 
 
-def _check_state(state: dict[str, np.ndarray]) -> None:
+def _check(state: dict[str, np.ndarray]) -> None:
     """Raises ValueError for arrays that are no grid."""
     shape = array_of(state, "log_odds", "i", (None, None, None)).shape
     for name, kinds in (("state", "i"), ("num_hits", "iu")):
@@ -52,7 +51,7 @@ def _check_state(state: dict[str, np.ndarray]) -> None:
         raise ValueError(f"a grid of {shape} voxels begins at {corner.tolist()}")
     if not 0 <= int(array_of(state, "num_frames", "iu", ())) < 2**31:
         raise ValueError(f"num_frames is {state['num_frames']}")
-    noise = array_of(state, "depth_noise", "f", (3,)) if "depth_noise" in state else np.zeros(3)
+    noise = array_of(state, "depth_noise", "f", (3,))
     if not (noise >= 0.0).all():
         raise ValueError(f"depth_noise is {noise.tolist()}")
 
@@ -60,27 +59,29 @@ def _check_state(state: dict[str, np.ndarray]) -> None:
 class DepthOccupancy:
     """Voxels ``[layer, row, col]`` = ``[z, y, x]`` with 8-bit log-odds; grows by blocks and keeps what it holds."""
 
-    REBUILT = ("_fusion", "_rays")
+    REBUILT = ("_kernels", "_rays")
 
-    def __init__(self, config: OccupancyConfig, fusion: NumpyFusion | NativeFusion | None = None) -> None:
-        """An empty grid.
-
-        Args:
-            config: its settings.
-            fusion: what computes it; None = the native kernels where they were built, else NumPy. Both give the same.
-        """
+    def __init__(self, config: OccupancyConfig) -> None:
+        """An empty grid."""
         self.config = config
-        self._fusion = fusion or native_fusion() or NumpyFusion()
-        self._corner = np.zeros(3, np.int64)
+        self._kernels = OccupancyKernels(config)
         shape = (0, 0, 0)
-        self._log_odds = np.zeros(shape, np.int8)
-        self._state = np.zeros(shape, np.int8)
-        self._seen_range_m = np.zeros(shape, np.float32)
-        self._num_hits = np.zeros(shape, np.uint16)
-        self._block_stamp = np.zeros(shape, np.int32)
-        self._column_version = np.zeros((0, 0), np.int32)
+        self.voxels = VoxelArrays(
+            log_odds=np.zeros(shape, np.int8),
+            state=np.zeros(shape, np.int8),
+            seen_range_m=np.zeros(shape, np.float32),
+            num_hits=np.zeros(shape, np.uint16),
+            block_stamp=np.zeros(shape, np.int32),
+            column_version=np.zeros((0, 0), np.int32),
+            corner=np.zeros(3, np.int64),
+        )
+        """``log_odds`` of being occupied in tenths, 0 where never observed. ``num_hits``: pixels of all frames that
+        fell into each voxel, up to 65535, images thinned to 64 px of focal length; near, frontal and repeated views all
+        add to it: it is the sampling density of the surface. ``block_stamp``: number of the last frame (from 1) that
+        had a hit in a block; 0 where none had. ``corner`` is a multiple of ``BLOCK``."""
+        self.noise = NoiseMean()
+        """How noisy the images are."""
         self._num_frames = 0
-        self._noise = NoiseMean()
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
 
     @property
@@ -90,41 +91,13 @@ class DepthOccupancy:
         A voxel counts as changed when its state did, or when ``seen_range_m`` fell to another whole number of
         ``SEEN_RANGE_STEP_M``.
         """
-        origin = (self._corner - 0.5) * self.config.voxel_m
-        return VoxelGrid(
-            self._state, self._seen_range_m, origin, self.config.voxel_m, self._num_frames, self._column_version
-        )
+        voxels, edge = self.voxels, self.config.voxel_m
+        origin = (voxels.corner - 0.5) * edge
+        return VoxelGrid(voxels.state, voxels.seen_range_m, origin, edge, self._num_frames, voxels.column_version)
 
-    @property
-    def corner(self) -> Int64[np.ndarray, "3"]:
-        """x, y, z index of cell [0, 0, 0]: its centre in the world in voxel edges; a multiple of ``BLOCK``."""
-        return self._corner
-
-    @property
-    def num_hits(self) -> UInt16[np.ndarray, "layers rows cols"]:
-        """Pixels of all frames that fell into each voxel, up to 65535; images are thinned to 64 px of focal length.
-
-        Near, frontal and repeated views all add to it: it is the sampling density of the surface.
-        """
-        return self._num_hits
-
-    @property
-    def depth_noise_per_m(self) -> float:
-        """What the images say of the sensor: the standard deviation of depth is this times its square [1/m].
-
-        Infinite where no image has told yet.
-        """
-        return self._noise.value
-
-    @property
-    def block_stamp(self) -> Int[np.ndarray, "layers rows cols"]:
-        """For each block, the number of the last frame (from 1) that had a hit in it; 0 where none had."""
-        return self._block_stamp
-
-    @property
     def surface_volume_m3(self) -> float:
-        """Volume of the blocks that ever had a hit in them [m3]: a measure of the scene that costs nothing to take."""
-        return float(np.count_nonzero(self._block_stamp) * (BLOCK * self.config.voxel_m) ** 3)
+        """Volume of the blocks that ever had a hit in them [m3]: a measure of the scene."""
+        return float(np.count_nonzero(self.voxels.block_stamp) * (BLOCK * self.config.voxel_m) ** 3)
 
     def integrate(
         self,
@@ -146,11 +119,11 @@ class DepthOccupancy:
             MapError: The grid would have more than ``MAX_VOXELS``.
         """
         self._num_frames += 1
-        self._noise.add(depth_m)
+        self.noise.add(depth_m)
         view = self._view(depth_m, intrinsics, T_world_camera)
         stride = max(1, round(intrinsics.fx / _HIT_FOCAL_PX))
         phase = self._num_frames % stride, self._num_frames // stride % stride
-        voxels, hit_depth = self._fusion.hits(view, self.config, phase, stride)
+        voxels, hit_depth = self._kernels.hits(view, phase, stride)
         low, high = box = self._view_box(view, 0.0)
         if len(voxels):
             # Axis by axis: a reduction over many rows of three takes several times as long.
@@ -162,20 +135,16 @@ class DepthOccupancy:
         if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
             view = view._replace(depth_m=vouched_depth(depth_m, range_m))
             low, high = self._view_box(view, self.config.carve_range_m)
-        low = np.maximum(low, self._corner)
-        high = np.minimum(high, self._corner + self._state.shape[::-1] - 1)
-        self._fusion.carve(self._arrays, view, self.config, low, high, self._num_frames)
-        self._fusion.mark(self._arrays, voxels, hit_depth, self.config, self._num_frames)
+        corner = self.voxels.corner
+        low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)
+        self._kernels.carve(self.voxels, view, low, high, self._num_frames)
+        self._kernels.mark(self.voxels, voxels, hit_depth, self._num_frames)
 
     def state_at(self, points_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """State of the voxels that hold world points; UNKNOWN outside the grid."""
-        return self.state_of(np.rint(points_m / self.config.voxel_m).astype(np.int64))
-
-    def state_of(self, voxels: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-        """State of voxels given by x, y, z index; UNKNOWN outside the grid."""
-        inside, cells = cells_of(self._arrays, voxels)
-        out = np.full(len(voxels), UNKNOWN, np.int8)
-        out[inside] = self._state[cells]
+        inside, cells = self.voxels.cells_of(np.rint(points_m / self.config.voxel_m).astype(np.int64))
+        out = np.full(len(points_m), UNKNOWN, np.int8)
+        out[inside] = self.voxels.state[cells]
         return out
 
     def observation_count(
@@ -185,17 +154,31 @@ class DepthOccupancy:
         T_world_camera: Float[np.ndarray, "4 4"],
     ) -> UInt16[np.ndarray, "h w"]:
         """``num_hits`` of the voxel that each pixel of a depth image shows; 0 where it shows none of the grid."""
-        return self._fusion.counts(self._arrays, self._view(depth_m, intrinsics, T_world_camera), self.config)
+        return self._kernels.counts(self.voxels, self._view(depth_m, intrinsics, T_world_camera))
+
+    def replay_weight(self, observation: Observation, exponent: float) -> Float32[np.ndarray, "h w"] | None:
+        """Weights by which an image's pixels are drawn for replay: its observation counts to the power -``exponent``.
+
+        An image shows a near floor with thousands of pixels and a chair's leg with ten, once. Uniform draws (None) keep
+        improving the floor while surface with few observations stays unlearnt.
+        """
+        if exponent == 0.0:
+            return None
+        count = self.observation_count(observation.depth_m, observation.intrinsics, observation.T_world_camera)
+        known = count > 0
+        # Pixels that show no surface get the weight of a typical one.
+        usual = np.median(count[known]) if known.any() else 1.0
+        return np.where(known, count, usual).astype(np.float32) ** np.float32(-exponent)
 
     def near_occupied(self, points_m: Float[np.ndarray, "n 3"], reach_m: float) -> Bool[np.ndarray, " n"]:
         """True for points with an occupied voxel within ``reach_m`` (less than half a voxel edge) along every axis."""
-        layers, rows, cols = self._state.shape
-        state = self._state.reshape(-1)
+        layers, rows, cols = self.voxels.state.shape
+        state = self.voxels.state.reshape(-1)
         # Low and high voxel along x, y and z, as offsets into the raveled grid.
         offsets, insides = [], []
         for axis, (count, stride) in enumerate(((cols, 1), (rows, cols), (layers, rows * cols))):
             ends = points_m[:, axis] + np.array([[-reach_m], [reach_m]])
-            voxel = np.rint(ends / self.config.voxel_m).astype(np.int64) - self._corner[axis]
+            voxel = np.rint(ends / self.config.voxel_m).astype(np.int64) - self.voxels.corner[axis]
             insides.append((voxel >= 0) & (voxel < count))
             offsets.append(np.where(insides[-1], voxel, 0) * stride)
         near = np.zeros(len(points_m), bool)
@@ -206,41 +189,31 @@ class DepthOccupancy:
             near |= (state[offsets[0][x] + offsets[1][y] + offsets[2][z]] == OCCUPIED) & inside
         return near
 
-    @property
-    def log_odds(self) -> Int8[np.ndarray, "layers rows cols"]:
-        """Log-odds of each voxel being occupied, in tenths; 0 where never observed (a view)."""
-        return self._log_odds
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a file holds, by name; views, as copies would take as much memory as the grid."""
+        arrays = self.voxels._asdict()
+        # A reader of the file reads everything anyway.
+        del arrays["column_version"]
+        return {**arrays, "num_frames": np.array(self._num_frames), "depth_noise": self.noise.array()}
 
-    def get_state(self) -> dict[str, np.ndarray]:
-        """All arrays by name; views, as copies would take as much memory as the grid."""
-        return {
-            "corner": self._corner,
-            "log_odds": self._log_odds,
-            "state": self._state,
-            "seen_range_m": self._seen_range_m,
-            "num_hits": self._num_hits,
-            "block_stamp": self._block_stamp,
-            "num_frames": np.array(self._num_frames),
-            "depth_noise": self._noise.get_state(),
-        }
-
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what ``get_state`` gave.
+    def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`arrays` gave.
 
         Raises:
             ValueError: It was not given so.
         """
-        _check_state(state)
-        self._corner = state["corner"].astype(np.int64)
-        self._log_odds = state["log_odds"].astype(np.int8)
-        self._state = state["state"].astype(np.int8)
-        self._seen_range_m = state["seen_range_m"].astype(np.float32)
-        self._num_hits = np.minimum(state["num_hits"], np.iinfo(np.uint16).max).astype(np.uint16)
-        self._block_stamp = state["block_stamp"].astype(np.int32)
-        self._num_frames = int(state["num_frames"])
-        # Maps of before do not say how noisy their sensor was.
-        self._noise.set_state(state.get("depth_noise", np.zeros(3)))
-        self._column_version = np.full(self._block_stamp.shape[1:], self._num_frames, np.int32)
+        _check(arrays)
+        self._num_frames = int(arrays["num_frames"])
+        self.noise.set_array(arrays["depth_noise"])
+        self.voxels = VoxelArrays(
+            log_odds=arrays["log_odds"].astype(np.int8),
+            state=arrays["state"].astype(np.int8),
+            seen_range_m=arrays["seen_range_m"].astype(np.float32),
+            num_hits=np.minimum(arrays["num_hits"], np.iinfo(np.uint16).max).astype(np.uint16),
+            block_stamp=arrays["block_stamp"].astype(np.int32),
+            column_version=np.full(arrays["block_stamp"].shape[1:], self._num_frames, np.int32),
+            corner=arrays["corner"].astype(np.int64),
+        )
 
     def soften(self) -> None:
         """Let a few frames change what earlier ones have found; the states stay as they are until then.
@@ -249,19 +222,8 @@ class DepthOccupancy:
         """
         free = (1 - _HITS_THAT_FILL) * self.config.hit
         occupied = _MISSES_THAT_EMPTY * self.config.miss
-        self._log_odds = np.clip(self._log_odds, max(free, -self.config.limit), min(occupied, self.config.limit))
-
-    @property
-    def _arrays(self) -> VoxelArrays:
-        return VoxelArrays(
-            self._log_odds,
-            self._state,
-            self._seen_range_m,
-            self._num_hits,
-            self._block_stamp,
-            self._column_version,
-            self._corner,
-        )
+        log_odds = np.clip(self.voxels.log_odds, max(free, -self.config.limit), min(occupied, self.config.limit))
+        self.voxels = self.voxels._replace(log_odds=log_odds)
 
     def _view(
         self,
@@ -296,35 +258,37 @@ class DepthOccupancy:
         Raises:
             MapError: There would be more than ``MAX_VOXELS``.
         """
-        shape = np.array(self._state.shape[::-1])
-        if shape.all() and (low >= self._corner).all() and (high < self._corner + shape).all():
+        old = self.voxels
+        shape = np.array(old.state.shape[::-1])
+        if shape.all() and (low >= old.corner).all() and (high < old.corner + shape).all():
             return
         self._require_size(low, high)
         step = BLOCK * np.array([_PLANE_BLOCKS, _PLANE_BLOCKS, _LAYER_BLOCKS])
         new_low = np.floor_divide(low, step) * step
         new_high = (np.floor_divide(high, step) + 1) * step
         if shape.all():
-            new_low = np.minimum(new_low, self._corner)
-            new_high = np.maximum(new_high, self._corner + shape)
-        before = (self._corner - new_low) if shape.all() else np.zeros(3, np.int64)
-        new_shape = tuple((new_high - new_low)[::-1].tolist())
-        start = before[::-1]
-        self._log_odds = embed(self._log_odds, new_shape, start, 0)
-        self._state = embed(self._state, new_shape, start, UNKNOWN)
-        self._seen_range_m = embed(self._seen_range_m, new_shape, start, np.inf)
-        self._num_hits = embed(self._num_hits, new_shape, start, 0)
+            new_low = np.minimum(new_low, old.corner)
+            new_high = np.maximum(new_high, old.corner + shape)
+        before = (old.corner - new_low) if shape.all() else np.zeros(3, np.int64)
+        new_shape, start = tuple((new_high - new_low)[::-1].tolist()), before[::-1]
         block_shape = tuple(n // BLOCK for n in new_shape)
-        self._block_stamp = embed(self._block_stamp, block_shape, start // BLOCK, 0)
-        self._column_version = embed(self._column_version, block_shape[1:], start[1:] // BLOCK, 0)
-        self._corner = new_low
+        self.voxels = VoxelArrays(
+            log_odds=embed(old.log_odds, new_shape, start, 0),
+            state=embed(old.state, new_shape, start, UNKNOWN),
+            seen_range_m=embed(old.seen_range_m, new_shape, start, np.inf),
+            num_hits=embed(old.num_hits, new_shape, start, 0),
+            block_stamp=embed(old.block_stamp, block_shape, start // BLOCK, 0),
+            column_version=embed(old.column_version, block_shape[1:], start[1:] // BLOCK, 0),
+            corner=new_low,
+        )
 
     def _require_size(self, low: Int64[np.ndarray, "3"], high: Int64[np.ndarray, "3"]) -> None:
         """Raises MapError where a grid with voxels ``low`` to ``high`` would be too large."""
         # In floating point: what lies far beyond all bounds overflows whole numbers.
         first, last = low.astype(np.float64), high + 1.0
-        if self._state.size:
-            first = np.minimum(first, self._corner)
-            last = np.maximum(last, self._corner + np.array(self._state.shape[::-1]))
+        if self.voxels.state.size:
+            first = np.minimum(first, self.voxels.corner)
+            last = np.maximum(last, self.voxels.corner + np.array(self.voxels.state.shape[::-1]))
         cells = last - first
         if cells.prod() <= MAX_VOXELS and max(np.abs(first).max(), np.abs(last).max()) <= _FARTHEST_CELL:
             return

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float, Int8, Int32, Int64
 
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.mapping.field_blocks import DoubtRule, NumpyBlocks, field_blocks
+from anm_mj.mapping.field_blocks import DoubtRule, decide_voxels, voxel_centres, voxels_to_read, write_blocks
 from anm_mj.mapping.occupancy_kernels import BLOCK, HALF_DIAGONAL
 from anm_mj.types import UNKNOWN, SdfQuery, VoxelGrid
 from anm_mj.utils.arrays import embed
@@ -50,18 +50,9 @@ _NOTHING = np.zeros(0, np.int64), np.zeros(0, np.int8)
 class FieldOccupancy:
     """Keeps the states of all observed voxels in step with the field, block by block, where frames came in."""
 
-    REBUILT = ("_blocks",)
-
-    def __init__(self, occupancy: DepthOccupancy, blocks: NumpyBlocks | None = None) -> None:
-        """Start with nothing read.
-
-        Args:
-            occupancy: what has been observed.
-            blocks: what goes through the voxels; None = the native kernels where they were built, else NumPy. Both
-                give the same.
-        """
-        self._occupancy = occupancy
-        self._blocks = blocks or field_blocks()
+    def __init__(self, by_depth: DepthOccupancy) -> None:
+        """Start with nothing read of what has been observed."""
+        self._by_depth = by_depth
         self._corner: Int64[np.ndarray, "3"] = np.zeros(3, np.int64)
         self._state: Int8[np.ndarray, "layers rows cols"] = np.zeros((0, 0, 0), np.int8)
         self._column_version: Int32[np.ndarray, "block_rows block_cols"] = np.zeros((0, 0), np.int32)
@@ -81,7 +72,7 @@ class FieldOccupancy:
             box_xy_m: lower and upper corner of a box in the world [m]; elsewhere the grid may be that of an earlier
                 reading. None = the whole grid is of now.
         """
-        raw = self._occupancy.grid
+        raw = self._by_depth.grid
         self._follow_growth(raw)
         if self._read_up_to < raw.version:
             self._follow_noise()
@@ -97,7 +88,7 @@ class FieldOccupancy:
         rows, cols = self._block_window(raw, box_xy_m)
         near = np.zeros(self._read_frame.shape, np.bool_)
         near[:, rows, cols] = True
-        stamp = self._occupancy.block_stamp
+        stamp = self._by_depth.voxels.block_stamp
         changed = near & (raw.column_version > self._read_frame)
         # The last frame of a block that has left the view is one to read it as a whole after.
         blocks = changed | (near & (stamp > self._whole_frame))
@@ -130,7 +121,7 @@ class FieldOccupancy:
         if not len(places):
             return places
         voxels, read = self._ask_field(places, raw, sdf_m, whole=whole) if self._noise_per_m else _NOTHING
-        return places[self._blocks.write(raw.state, places, voxels, read, self._state)]
+        return places[write_blocks(raw.state, places, voxels, read, self._state)]
 
     def _ask_field(
         self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery, *, whole: bool
@@ -140,22 +131,22 @@ class FieldOccupancy:
         Returns:
             Indices of these voxels into the raveled grid, block by block, and their states.
         """
-        has_hits = self._occupancy.block_stamp[tuple(places.T)] > 0
-        voxels = self._blocks.to_read(raw.state, places[has_hits], None if whole else self._state)
-        points_m = self._blocks.centres(voxels, raw.state.shape, self._corner, raw.resolution_m)
+        has_hits = self._by_depth.voxels.block_stamp[tuple(places.T)] > 0
+        voxels = voxels_to_read(raw.state, places[has_hits], None if whole else self._state)
+        points_m = voxel_centres(voxels, raw.state.shape, self._corner, raw.resolution_m)
         noise_per_m = np.float32(NOISE_REACH * self._noise_per_m)
         rule = DoubtRule(
             hit_m=HIT_SHARE * raw.resolution_m,
             half_m=0.5 * raw.resolution_m,
             noise_per_m=float(noise_per_m),
             passed_m=HALF_DIAGONAL * raw.resolution_m,
-            ray_reach_m=float(noise_per_m * np.float32(self._occupancy.config.carve_range_m) ** 2),
+            ray_reach_m=float(noise_per_m * np.float32(self._by_depth.config.carve_range_m) ** 2),
         )
-        return voxels, self._blocks.decide(raw.state, raw.seen_range_m, voxels, sdf_m(points_m), rule)
+        return voxels, decide_voxels(raw.state, raw.seen_range_m, voxels, sdf_m(points_m), rule)
 
     def _follow_noise(self) -> None:
         """Start over where the sensor turns out to be another one than what was read says."""
-        noise = self._occupancy.depth_noise_per_m
+        noise = self._by_depth.noise.value
         noise = 0.0 if noise < _EXACT_PER_M else noise
         if max(noise, self._noise_per_m) > _NOISE_CHANGE * min(noise, self._noise_per_m):
             self._noise_per_m = noise
@@ -175,7 +166,7 @@ class FieldOccupancy:
         """Keep the states aligned with a grid that has grown."""
         if self._state.shape == raw.state.shape:
             return
-        corner = self._occupancy.corner
+        corner = self._by_depth.voxels.corner
         start = (self._corner - corner)[::-1] if self._state.size else np.zeros(3, np.int64)
         self._state = embed(self._state, raw.state.shape, start, UNKNOWN)
         shape = tuple(n // BLOCK for n in raw.state.shape)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-from jaxtyping import Float32
 
-from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.backends.backend import MapperBackend, Parameters
 from anm_mj.mapping.backends.grid_layout import doubled_table
 from anm_mj.mapping.mapping_config import FieldConfig
 
@@ -15,9 +14,6 @@ _logger = logging.getLogger(__name__)
 
 KEEP_EVERY_FRAMES = 20
 """A copy of the parameters costs milliseconds; a loss that is not finite takes back this many frames at most."""
-
-Parameters = dict[str, Float32[np.ndarray, "..."]]
-"""Parameters of the field by name, as of :class:`anm_mj.mapping.backends.backend.MapperBackend`."""
 
 
 class LastGood:
@@ -33,7 +29,7 @@ class LastGood:
         return self._parameters is None or frame - self._frame >= KEEP_EVERY_FRAMES
 
     def keep(self, parameters: Parameters, frame: int) -> bool:
-        """Keep the parameters before a frame; False, with the former ones kept, where one is not finite."""
+        """Keep the parameters before a frame; False, with the earlier ones kept, where one is not finite."""
         if not are_finite(parameters):
             return False
         self._parameters, self._frame = parameters, frame
@@ -56,16 +52,16 @@ class LastGood:
             frame: number of frames that it was trained on.
             step: of the last one, for the log.
         """
-        if not self.keep(backend.get_state(), frame):
+        if not self.keep(backend.parameters(), frame):
             self.restore(backend, frame, f"Parameters of the map were not finite any more at step {step}")
 
-    def finite_state(self, backend: MapperBackend, frame: int) -> Parameters:
+    def finite_parameters(self, backend: MapperBackend, frame: int) -> Parameters:
         """The engine's parameters; it is taken back first where one of them is not finite."""
-        state = backend.get_state()
-        if are_finite(state) or self._parameters is None:
-            return state
+        parameters = backend.parameters()
+        if are_finite(parameters) or self._parameters is None:
+            return parameters
         self.restore(backend, frame, "Parameters of the map were not finite any more")
-        return backend.get_state()
+        return backend.parameters()
 
     def restore(self, backend: MapperBackend, frame: int, why: str) -> None:
         """Give an engine the parameters that were kept, and let its optimiser start afresh.
@@ -80,7 +76,7 @@ class LastGood:
             return
         ago = f" {frame - self._frame} frames ago" if frame > self._frame else " before"
         _logger.warning("%s; the map goes back to what it was%s.", why, ago)
-        backend.set_state(self._parameters)
+        backend.set_parameters(self._parameters)
 
 
 def are_finite(parameters: Parameters) -> bool:

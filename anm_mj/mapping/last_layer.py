@@ -50,10 +50,10 @@ def last_layer_variance(
 
 def observation_density(occupancy: DepthOccupancy, points_m: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
     """Observations per voxel at world points [m], interpolated between voxel centres; 0 outside the grid."""
-    if not occupancy.num_hits.size:
+    if not occupancy.voxels.num_hits.size:
         return np.zeros(len(points_m))
-    voxels = points_m / occupancy.config.voxel_m - occupancy.corner
-    return map_coordinates(occupancy.num_hits, voxels[:, ::-1].T, np.float64, order=1, mode="constant")
+    voxels = points_m / occupancy.config.voxel_m - occupancy.voxels.corner
+    return map_coordinates(occupancy.voxels.num_hits, voxels[:, ::-1].T, np.float64, order=1, mode="constant")
 
 
 def leverage(
@@ -76,12 +76,12 @@ def leverage(
 def _trained_on(occupancy: DepthOccupancy, density_exponent: float) -> Float64[np.ndarray, "n 3"]:
     """World centres of occupied voxels [m], at even intervals of the training data in the grid's order."""
     # A large grid is subsampled; an odd interval takes voxels from all rows and columns.
-    every = occupancy.num_hits.size // _MAX_VOXELS | 1
+    every = occupancy.voxels.num_hits.size // _MAX_VOXELS | 1
     occupied = np.flatnonzero(occupancy.grid.state.reshape(-1)[::every] == OCCUPIED) * every
     if not len(occupied):
         return np.zeros((0, 3))
-    count = occupancy.num_hits.reshape(-1)[occupied].astype(np.float64)
+    count = occupancy.voxels.num_hits.reshape(-1)[occupied].astype(np.float64)
     ends = np.cumsum(count ** (1.0 - density_exponent))
     drawn = np.searchsorted(ends, (np.arange(_NUM_PLACES) + 0.5) * (ends[-1] / _NUM_PLACES))
-    voxels = np.stack(np.unravel_index(occupied[drawn], occupancy.num_hits.shape), axis=1)[:, ::-1]
-    return (voxels + occupancy.corner) * occupancy.config.voxel_m
+    voxels = np.stack(np.unravel_index(occupied[drawn], occupancy.voxels.num_hits.shape), axis=1)[:, ::-1]
+    return (voxels + occupancy.voxels.corner) * occupancy.config.voxel_m

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from anm_mj.errors import MapError
 from anm_mj.utils.settings import check_settings, of_type, setting
@@ -13,9 +13,9 @@ ENGINES = ("auto", "native", "torch", "mlp")
 """Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
 
 
+GEOMETRIES = ("field", "occupancy")
 UNCERTAINTY_METHODS = ("last_layer_variance", "closed_form", "perturbation")
 """How the uncertainty can be computed, see :mod:`anm_mj.mapping.uncertainty`."""
-_FORMER_METHODS = {"evidence": "last_layer_variance"}
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,6 @@ class OptimizerConfig:
 class ScheduleConfig:
     """How much is trained, when, and on what; counted in steps and iterations, never in seconds."""
 
-    FORMER_NAMES: ClassVar[dict[str, str]] = {"evenness": "density_exponent"}
-
     first_iterations: int = setting(200, at_least=0)
     """Iterations on the first frame."""
     iterations: int = setting(5, at_least=0, at_most=10_000)
@@ -201,8 +199,7 @@ class UncertaintyConfig:
     method: str = setting("last_layer_variance", choices=UNCERTAINTY_METHODS)
     """"last_layer_variance": variance under the posterior of the decoder's last layer over the observation count; of
     the three it predicts the true error best. "perturbation": sample variance over noisy decoders (paper, Eq. 4).
-    "closed_form": the first-order limit of that for infinitely many passes, at the cost of two. The former name of the
-    first, "evidence", is accepted."""
+    "closed_form": the first-order limit of that for infinitely many passes, at the cost of two."""
     noise_std: float = 0.02
     """Standard deviation b of the Gaussian noise on every decoder weight."""
     num_passes: int = setting(20, at_least=2, at_most=1000)
@@ -211,8 +208,6 @@ class UncertaintyConfig:
     """Weight of the mean variance of the colour channels (in [0, 1]) against that of s (in truncations)."""
 
     def __post_init__(self) -> None:
-        # A frozen field can be set here only so.
-        object.__setattr__(self, "method", _FORMER_METHODS.get(self.method, self.method))
         check_settings(self, "mapping.uncertainty", MapError)
 
 
@@ -231,6 +226,9 @@ class MappingConfig:
     """What computes: "native" (C++ on the CPU), "torch" (any device), or "auto": torch with the device "cuda",
     else native. These give the same map up to rounding. "mlp" is another map: one network without a grid (Yan et al.,
     ICCV 2023), in torch."""
+    geometry: str = setting("field", choices=GEOMETRIES)
+    """What decides between free and occupied where something was observed: the neural ``field``, or ``occupancy``, the
+    grid of raw depth; with engine "mlp" always the latter."""
     surface_lattice_m: float = setting(0.1, at_least=0.01, at_most=1.0)
     """Spacing of the lattice on which zero-crossings are looked for [m]."""
 
@@ -320,9 +318,7 @@ def _part(config: type, values: Any) -> Any:
     """One part of the configuration."""
     if not isinstance(values, dict):
         raise ValueError(f"it holds {type(values).__name__} for settings")
-    former = getattr(config, "FORMER_NAMES", {})
-    named = {former.get(name, name): value for name, value in values.items()}
-    return config(**{name: of_type(config, name, value) for name, value in named.items()})
+    return config(**{name: of_type(config, name, value) for name, value in values.items()})
 
 
 MAPPING_PRESETS: dict[str, Callable[[], MappingConfig]] = {

@@ -1,7 +1,6 @@
-"""The occupancy grid's kernels in NumPy: the reference of the native ones, and what runs without them.
+"""The kernels of the occupancy grid, in C++ (``native/occupancy.cpp``).
 
-Every product is rounded to single precision before it is added to and all sums run in one order, so that both give the
-same grid to the last bit.
+They run on all cores; their results depend neither on the number of cores nor on the instruction set.
 """
 
 from __future__ import annotations
@@ -12,8 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int8, Int32, Int64, UInt16
 
+from anm_mj import _native
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.types import FREE, OCCUPIED, Intrinsics
+from anm_mj.types import Intrinsics
+from anm_mj.utils.threads import usual_num_threads
 
 BLOCK = 16
 """Voxels along the edge of a block, the unit of growth and of change."""
@@ -25,8 +26,9 @@ HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
 """Half the diagonal of a voxel, in voxel edges."""
 MAX_REACH = 4
 """Levels of the footprint pyramid beyond the first; the last spans 33 pixels."""
-_VIEW_MARGIN_M = 1e-3
-"""Columns this far out of view are looked at all the same: a voxel at the rim is judged by its pixel alone [m]."""
+
+Voxels = Int64[np.ndarray, "n 3"]
+"""x, y, z index of voxels."""
 
 
 class VoxelArrays(NamedTuple):
@@ -41,6 +43,13 @@ class VoxelArrays(NamedTuple):
     corner: Int64[np.ndarray, "3"]
     """x, y, z index of cell [0, 0, 0]."""
 
+    def cells_of(self, places: Int[np.ndarray, "n 3"]) -> tuple[Bool[np.ndarray, " n"], tuple[np.ndarray, ...]]:
+        """Which voxels, given by x, y, z index, lie in the grid, and the array indices of those that do."""
+        x, y, z = (places - self.corner).T
+        layers, rows, cols = self.state.shape
+        inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
+        return inside, (z[inside], y[inside], x[inside])
+
 
 class CameraView(NamedTuple):
     """One depth image and where it was taken."""
@@ -54,40 +63,51 @@ class CameraView(NamedTuple):
     position: Float32[np.ndarray, "3"]
     """In the world [m]."""
 
+    def to_voxels(self, voxel_m: float) -> tuple[Float32[np.ndarray, "3 3"], Float32[np.ndarray, "3"]]:
+        """Matrix and offset that turn points in camera axes [m] into places in the world in voxel edges."""
+        inverse = np.float32(1.0 / voxel_m)
+        return np.ascontiguousarray(self.rotation.T * inverse), self.position * inverse
 
-def to_voxels(view: CameraView, voxel_m: float) -> tuple[Float32[np.ndarray, "3 3"], Float32[np.ndarray, "3"]]:
-    """Matrix and offset that turn points in camera axes [m] into places in the world in voxel edges."""
-    inverse = np.float32(1.0 / voxel_m)
-    return np.ascontiguousarray(view.rotation.T * inverse), view.position * inverse
 
+class OccupancyKernels:
+    """What changes and reads the arrays of a grid."""
 
-class NumpyFusion:
-    """The kernels of an occupancy grid."""
+    def __init__(self, config: OccupancyConfig, num_threads: int | None = None, kernel: str = "") -> None:
+        """Make the kernels.
 
-    def hits(
-        self, view: CameraView, config: OccupancyConfig, first: tuple[int, int], stride: int
-    ) -> tuple[Int64[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]:
-        """The voxels (x, y, z) that pixels hit and their depth [m], of every ``stride``-th row and column."""
-        pick = slice(first[0], None, stride), slice(first[1], None, stride)
-        depth_m = view.depth_m[pick]
-        hit = (depth_m > 0.0) & (depth_m <= config.hit_range_m)
-        depth_m = depth_m[hit]
-        return _voxels_of(view.rays[pick][hit], depth_m, view, config), depth_m
+        Args:
+            config: settings of the grid.
+            num_threads: threads to compute with; None = one per core, or as ``OMP_NUM_THREADS`` says.
+            kernel: instruction set to use; empty for the best of this processor.
+        """
+        self._config = config
+        self._native = _native.Occupancy(num_threads or usual_num_threads(), kernel)
 
-    def counts(self, voxels: VoxelArrays, view: CameraView, config: OccupancyConfig) -> UInt16[np.ndarray, "h w"]:
+    def hits(self, view: CameraView, first: tuple[int, int], stride: int) -> tuple[Voxels, Float32[np.ndarray, " n"]]:
+        """The voxels that pixels hit and their depth [m], of every ``stride``-th row and column from ``first`` on."""
+        depth_m = np.ascontiguousarray(view.depth_m)
+        matrix, offset = view.to_voxels(self._config.voxel_m)
+        most = -(-depth_m.shape[0] // stride) * -(-depth_m.shape[1] // stride)
+        voxels, hit_depth = np.empty((most, 3), np.int64), np.empty(most, np.float32)
+        limit_m = self._config.hit_range_m
+        count = self._native.hits(
+            depth_m, view.rays, *first, stride, limit_m, matrix.reshape(-1), offset, voxels, hit_depth
+        )
+        return voxels[:count], hit_depth[:count]
+
+    def counts(self, voxels: VoxelArrays, view: CameraView) -> UInt16[np.ndarray, "h w"]:
         """Hits so far in the voxel that each pixel shows; 0 where it shows none of the grid."""
-        hit = np.flatnonzero((view.depth_m > 0.0) & (view.depth_m <= config.hit_range_m))
-        places = _voxels_of(view.rays.reshape(-1, 3)[hit], view.depth_m.reshape(-1)[hit], view, config)
-        inside, cells = cells_of(voxels, places)
-        out = np.zeros(view.depth_m.size, np.uint16)
-        out[hit[inside]] = voxels.num_hits[cells]
-        return out.reshape(view.depth_m.shape)
+        depth_m = np.ascontiguousarray(view.depth_m)
+        matrix, offset = view.to_voxels(self._config.voxel_m)
+        self._native.bind(*voxels)
+        out = np.empty(depth_m.shape, np.uint16)
+        self._native.counts(depth_m, view.rays, self._config.hit_range_m, matrix.reshape(-1), offset, out)
+        return out
 
     def carve(
         self,
         voxels: VoxelArrays,
         view: CameraView,
-        config: OccupancyConfig,
         low: Int64[np.ndarray, "3"],
         high: Int64[np.ndarray, "3"],
         frame: int,
@@ -97,161 +117,42 @@ class NumpyFusion:
         Args:
             voxels: the grid.
             view: the image.
-            config: settings of the grid.
             low: lowest voxel (x, y, z) of the box that is looked at; within the grid.
             high: the highest one, included.
             frame: number that changed blocks are stamped with.
         """
-        if (high < low).any():
-            return
-        cfg, (depth_m, _, intrinsics, rotation, position) = config, view
-        edge = np.float32(cfg.voxel_m)
-        height, width = depth_m.shape
-        # Before the division by depth the projection is affine, so a column of voxels and a layer each add their share.
-        x, y, z = (np.arange(low[a], high[a] + 1, dtype=np.float32) * edge - position[a] for a in range(3))
-        column_shares = (rotation[0] * x[None, :, None] + rotation[1] * y[:, None, None]).reshape(-1, 3).T
-        layer_shares = np.outer(rotation[2], z)
-        footprint_px = np.float32(FOOTPRINT * cfg.voxel_m * max(intrinsics.fx, intrinsics.fy))
-        nearest = max(float(footprint_px) / (1 << MAX_REACH), cfg.voxel_m)
-        columns = _columns_in_view(column_shares, layer_shares, intrinsics, nearest, cfg.carve_range_m)
-        right, down, planar = layer_shares[:, :, None] + column_shares[:, None, columns]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = right * (np.float32(intrinsics.fx) / planar) + np.float32(intrinsics.cx)
-            v = down * (np.float32(intrinsics.fy) / planar) + np.float32(intrinsics.cy)
-        seen = (planar > nearest) & (planar < cfg.carve_range_m)
-        seen &= (u >= 0.0) & (u < width) & (v >= 0.0) & (v < height)
-        chosen = np.flatnonzero(seen)
-        planar = planar.ravel()[chosen]
-        pixel = v.ravel()[chosen].astype(np.int32) * width + u.ravel()[chosen].astype(np.int32)
-        # The exponent of the footprint in pixels is the level of the pyramid whose window covers it.
-        reach = np.frexp(footprint_px / planar)[1].clip(0, MAX_REACH)
-        pyramid = footprint_minima(_carve_limit(depth_m, cfg)).reshape(-1)
-        in_front = planar + edge * np.float32(HALF_DIAGONAL) < pyramid[reach * (height * width) + pixel]
-        layer, column = np.divmod(chosen[in_front], len(columns))
-        _, rows, cols = voxels.state.shape
-        start = low - voxels.corner
-        row, col = np.divmod(columns, len(x))
-        flat_column = (row + start[1]) * cols + col + start[0]
-        flat = (layer + start[2]) * (rows * cols) + flat_column[column]
-        log_odds, state = voxels.log_odds.reshape(-1), voxels.state.reshape(-1)
-        value = np.maximum(log_odds[flat], cfg.miss - cfg.limit) - np.int8(cfg.miss)
-        log_odds[flat] = value
-        carved = np.where(value > 0, np.int8(OCCUPIED), np.int8(FREE))
-        _note_change(voxels, flat[carved != state[flat]], frame)
-        state[flat] = carved
+        config, pinhole = self._config, view.intrinsics
+        footprint_px = np.float32(FOOTPRINT * config.voxel_m * max(pinhole.fx, pinhole.fy))
+        self._native.bind(*voxels)
+        self._native.carve(
+            np.ascontiguousarray(view.depth_m),
+            pinhole.fx,
+            pinhole.fy,
+            pinhole.cx,
+            pinhole.cy,
+            np.ascontiguousarray(view.rotation).reshape(-1),
+            view.position,
+            low,
+            high,
+            config.voxel_m,
+            float(np.float32(config.voxel_m) * np.float32(HALF_DIAGONAL)),
+            float(footprint_px),
+            max(float(footprint_px) / (1 << MAX_REACH), config.voxel_m),
+            config.carve_range_m,
+            config.miss,
+            config.limit,
+            config.no_depth_is_free,
+            frame,
+        )
 
-    def mark(
-        self,
-        voxels: VoxelArrays,
-        places: Int64[np.ndarray, "n 3"],
-        depth_m: Float32[np.ndarray, " n"],
-        config: OccupancyConfig,
-        frame: int,
-    ) -> None:
+    def mark(self, voxels: VoxelArrays, places: Voxels, depth_m: Float32[np.ndarray, " n"], frame: int) -> None:
         """Raise the log-odds of the voxels that were hit, once each, and note how often and from how near.
 
         Args:
             voxels: the grid.
-            places: x, y, z index of the voxel that each pixel hit; within the grid.
+            places: the voxel that each pixel hit; within the grid.
             depth_m: planar depth of each pixel [m].
-            config: settings of the grid.
             frame: number that changed blocks are stamped with.
         """
-        _, rows, cols = voxels.state.shape
-        x, y, z = (places - voxels.corner).T
-        flat = (z * rows + y) * cols + x
-        seen = voxels.seen_range_m.reshape(-1)
-        nearer = np.ceil(depth_m / SEEN_RANGE_STEP_M) < np.ceil(seen[flat] / SEEN_RANGE_STEP_M)
-        _note_change(voxels, flat[nearer], frame)
-        np.minimum.at(seen, flat, depth_m)
-        flat, count = np.unique(flat, return_counts=True)
-        hits = voxels.num_hits.reshape(-1)
-        hits[flat] = np.minimum(hits[flat] + count, np.iinfo(np.uint16).max)
-        log_odds, state = voxels.log_odds.reshape(-1), voxels.state.reshape(-1)
-        value = np.minimum(log_odds[flat].astype(np.int16) + config.hit, config.limit).astype(np.int8)
-        log_odds[flat] = value
-        marked = np.where(value > 0, np.int8(OCCUPIED), np.int8(FREE))
-        _note_change(voxels, flat[marked != state[flat]], frame)
-        state[flat] = marked
-        layer, rest = np.divmod(flat, rows * cols)
-        row, col = np.divmod(rest, cols)
-        voxels.block_stamp[layer // BLOCK, row // BLOCK, col // BLOCK] = frame
-
-
-def cells_of(
-    voxels: VoxelArrays, places: Int[np.ndarray, "n 3"]
-) -> tuple[Bool[np.ndarray, " n"], tuple[np.ndarray, ...]]:
-    """Which voxels, given by x, y, z index, lie in the grid, and the array indices of those that do."""
-    x, y, z = (places - voxels.corner).T
-    layers, rows, cols = voxels.state.shape
-    inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows) & (z >= 0) & (z < layers)
-    return inside, (z[inside], y[inside], x[inside])
-
-
-def _voxels_of(
-    rays: Float32[np.ndarray, "n 3"], depth_m: Float32[np.ndarray, " n"], view: CameraView, config: OccupancyConfig
-) -> Int64[np.ndarray, "n 3"]:
-    matrix, offset = to_voxels(view, config.voxel_m)
-    point = rays * depth_m[:, None]
-    # Not a matrix product: libraries sum in an order of their own.
-    scaled = point[:, :1] * matrix[0] + point[:, 1:2] * matrix[1] + point[:, 2:] * matrix[2] + offset
-    return np.rint(scaled).astype(np.int64)
-
-
-def _note_change(voxels: VoxelArrays, flat: Int64[np.ndarray, " n"], frame: int) -> None:
-    """Stamp the block columns of voxels that have changed, given by their index into the raveled arrays."""
-    _, rows, cols = voxels.state.shape
-    row, col = np.divmod(flat % (rows * cols), cols)
-    voxels.column_version[row // BLOCK, col // BLOCK] = frame
-
-
-def _columns_in_view(
-    column_shares: Float32[np.ndarray, "3 columns"],
-    layer_shares: Float32[np.ndarray, "3 layers"],
-    intrinsics: Intrinsics,
-    nearest_m: float,
-    furthest_m: float,
-) -> Int64[np.ndarray, " n"]:
-    """Indices of voxel columns that may reach into the frustum's depth range and between its left and right sides."""
-    left = intrinsics.cx / intrinsics.fx
-    right = (intrinsics.width - intrinsics.cx) / intrinsics.fx
-    # Each row is a plane with the frustum on its positive side, over (right, down, planar), and its offset.
-    planes = np.array([[0, 0, 1], [0, 0, -1], [1, 0, left], [-1, 0, right]], np.float32)
-    offsets = np.array([-nearest_m, furthest_m, 0.0, 0.0], np.float32)
-    best_layer = (planes @ layer_shares).max(axis=1)
-    return np.flatnonzero((planes @ column_shares + (best_layer + offsets)[:, None] > -_VIEW_MARGIN_M).all(axis=0))
-
-
-def footprint_minima(depth_m: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "levels h w"]:
-    """Smallest depth within 1, 2, 4, 8, 16 pixels of each pixel along both axes."""
-    levels = [_spread(depth_m, 1)]
-    for level in range(MAX_REACH):
-        levels.append(_spread(levels[-1], 1 << level))
-    return np.stack(levels)
-
-
-def _spread(image: Float32[np.ndarray, "h w"], shift: int) -> Float32[np.ndarray, "h w"]:
-    out = image.copy()
-    np.minimum(out[shift:], image[:-shift], out=out[shift:])
-    np.minimum(out[:-shift], image[shift:], out=out[:-shift])
-    rows = out.copy()
-    np.minimum(out[:, shift:], rows[:, :-shift], out=out[:, shift:])
-    np.minimum(out[:, :-shift], rows[:, shift:], out=out[:, :-shift])
-    return out
-
-
-def _carve_limit(depth_m: Float32[np.ndarray, "h w"], config: OccupancyConfig) -> Float32[np.ndarray, "h w"]:
-    """Depth up to which each pixel vouches for free space [m].
-
-    A pixel that was not measured vouches as far as the nearest of the measured ones beside it, and for nothing where
-    there is none: what is missing at an edge belongs to the near or to the far surface.
-    """
-    measured = depth_m > 0.0
-    limit = np.where(measured, depth_m, np.float32(np.inf))
-    if not config.no_depth_is_free:
-        limit[np.isposinf(depth_m)] = 0.0
-    if not measured.all():
-        nearest = _spread(limit, 1)
-        beside = _spread(np.where(measured, np.float32(0.0), np.float32(1.0)), 1) == 0.0
-        limit = np.where(measured, limit, np.where(beside, nearest, np.float32(0.0)))
-    return limit
+        self._native.bind(*voxels)
+        self._native.mark(places, depth_m, SEEN_RANGE_STEP_M, self._config.hit, self._config.limit, frame)

@@ -1,10 +1,10 @@
-"""What a map that is continued knew of a place before, and where new frames contradict it.
+"""The surface that the map of a prior run knew, and where new frames contradict it.
 
-The occupancy grid of the former run stays as a reference. A voxel of its surface that new frames look through is gone;
+The occupancy grid of the prior run stays as a reference. A voxel of its surface that new frames look through is gone;
 a voxel that it had seen free and that new frames hit is new. Surface on the border of two voxels falls into either, so
 a voxel counts only where none of its 26 neighbours explains it.
 
-Replayed pixels of the former run would teach the field what is no more. So those are dropped that end on surface that
+Replayed pixels of the prior run would teach the field what is no more. So those are dropped that end on surface that
 is gone, or that looked through a place that is taken now.
 """
 
@@ -21,7 +21,7 @@ from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.packed_pixels import DEPTH_UNIT_M, NO_DEPTH
 from anm_mj.mapping.rays import rays_of_pixels
-from anm_mj.types import FREE, OCCUPIED, SurfaceChange, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SurfaceChange, VoxelGrid
 
 LINK_VOXELS = 2.5
 """Voxels nearer to each other than this many edges belong to one change."""
@@ -32,48 +32,44 @@ _COARSE_VOXELS = 2
 _AROUND = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
 
 Voxels = Int64[np.ndarray, "_ 3"]
-"""Layer, row and column of some voxels of the former grid."""
+"""Layer, row and column of some voxels of the prior grid."""
 
 
 class PriorSurface:
-    """The grid of a former run, and which keyframes of the store are its own."""
+    """The grid of a prior run, and which keyframes of the store are its own."""
 
-    def __init__(
-        self,
-        state: Int8[np.ndarray, "layers rows cols"],
-        corner: Int64[np.ndarray, "3"],
-        voxel_m: float,
-        keyframes: Keyframes,
-        version: int,
-    ) -> None:
-        """Remember a former run.
+    def __init__(self, grid: VoxelGrid, corner: Int64[np.ndarray, "3"], keyframes: Keyframes) -> None:
+        """Remember a prior run.
 
         Args:
-            state: free, occupied and unknown as it left them.
+            grid: free, occupied and unknown as it left them.
             corner: x, y, z index of its cell [0, 0, 0].
-            voxel_m: edge of a voxel [m].
             keyframes: those of it that are replayed.
-            version: that of the grid.
         """
-        self._state = state.copy()
+        self._state = grid.state.copy()
         self._corner = corner.copy()
-        self._voxel_m = voxel_m
+        self._voxel_m = grid.resolution_m
         self._num_keyframes = len(keyframes)
-        """The oldest so many of the store are of the former run."""
+        """The oldest so many of the store are of the prior run."""
         self._end_voxel = self._ends(keyframes)
-        self._read_version = version
-        self._known_gone = np.zeros(state.shape, bool)
-        self._known_new = np.zeros(state.shape, bool)
+        self._read_version = grid.version
+        self._known_gone = np.zeros(grid.state.shape, bool)
+        self._known_new = np.zeros(grid.state.shape, bool)
 
     def changes(
-        self, state: Int8[np.ndarray, "layers rows cols"], corner: Int64[np.ndarray, "3"]
+        self,
+        state: Int8[np.ndarray, "layers rows cols"],
+        by_depth: Int8[np.ndarray, "layers rows cols"],
+        corner: Int64[np.ndarray, "3"],
     ) -> tuple[SurfaceChange, ...]:
         """What has changed, by now: pieces of surface that are gone or new, largest first.
 
         Args:
-            state: the grid as of now, which has grown from the former one.
+            state: the grid as of now, which has grown from the prior one.
+            by_depth: what depth alone says of it; where the two disagree, nothing is certain.
             corner: its corner.
         """
+        state = np.where(by_depth == state, state, np.int8(UNKNOWN))
         everywhere = slice(None), slice(None)
         found = [
             SurfaceChange(kind, (voxels[:, ::-1] + self._corner) * self._voxel_m, self._voxel_m)
@@ -83,17 +79,17 @@ class PriorSurface:
         return tuple(sorted(found, key=lambda change: -len(change.xyz_m)))
 
     def forget_contradicted(self, store: KeyframeStore, grid: VoxelGrid, corner: Int64[np.ndarray, "3"]) -> None:
-        """Drop the pixels of the former run that are contradicted by what has changed since the last call.
+        """Drop the pixels of the prior run that are contradicted by what has changed since the last call.
 
         Args:
-            store: the keyframes, the former run's before all others.
+            store: the keyframes, the prior run's before all others.
             grid: the grid as of now.
             corner: its corner.
         """
-        former = store.keyframes(self._num_keyframes)
-        dropped = self._contradicted(grid, corner, former)
+        prior = store.keyframes(self._num_keyframes)
+        dropped = self._contradicted(grid, corner, prior)
         if dropped is not None:
-            kept = former.without(dropped)
+            kept = prior.without(dropped)
             store.replace(self._num_keyframes, kept)
             self._num_keyframes = len(kept)
             self._end_voxel = self._end_voxel[~dropped]
@@ -101,7 +97,7 @@ class PriorSurface:
     def _contradicted(
         self, grid: VoxelGrid, corner: Int64[np.ndarray, "3"], keyframes: Keyframes
     ) -> Bool[np.ndarray, " p"] | None:
-        """Which pixels of the former run are contradicted by what has changed since the last call; None for none."""
+        """Which pixels of the prior run are contradicted by what has changed since the last call; None for none."""
         state, window = grid.state, self._changed_window(grid, corner)
         if window is None:
             return None
@@ -127,12 +123,12 @@ class PriorSurface:
     def _window(
         self, state: Int8[np.ndarray, "layers rows cols"], corner: Int64[np.ndarray, "3"]
     ) -> Int8[np.ndarray, "l r c"]:
-        """The part of a grid that the former one covered."""
+        """The part of a grid that the prior one covered."""
         start = (self._corner - corner)[::-1]
         return state[tuple(slice(a, a + n) for a, n in zip(start, self._state.shape, strict=True))]
 
     def _changed_window(self, grid: VoxelGrid, corner: Int64[np.ndarray, "3"]) -> tuple[slice, slice] | None:
-        """Rows and columns of the former grid in which any state has changed since the last call; None for none."""
+        """Rows and columns of the prior grid in which any state has changed since the last call; None for none."""
         assert grid.column_version is not None  # The occupancy grid keeps track.
         changed = np.argwhere(grid.column_version > self._read_version)
         self._read_version = grid.version

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float32, Integer, UInt8
@@ -32,16 +32,6 @@ def part(rays: RayBatch, start: int, count: int) -> RayBatch:
     """So many rays of a batch from one on; views, not copies."""
     rows = slice(start, start + count)
     return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
-
-
-def concatenate(*batches: RayBatch) -> RayBatch:
-    """Batches as one."""
-    return RayBatch(
-        np.concatenate([rays.origin_m for rays in batches]),
-        np.concatenate([rays.direction for rays in batches]),
-        np.concatenate([rays.rgb for rays in batches]),
-        np.concatenate([rays.depth_m for rays in batches]),
-    )
 
 
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
@@ -93,3 +83,11 @@ def rays_of_pixels(
         rgb.astype(np.float32) / np.float32(255.0),
         depth_m,
     )
+
+
+def without_unmeasured(observation: Observation) -> Observation:
+    """The observation, with NaN wherever its depth is nothing that a camera measures."""
+    measured = observation.depth_m > 0.0
+    if measured.all():
+        return observation
+    return replace(observation, depth_m=np.where(measured, observation.depth_m, np.float32(np.nan)))

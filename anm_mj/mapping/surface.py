@@ -79,9 +79,9 @@ class SurfaceExtractor:
 
     def _blocks_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> dict[tuple[int, int, int], int]:
         """Blocks with hits that reach into the disc, by x, y, z indices, and the frames that last hit them."""
-        stamp = self._occupancy.block_stamp
+        stamp = self._occupancy.voxels.block_stamp
         layer, row, col = np.nonzero(stamp)
-        block = np.stack((col, row, layer), axis=1) + self._occupancy.corner // BLOCK
+        block = np.stack((col, row, layer), axis=1) + self._occupancy.voxels.corner // BLOCK
         edge_m = BLOCK * self._occupancy.config.voxel_m
         centre = (block[:, :2] + 0.5) * edge_m
         near = np.hypot(*(centre - centre_xy_m).T) <= radius_m + edge_m
@@ -93,7 +93,7 @@ class SurfaceExtractor:
         if not stale:
             return
         edge = self._occupancy.config.voxel_m
-        state, corner, blocks = self._occupancy.grid.state, self._occupancy.corner, np.array(list(stale))
+        state, corner, blocks = self._occupancy.grid.state, self._occupancy.voxels.corner, np.array(list(stale))
         points = crossings(sdf, *touched_cells(state, corner, blocks, edge / self._spacing_m), self._spacing_m)
         points = points[self._occupancy.near_occupied(points, REACH_VOXELS * edge)]
         placed = points.astype(np.float32)

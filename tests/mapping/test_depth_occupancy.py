@@ -6,8 +6,9 @@ import pytest
 from anm_mj.errors import MapError
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.mapping.occupancy_kernels import BLOCK, footprint_minima
+from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics
+from tests.mapping.numpy_occupancy import footprint_minima
 from tests.mapping.ray_room import LEG, Room, camera_pose
 
 
@@ -97,7 +98,7 @@ def test_growth_keeps_what_was_there_at_the_same_place(room):
     shift = np.rint((origin - after.origin_m) / 0.05).astype(int)[::-1]
     part = tuple(slice(s, s + n) for s, n in zip(shift, seen.shape, strict=True))
     np.testing.assert_array_equal(after.seen_range_m[part], seen)
-    assert (occupancy.corner % BLOCK == 0).all()
+    assert (occupancy.voxels.corner % BLOCK == 0).all()
 
 
 def test_seen_range_is_the_nearest_view_of_a_surface(room):

@@ -195,7 +195,7 @@ def test_what_the_field_has_learnt_is_read_in_a_few_readings(room, occupancy):
         geometry.grid(room.sdf)
     kept = geometry.grid(room.sdf)
     now = FieldOccupancy(occupancy).grid(room.sdf).state
-    block_layers, block_rows, block_cols = np.nonzero(occupancy.block_stamp >= occupancy.grid.version - 2)
+    block_layers, block_rows, block_cols = np.nonzero(occupancy.voxels.block_stamp >= occupancy.grid.version - 2)
     assert len(block_layers)
     for z, y, x in zip(block_layers * BLOCK, block_rows * BLOCK, block_cols * BLOCK, strict=True):
         block = np.s_[z : z + BLOCK, y : y + BLOCK, x : x + BLOCK]

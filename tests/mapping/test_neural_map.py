@@ -242,7 +242,7 @@ def test_the_table_grows_with_the_scene_and_every_place_keeps_what_was_learnt(ti
     assert (sizes[0], sizes[-1]) == (11, 12)
     assert sizes == sorted(sizes)
     assert max(moved) == 0.0
-    volume = neural_map.observed.surface_volume_m3
+    volume = neural_map.observed.surface_volume_m3()
     assert 1 << 11 < 90.0 * volume <= 1 << 12
     near = _near_surface(room, rng, 500)
     assert np.abs(neural_map.sdf(near) - room.sdf(near)).mean() < 0.03

@@ -7,16 +7,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anm_mj import _native
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.mapping.occupancy_kernels import NumpyFusion
-from anm_mj.mapping.occupancy_native import native_fusion
+from anm_mj.mapping.occupancy_kernels import OccupancyKernels
 from anm_mj.types import Intrinsics
+from tests.mapping.numpy_occupancy import NumpyKernels
 
-if native_fusion() is None:
-    pytest.skip("the native engine was not built, or before it had these kernels", allow_module_level=True)
 
-from anm_mj.mapping.backends.native_backend import kernel_names
+def grid_with(config, kernels):
+    grid = DepthOccupancy(config)
+    grid._kernels = kernels
+    return grid
+
+
+def reference_of(config):
+    return grid_with(config, NumpyKernels(config))
+
+
+def native_of(config, *arguments):
+    return grid_with(config, OccupancyKernels(config, *arguments))
 
 
 def camera(yaw, pitch, roll, position):
@@ -45,7 +55,7 @@ def image(rng, height, width, kind):
 
 
 def arrays(grid):
-    return {**grid.get_state(), "column_version": grid.grid.column_version}
+    return grid.voxels._asdict()
 
 
 def assert_equal(left, right):
@@ -66,8 +76,8 @@ def test_both_fuse_the_same_grid(seed, shape, fov_deg, kind, sky_is_free, voxel_
     rng = np.random.default_rng(seed)
     config = OccupancyConfig(no_depth_is_free=sky_is_free, voxel_m=voxel_m, carve_range_m=2.0, hit_range_m=2.5)
     pinhole = Intrinsics.from_fov(shape[1], shape[0], math.radians(fov_deg))
-    reference = DepthOccupancy(config, NumpyFusion())
-    natives = [DepthOccupancy(config, native_fusion(threads)) for threads in (1, 2)]
+    reference = reference_of(config)
+    natives = [native_of(config, threads) for threads in (1, 2)]
     for _ in range(2):
         pose = camera(*rng.uniform(-3, 3, 1), *rng.uniform(-1, 1, 2), rng.uniform(-0.5, 0.5, 3))
         depth = image(rng, *shape, kind)
@@ -82,7 +92,7 @@ def test_both_fuse_the_same_grid(seed, shape, fov_deg, kind, sky_is_free, voxel_
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_a_camera_along_an_axis_at_a_voxels_face(yaw):
-    grids = [DepthOccupancy(OccupancyConfig(), fusion) for fusion in (NumpyFusion(), native_fusion(2))]
+    grids = [reference_of(OccupancyConfig()), native_of(OccupancyConfig(), 2)]
     pinhole = Intrinsics.from_fov(64, 64, math.pi / 2)
     depth = np.full((64, 64), 2.0, np.float32)
     for z in (1.25, 1.0, 0.975):
@@ -92,7 +102,7 @@ def test_a_camera_along_an_axis_at_a_voxels_face(yaw):
 
 
 def test_a_voxel_changes_its_mind_the_same_way():
-    grids = [DepthOccupancy(OccupancyConfig(), fusion) for fusion in (NumpyFusion(), native_fusion(2))]
+    grids = [reference_of(OccupancyConfig()), native_of(OccupancyConfig(), 2)]
     pinhole = Intrinsics.from_fov(64, 64, math.pi / 2)
     pose = camera(0.3, 0.1, 0.0, (0.0, 0.0, 1.0))
     for depth_m in [1.0] * 3 + [3.0] * 16 + [1.0, 2.0, math.inf, math.nan]:
@@ -101,11 +111,11 @@ def test_a_voxel_changes_its_mind_the_same_way():
     assert_equal(*grids)
 
 
-@pytest.mark.parametrize("kernel", kernel_names())
+@pytest.mark.parametrize("kernel", _native.kernel_names())
 def test_all_instruction_sets_agree(kernel):
     rng = np.random.default_rng(3)
-    reference = DepthOccupancy(OccupancyConfig(), NumpyFusion())
-    native = DepthOccupancy(OccupancyConfig(), native_fusion(2, kernel))
+    reference = reference_of(OccupancyConfig())
+    native = native_of(OccupancyConfig(), 2, kernel)
     pinhole = Intrinsics.from_fov(96, 96, math.pi / 2)
     for step in range(2):
         depth = image(rng, 96, 96, "noisy")
@@ -115,8 +125,8 @@ def test_all_instruction_sets_agree(kernel):
 
 
 def test_voxels_outside_the_grid_are_refused():
-    fusion = native_fusion(1)
-    grid = DepthOccupancy(OccupancyConfig(), fusion)
+    kernels = OccupancyKernels(OccupancyConfig(), 1)
+    grid = grid_with(OccupancyConfig(), kernels)
     grid.integrate(np.full((16, 16), 1.0, np.float32), Intrinsics.from_fov(16, 16, 1.5), camera(0, 0, 0, (0, 0, 1.0)))
     with pytest.raises(ValueError, match="outside the grid"):
-        fusion.mark(grid._arrays, np.array([[9999, 0, 0]]), np.ones(1, np.float32), OccupancyConfig(), 2)
+        kernels.mark(grid.voxels, np.array([[9999, 0, 0]]), np.ones(1, np.float32), 2)

@@ -20,7 +20,7 @@ def test_takes_every_change_of_a_grid_that_grows():
         view = room.observe(2.0, 1.5, yaw, step=step)
         occupancy.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
         grid = occupancy.grid
-        start = occupancy.corner[::-1] + np.array([64, 128, 128])
+        start = occupancy.voxels.corner[::-1] + np.array([64, 128, 128])
         state = embed(grid.state, before.shape, start, UNKNOWN)
         outside = np.ones(grid.state.shape[1:], bool)
         window = reader.take(grid)

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from anm_mj.mapping.keyframes import HostPixels
 from scripts import bench_mapper
 
 
@@ -31,7 +30,6 @@ def test_rows_say_engine_and_clock(monkeypatch, tmp_path):
 def test_steps_with_their_draw_train_on_as_many_rays_as_a_map_does():
     sizes = []
     backend = SimpleNamespace(
-        pixel_memory=HostPixels,
         steps=lambda batches, draws: sizes.extend(len(rays) for rays, _ in zip(batches, draws, strict=True)),
     )
     bench_mapper.replay_steps(backend, np.random.default_rng(0))(0)

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj.mapping.mapping_config import MappingConfig
-from anm_mj.mapping.packed_pixels import HostPixels, PixelMemory
 from anm_mj.mapping.rays import RayBatch
 
 Vectors = Float32[np.ndarray, "n 3"]
@@ -25,6 +24,10 @@ SampleDepths = Float32[np.ndarray, "n samples"]
 """Planar depths of the samples on each of n rays [m]."""
 RenderedRays = tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, " n"]]
 """Colour in [0, 1] and planar depth [m] of n rays."""
+
+
+Parameters = dict[str, Float32[np.ndarray, "..."]]
+"""Parameters of the field by name."""
 
 
 class StepLosses(NamedTuple):
@@ -47,10 +50,6 @@ class MapperBackend(ABC):
     device: str
     """Where it computes, for the log: "cpu" or "cuda"."""
 
-    def pixel_memory(self, count: int) -> PixelMemory:
-        """Room for so many pixels to replay, where the engine reads them from."""
-        return HostPixels(count)
-
     @abstractmethod
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam.
@@ -65,12 +64,12 @@ class MapperBackend(ABC):
         """
 
     def steps(
-        self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
+        self, batches: Sequence[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
         """Several iterations, with the results of :meth:`step` on each batch; an engine may let them overlap.
 
         Args:
-            batches: The batches, each of which is asked for when it is wanted.
+            batches: The batches.
             draws: Seed and smoothness corner of each.
 
         Returns:
@@ -117,24 +116,24 @@ class MapperBackend(ABC):
         """Rendered colour in [0, 1] and planar depth [m] of rays, from samples at the given depths (Eq. 1)."""
 
     @abstractmethod
-    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+    def parameters(self) -> Parameters:
         """Copies of all parameters by name."""
 
     @abstractmethod
-    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
-        """Take over parameters by name and start the optimiser afresh.
+    def set_parameters(self, parameters: Parameters) -> None:
+        """Take over parameters by name, passing over other names, and start the optimiser afresh.
 
         Raises:
             MapError: If a name is missing or a shape differs from the configuration's.
         """
 
     @abstractmethod
-    def get_optimizer(self) -> dict[str, np.ndarray]:
-        """Copies of the optimiser's moments and counters by name, none of which is the name of a parameter."""
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Copies of parameters and of the optimiser's moments and counters, by name."""
 
     @abstractmethod
-    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_optimizer` gave; other names are passed over.
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_state` gave.
 
         Raises:
             MapError: If a name is missing or a shape differs from the configuration's.

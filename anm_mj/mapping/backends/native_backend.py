@@ -6,18 +6,18 @@ the same bytes for any number of threads, but not for other instruction sets, wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from anm_mj import _native
 from anm_mj.errors import MapError
-from anm_mj.mapping.backends.backend import MapperBackend, RenderedRays, SampleDepths, StepLosses, Vectors
+from anm_mj.mapping.backends.backend import MapperBackend, Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.backends.grid_layout import bins_per_m, cells_per_m, index_factors
 from anm_mj.mapping.backends.parameters import (
     DECODER_NAMES,
-    check_state,
+    check_shapes,
     decoder_shapes,
     initial_parameters,
     parameter_shapes,
@@ -46,7 +46,7 @@ class NativeBackend(MapperBackend):
         seed: int,
         num_threads: int | None = None,
         kernel: str = "",
-        state: dict[str, Float32[np.ndarray, "..."]] | None = None,
+        parameters: Parameters | None = None,
     ) -> None:
         """Start from given parameters, or from those that ``seed`` gives.
 
@@ -56,7 +56,7 @@ class NativeBackend(MapperBackend):
             num_threads: Threads to compute with; None for OMP_NUM_THREADS, or one per core that
                 the process may use.
             kernel: Instruction set to use, as in :func:`kernel_names`; empty for the best of this processor.
-            state: Parameters by name to start from; None = the start values.
+            parameters: To start from; None = the start values.
 
         Raises:
             MapError: If a layer or a ray's samples are too many for the engine.
@@ -85,14 +85,14 @@ class NativeBackend(MapperBackend):
         self.kernel: str = self._engine.kernel
         """The instruction set in use: "v2", "v3" or "v4" (levels of x86-64) or "generic"."""
         self.name = f"native-{self.kernel}"
-        self.set_state(initial_parameters(field, seed) if state is None else state)
+        self.set_parameters(initial_parameters(field, seed) if parameters is None else parameters)
 
     def step(self, rays: RayBatch, seed: int, smoothness_corner_m: Float[np.ndarray, "3"] | None = None) -> StepLosses:
         """One iteration: sample, render, losses, gradients, Adam; see the base class."""
         return StepLosses(*self._engine.step(*_ray_arrays(rays), seed & 0xFFFFFFFF, _optional(smoothness_corner_m)))
 
     def steps(
-        self, batches: Iterable[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
+        self, batches: Sequence[RayBatch], draws: Sequence[tuple[int, Float[np.ndarray, "3"] | None]]
     ) -> list[StepLosses]:
         """Several iterations, whose phases overlap; see the base class."""
         arrays = [_ray_arrays(rays) for rays in batches]
@@ -146,25 +146,30 @@ class NativeBackend(MapperBackend):
         """Rendered colour and planar depth of rays; see the base class."""
         return self._engine.render(_floats(origin_m), _floats(direction), _floats(z_m))
 
-    def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
+    def parameters(self) -> Parameters:
         """Copies of all parameters by name."""
         table, decoders = self._engine.get_state()
         return {"table": table, **self._split(decoders)}
 
-    def set_state(self, state: dict[str, Float32[np.ndarray, "..."]]) -> None:
+    def set_parameters(self, parameters: Parameters) -> None:
         """Take over parameters by name and start the optimiser afresh; see the base class."""
-        check_state(state, parameter_shapes(self.config.field))
-        decoders = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
-        self._engine.set_state(_floats(state["table"]), _floats(decoders))
+        check_shapes(parameters, parameter_shapes(self.config.field))
+        decoders = np.concatenate([parameters[name].ravel() for name in DECODER_NAMES])
+        self._engine.set_state(_floats(parameters["table"]), _floats(decoders))
 
-    def get_optimizer(self) -> dict[str, np.ndarray]:
-        """Moments of table and decoders, lines of the table that ever had a gradient, and iterations so far."""
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Parameters, moments, lines of the table that ever had a gradient, and iterations so far."""
         *moments, iteration = self._engine.get_optimizer()
-        return {**dict(zip(_MOMENTS, moments, strict=True)), "iteration": np.array(iteration)}
+        return {
+            **self.parameters(),
+            **dict(zip(_MOMENTS, moments, strict=True)),
+            "iteration": np.array(iteration),
+        }
 
-    def set_optimizer(self, state: dict[str, np.ndarray]) -> None:
-        """Take over what :meth:`get_optimizer` gave; see the base class."""
-        check_state(state, {name: array.shape for name, array in self.get_optimizer().items()})
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Take over what :meth:`get_state` gave; see the base class."""
+        self.set_parameters(state)
+        check_shapes(state, {name: array.shape for name, array in self.get_state().items()})
         table_m, table_v, touched, decoders_m, decoders_v = (state[name] for name in _MOMENTS)
         self._engine.set_optimizer(
             _floats(table_m),

@@ -56,17 +56,17 @@ def parameter_shapes(config: FieldConfig) -> dict[str, tuple[int, ...]]:
     return {"table": (config.num_levels << config.log2_table_size, NUM_FEATURES), **decoder_shapes(config)}
 
 
-def check_state(state: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Say so if a state lacks a parameter, or has one of another shape.
+def check_shapes(arrays: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Say so if an array is missing, or has another shape.
 
     Raises:
         MapError: With the name of the first that does not fit.
     """
     for name, shape in shapes.items():
-        if name not in state:
-            raise MapError(f"The map's state lacks {name!r}; it has {sorted(state)}.")
-        if state[name].shape != shape:
-            raise MapError(f"The map's {name!r} has shape {state[name].shape}, but its configuration says {shape}.")
+        if name not in arrays:
+            raise MapError(f"The map's state lacks {name!r}; it has {sorted(arrays)}.")
+        if arrays[name].shape != shape:
+            raise MapError(f"The map's {name!r} has shape {arrays[name].shape}, but its configuration says {shape}.")
 
 
 def split_flat(flat: _Flat, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, _Flat]:

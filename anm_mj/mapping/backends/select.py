@@ -8,11 +8,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
-from jaxtyping import Float32
-
 from anm_mj.errors import MapError
-from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.backends.backend import MapperBackend, Parameters
 from anm_mj.mapping.mapping_config import ENGINES, MappingConfig
 
 DEVICES = ("auto", "cpu", "cuda")
@@ -50,7 +47,7 @@ def make_backend(
     *,
     seed: int,
     device: str = "auto",
-    state: dict[str, Float32[np.ndarray, "..."]] | None = None,
+    parameters: Parameters | None = None,
 ) -> MapperBackend:
     """The engine that ``config.engine`` and ``device`` ask for.
 
@@ -58,7 +55,7 @@ def make_backend(
         config: The mapping configuration.
         seed: What the start values are drawn from.
         device: ``auto``, ``cpu`` or ``cuda``.
-        state: Parameters by name to start with; None = the start values.
+        parameters: To start with; None = the start values.
 
     Raises:
         MapError: see :func:`choose_engine`.
@@ -67,7 +64,7 @@ def make_backend(
     if name == "native":
         from anm_mj.mapping.backends.native_backend import NativeBackend
 
-        return NativeBackend(config, seed=seed, state=state)
+        return NativeBackend(config, seed=seed, parameters=parameters)
     if name == "torch":
         from anm_mj.mapping.backends.torch_backend import TorchBackend
 
@@ -76,6 +73,6 @@ def make_backend(
         from anm_mj.mapping.backends.mlp_backend import MlpBackend
 
         backend = MlpBackend(config, seed=seed, device=device)
-    if state is not None:
-        backend.set_state(state)
+    if parameters is not None:
+        backend.set_parameters(parameters)
     return backend

@@ -6,6 +6,8 @@ truncation distance: 1 in free space, 0 on the surface.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -86,3 +88,43 @@ def decode_color(
     split = blob.shape[1]
     joined = torch.addmm(blob @ hidden[:, :split].t(), geometry, hidden[:, split:].t())
     return torch.sigmoid(torch.relu(joined) @ out.t())
+
+
+def sensitivity(
+    decoders: Sequence[Float[Tensor, "_ _"]], features: Float[Tensor, "n features"], blob: Float[Tensor, "n blob"]
+) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
+    """Squared norms of the gradients by all decoder weights, of s and of the colour (mean of the three channels).
+
+    Each layer's weight gradient is an outer product, so its squared norm is a product of two squared norms and no
+    gradient has to be formed.
+
+    Args:
+        decoders: The decoders' matrices in the order of the parameter layout.
+        features: Grid features.
+        blob: One-blob codes.
+    """
+    in_sdf, out_sdf, in_color, out_color = decoders
+    geometry_columns = in_color[:, blob.shape[1] :]
+    sdf_input = torch.cat((features, blob), dim=1)
+    hidden = torch.relu(sdf_input @ in_sdf.t())
+    active = hidden > 0.0
+    outputs = hidden @ out_sdf.t()
+    input_norm, hidden_norm = _square_norm(sdf_input), _square_norm(hidden)
+    of_s = hidden_norm + _square_norm(active * out_sdf[0]) * input_norm
+    color_input = torch.cat((blob, outputs[:, 1:]), dim=1)
+    color_hid = torch.relu(color_input @ in_color.t())
+    color = torch.sigmoid(color_hid @ out_color.t())
+    total = torch.zeros_like(input_norm)
+    for channel in range(3):
+        back_color = (color_hid > 0.0) * out_color[channel]
+        back_geometry = back_color @ geometry_columns
+        back_hidden = active * (back_geometry @ out_sdf[1:])
+        squares = _square_norm(color_hid) + _square_norm(back_color) * _square_norm(color_input)
+        squares += _square_norm(back_geometry) * hidden_norm + _square_norm(back_hidden) * input_norm
+        slope = color[:, channel] * (1.0 - color[:, channel])
+        total += slope.square() * squares
+    return of_s, total / 3.0
+
+
+def _square_norm(rows: Float[Tensor, "n width"]) -> Float[Tensor, " n"]:
+    return rows.square().sum(dim=1)

@@ -14,7 +14,8 @@ from anm_mj.mapping.backends.parameters import DECODER_NAMES
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.backends.torch_sampling import sample_depths
 from anm_mj.mapping.mapping_config import MappingConfig, default_mapping, paper_mapping
-from anm_mj.mapping.rays import RayBatch, concatenate, part, sample_frame
+from anm_mj.mapping.rays import RayBatch, part, sample_frame
+from tests.mapping.numpy_reference import concatenate
 from tests.mapping.ray_room import Room
 from tests.mapping.reference import reference_gradients
 

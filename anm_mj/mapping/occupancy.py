@@ -1,0 +1,45 @@
+"""Free, occupied and unknown space of a map: depth says what was observed, and field or depth what is solid there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.field_occupancy import FieldOccupancy
+from anm_mj.mapping.mapping_config import MappingConfig
+from anm_mj.types import SdfQuery, VoxelGrid
+
+
+class Occupancy:
+    """The occupancy grid of a map."""
+
+    def __init__(self, config: MappingConfig) -> None:
+        """Unknown space only."""
+        self.by_depth = DepthOccupancy(config.occupancy)
+        """What depth alone says, and how often each place was observed."""
+        # One network without a grid has geometry that is too coarse to drive by.
+        by_field = config.geometry == "field" and config.engine != "mlp"
+        self._by_field = FieldOccupancy(self.by_depth) if by_field else None
+
+    def forget_field(self) -> None:
+        """Read everything again where the field decides: it has changed as a whole."""
+        if self._by_field is not None:
+            self._by_field = FieldOccupancy(self.by_depth)
+
+    def grid(
+        self, sdf_m: SdfQuery, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
+    ) -> VoxelGrid:
+        """The grid as of now; views of the arrays within.
+
+        Args:
+            sdf_m: The field: signed distance at world points (N, 3) [m], positive in free space.
+            centre_xy_m: See :meth:`anm_mj.mapping.neural_map.NeuralMap.occupancy_grid`.
+            radius_m: See there.
+        """
+        if self._by_field is None:
+            return self.by_depth.grid
+        box = None if centre_xy_m is None else np.stack([centre_xy_m - radius_m, centre_xy_m + radius_m])
+        return self._by_field.grid(sdf_m, box)
