@@ -83,6 +83,21 @@ class Engine:
     def query_hidden(self, points: _Floats) -> _Floats: ...
     def query_sensitivity(self, points: _Floats) -> tuple[_Floats, _Floats]: ...
     def render(self, origin: _Floats, direction: _Floats, depths: _Floats) -> tuple[_Floats, _Floats]: ...
+    def align(
+        self,
+        points: _Floats,
+        rgb: _Floats,
+        variance: _Floats,
+        trust: _Floats,
+        rotation: _Floats,
+        position: _Floats,
+        levels: int,
+        slopes: tuple[float, float, float],
+        field_variance: float,
+        kernel: float,
+        color_deviation: float,
+        color_kernel: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], _Floats]: ...
 
 class Occupancy:
     def __init__(self, num_threads: int, kernel: str) -> None: ...
@@ -187,6 +202,9 @@ def lattice_crossings(
     corners: NDArray[np.uint8], values: _Floats, corner: NDArray[np.int64], spacing: float
 ) -> NDArray[np.float64]: ...
 def pass_variance(sdf: _Floats, rgb: _Floats, color_weight: float) -> _Floats: ...
+def triangle_distances(
+    corners: NDArray[np.float64], points: NDArray[np.float64], out: NDArray[np.float64], threads: int
+) -> None: ...
 def lower_distances(
     points: NDArray[np.float64], places: NDArray[np.float64], distance: NDArray[np.float64], num_threads: int
 ) -> None: ...
@@ -258,6 +276,17 @@ def roadmap_path(
     bits: NDArray[np.uint64],
     cover: NDArray[np.uint64],
 ) -> tuple[int, int, int]: ...
+def cover_samples(
+    points: NDArray[np.float64],
+    samples: NDArray[np.float64],
+    level: NDArray[np.int32],
+    column_start: NDArray[np.int64],
+    low: NDArray[np.float64],
+    cell: float,
+    within: float,
+    covered: NDArray[np.uint8],
+    near: NDArray[np.uint8],
+) -> int: ...
 def lend_cores(cores: int) -> None: ...
 def kernel_names() -> list[str]: ...
 def roofline(table_bytes: int, kernel: str) -> dict[str, float]: ...

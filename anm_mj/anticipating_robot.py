@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from anm_mj.control.follow import Follower
+from anm_mj.control.path_follower import Follower
 from anm_mj.events import Stepped
 from anm_mj.loop_state import LoopState
 from anm_mj.protocols import Anticipates, Robot

@@ -1,8 +1,7 @@
 """The effective configuration of a run: the options of the command line and the settings of every stage.
 
 A setting has a dotted name, as in ``config.json``: ``planning.margin_m``, ``mapping.schedule.iterations``. The settings
-of the chosen policy are called ``policy.NAME``. Names that older versions used are accepted
-(:mod:`anm_mj.utils.settings`).
+of the chosen policy are called ``policy.NAME``.
 """
 
 from __future__ import annotations
@@ -16,21 +15,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
-from anm_mj.checkpoint.config import CheckpointConfig
-from anm_mj.errors import AnmError
+from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
+from anm_mj.errors import ConfigError
 from anm_mj.mapping.mapping_config import MAPPING_PRESETS, MappingConfig
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.context import DEFAULT_GOAL, GOALS
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings, policy_entry
 from anm_mj.recording.config import RecordConfig
-from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.robot.presets import preset_config
-from anm_mj.sim.config import DRIVES, POSES
-from anm_mj.sim.motion_config import MotionConfig
-from anm_mj.sim.sensors.config import SensorConfig
-from anm_mj.sim.sensors.presets import sensor_config
-from anm_mj.utils.close_names import close_name
+from anm_mj.sim.sensors.sensor_presets import sensor_config
+from anm_mj.sim.simulation_config import SimulationConfig, require_choice
 from anm_mj.utils.settings import of_type
 
 _logger = logging.getLogger(__name__)
@@ -38,7 +31,6 @@ _logger = logging.getLogger(__name__)
 DEVICES = ("auto", "cpu", "cuda")
 PRESETS = tuple(MAPPING_PRESETS)
 DEFAULT_PRESET = "default"
-LARGEST_SEED = 2**63 - 1
 MOST_STEPS = 10**9
 _MOST_LETTERS = 80
 """Longer values are not quoted whole."""
@@ -59,35 +51,21 @@ OPTIONS = (
 """Fields of ``RunConfig`` that have an option of their own; the scene is the first argument."""
 _OPTION_OF = {"continue_from": "continue", "return_to_start": "return"}
 """Options that have another name than their field."""
+_MOVED = {"planning.geometry": "mapping.geometry"}
+"""Settings that stand in another group than they did."""
 _CAMERA, _CAMERA_POSE = ("model", "camera"), ("model", "camera_pose")
 
 
-class ConfigError(AnmError):
-    """An option has a value that it cannot have."""
-
-
 @dataclass(frozen=True)
-class RunConfig:
+class RunConfig(SimulationConfig):
     """All that decides how a run goes, apart from the scene's content and the versions of the programs."""
 
-    scene: str
-    """Name from the catalogue, or path of a scene folder."""
     policy: str = DEFAULT_POLICY
     """Name of a policy, or ``module:Class``."""
     goal: str = DEFAULT_GOAL
     """What the run is for: ``coverage``, ``reconstruction``, or ``both`` in this order."""
     steps: int | None = None
     """Budget of discrete actions; None = the scene's own."""
-    seed: int = 0
-    """Seed of everything random: training, policy, evaluation samples."""
-    start: tuple[float, float, float] | None = None
-    """Start pose x [m], y [m], yaw [deg]; None = the scene's first."""
-    robot: str = DEFAULT_ROBOT
-    """Name of a robot, or an MJCF file."""
-    drive: str = "kinematic"
-    """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
-    pose: str = "true"
-    """The pose in the observations: the ``true`` one, or the one from wheel ``odometry``."""
     device: str = "auto"
     """Where the neural map trains: ``cpu``, ``cuda``, or ``auto``."""
     continue_from: str | None = None
@@ -96,16 +74,6 @@ class RunConfig:
     """Whether the robot drives back to where it began before the run ends."""
     preset: str = DEFAULT_PRESET
     """Name of the mapping preset that ``mapping`` was made from."""
-    image_px: int = 256
-    """Width and height of the camera image [px]."""
-    model: RobotConfig = field(default_factory=RobotConfig)
-    """How to read the robot's file, and the noise of its encoders; a named robot has settings of its own."""
-    camera: CameraConfig = field(default_factory=CameraConfig)
-    """Optics and mount of the camera where they differ from the robot's file."""
-    sensor: SensorConfig = field(default_factory=SensorConfig)
-    """Errors of camera and odometry."""
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    """Faults of the wheels."""
     mapping: MappingConfig = field(default_factory=MappingConfig)
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Settings of the planning stages that the policies share."""
@@ -122,22 +90,18 @@ class RunConfig:
         Raises:
             ConfigError: a choice is unknown or a number out of range.
             PlanError: there is no such policy.
+            RobotError: the settings of the named robots cannot be read.
         """
+        super().__post_init__()
         if self.policy_settings is None:
             object.__setattr__(self, "policy_settings", default_settings(self.policy))
-        _require_choice("--goal", self.goal, GOALS)
-        _require_choice("--drive", self.drive, DRIVES)
-        _require_choice("--pose", self.pose, POSES)
-        _require_choice("--device", self.device, DEVICES)
-        _require_choice("--preset", self.preset, PRESETS)
+        require_choice("goal", self.goal, GOALS)
+        require_choice("device", self.device, DEVICES)
+        require_choice("preset", self.preset, PRESETS)
         if self.steps is not None and self.steps < 1:
             raise ConfigError(f"--steps is {self.steps}; a run needs at least 1 step.")
         if self.steps is not None and self.steps > MOST_STEPS:
             raise ConfigError(f"--steps is {_short(str(self.steps))}; give {MOST_STEPS} steps at most.")
-        if not 0 <= self.seed <= LARGEST_SEED:
-            raise ConfigError(f"--seed is {self.seed}; give a whole number from 0 up to {LARGEST_SEED}.")
-        if not 16 <= self.image_px <= 2048:
-            raise ConfigError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
 
 
 def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **options: Any) -> RunConfig:
@@ -146,7 +110,7 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
     Args:
         preset: a key of ``MAPPING_PRESETS``.
         settings: ``group.name=value`` each, such as ``planning.margin_m=0.06`` or ``policy.tour_depth=6``.
-        sensor: a key of :data:`anm_mj.sim.sensors.presets.SENSORS`.
+        sensor: a key of :data:`anm_mj.sim.sensors.sensor_presets.SENSORS`.
         **options: fields of ``RunConfig``.
 
     Raises:
@@ -165,7 +129,7 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
             raise ConfigError(f"--set {name} is not how it is given; use --{option} {value}.")
         if name == "scene":
             raise ConfigError(f"--set scene is not how it is given; name the scene first: anm-mj explore {value}.")
-        keys = _present_name(config, name)
+        keys = _keys(config, name)
         default = _setting(config, keys)
         if default is None:
             raise ConfigError(f"--set {name}: there is no such setting{_hint(config, name)}")
@@ -178,9 +142,7 @@ def make_config(preset: str, settings: list[str], *, sensor: str = "exact", **op
 
 
 def read_config(values: Mapping[str, Any]) -> RunConfig:
-    """The configuration that a run's ``config.json`` holds, also one that an older version wrote.
-
-    The function leaves out settings that this version does not know any more, and logs them.
+    """The configuration that a run's ``config.json`` holds; settings that this version does not know are logged.
 
     Args:
         values: the file's content.
@@ -196,12 +158,10 @@ def read_config(values: Mapping[str, Any]) -> RunConfig:
         for name in ("scene", *OPTIONS, "image_px")
         if name in values
     }
-    # Runs of versions without goals were for coverage.
-    options.setdefault("goal", "coverage")
     config = _default_config(options.pop("preset", DEFAULT_PRESET), **options)
     known = {}
     for name, value in leaves(values):
-        keys = _present_name(config, name)
+        keys = _keys(config, name)
         if _setting(config, keys) is not None:
             owner = functools.reduce(getattr, keys[:-1], config)
             known[keys] = _of_type(type(owner), keys[-1], value, name)
@@ -224,7 +184,7 @@ def _of_type(owner: type, field: str, value: Any, name: str) -> Any:
 
 def _default_config(preset: str, **options: Any) -> RunConfig:
     """The configuration of a preset, with what the policy needs."""
-    _require_choice("--preset", preset, PRESETS)
+    require_choice("preset", preset, PRESETS)
     policy = options.get("policy", DEFAULT_POLICY)
     entry = policy_entry(policy)
     if entry.mapping_preset is not None:
@@ -236,13 +196,7 @@ def _default_config(preset: str, **options: Any) -> RunConfig:
     mapping = MAPPING_PRESETS[preset]()
     if entry.uncertainty_preset is not None:
         mapping = replace(mapping, uncertainty=MAPPING_PRESETS[entry.uncertainty_preset]().uncertainty)
-    model = preset_config(options.get("robot", DEFAULT_ROBOT))
-    return RunConfig(preset=preset, mapping=mapping, model=model, **options)
-
-
-def _require_choice(option: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ConfigError(f"{option} is '{value}'{close_name(value, choices)}; it must be one of {', '.join(choices)}.")
+    return RunConfig(preset=preset, mapping=mapping, **options)
 
 
 def leaves(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -264,22 +218,14 @@ def _names(node: Any, prefix: str = "") -> Iterator[str]:
             yield prefix + entry.name
 
 
-_RENAMED = {"planning.geometry": "mapping.geometry"}
-"""Settings that stand in another group now, by their old names, which commands and files may still use."""
-
-
-def _present_name(config: RunConfig, name: str) -> tuple[str, ...]:
-    """The fields that lead to a setting, from its dotted name, which may be a former one."""
-    name = _RENAMED.get(name, name)
-    moved = getattr(config.policy_settings, "FORMER_NAMES", {}).get(name)
-    keys = ["policy_settings", moved] if moved else name.split(".")
+def _keys(config: RunConfig, name: str) -> tuple[str, ...]:
+    """The fields that lead to a setting, from its dotted name, or from the one that it had elsewhere."""
+    keys = tuple(name.split("."))
     if keys[0] == "policy" and len(keys) > 1:
-        keys[0] = "policy_settings"
-    node: Any = config
-    for k, key in enumerate(keys):
-        keys[k] = getattr(node, "FORMER_NAMES", {}).get(key, key)
-        node = getattr(node, keys[k], None)
-    return tuple(keys)
+        keys = ("policy_settings", *keys[1:])
+    if name in _MOVED and _setting(config, keys) is None:
+        return _keys(config, _MOVED[name])
+    return keys
 
 
 def _setting(config: RunConfig, keys: tuple[str, ...]) -> Any:

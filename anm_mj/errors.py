@@ -13,6 +13,10 @@ class InstallError(AnmError):
     """The package is not installed as a whole: its compiled module is missing or cannot run on this processor."""
 
 
+class ConfigError(AnmError):
+    """A setting or an option has a value that it cannot have."""
+
+
 class SceneError(AnmError):
     """A scene cannot be read, imported or built, or the robot cannot start in it."""
 

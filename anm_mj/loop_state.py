@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anm_mj.control.follow import Follower
+from anm_mj.control.path_follower import Follower
 from anm_mj.sensing.sensor_monitor import SensorMonitor
 from anm_mj.types import Observation, Plan
 from anm_mj.utils.stopwatch import Stopwatch

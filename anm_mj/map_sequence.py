@@ -21,9 +21,9 @@ from anm_mj.io.sequence import Sequence
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
-from anm_mj.planning.stages import Stages
 from anm_mj.protocols import Policy
 from anm_mj.recording.run_log import RunLog
 from anm_mj.run_parts import make_mapper
@@ -103,7 +103,7 @@ def _finish(
     with writing(folder.map), atomic_write(folder.map) as partial:
         neural_map.save(partial)
     write_mesh(folder.mesh, neural_map.mesh(MESH_RESOLUTION_M))
-    stages = Stages(config.planning, footprint)
+    stages = RegionStages(config.planning, footprint)
     for pose in log.poses:
         stages.topdown.visit(pose.xy_m)
     state = stages.read(neural_map, last)
@@ -137,7 +137,7 @@ def _facts(config: RunConfig, neural_map: NeuralMap, policy: str) -> RunFacts:
         policy=policy,
         seed=config.seed,
         device=neural_map.backend.device,
-        engine=neural_map.engine_name,
+        engine=neural_map.backend.name,
         gl_backend=RECORDED,
         gl_renderer=RECORDED,
         camera=RECORDED,

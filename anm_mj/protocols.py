@@ -102,8 +102,16 @@ class Mapper(Protocol):
         """Add an observation and train for the iterations that the schedule sets."""
         ...
 
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        ...
+
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
-        """Signed distance to the nearest surface at world points, truncated [m]; positive in free space."""
+        """Signed distance to the nearest surface at world points, truncated to +-``truncation_m`` [m].
+
+        It is positive in free space.
+        """
         ...
 
     def uncertainty(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
@@ -119,13 +127,13 @@ class Mapper(Protocol):
         """
         ...
 
-    @property
-    def occupancy(self) -> VoxelGrid:
-        """Free, occupied and unknown space, fused from depth (a view, not a copy)."""
-        ...
+    def occupancy_grid(
+        self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
+    ) -> VoxelGrid:
+        """Free, occupied and unknown space, fused from depth (views, not copies).
 
-    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
-        """The same grid, which has to be of now only within ``radius_m`` [m] of a place along both axes."""
+        It has to be of now only within ``radius_m`` [m] of a place along both axes; None = everywhere.
+        """
         ...
 
 

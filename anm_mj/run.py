@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from anm_mj.anticipating_robot import AnticipatingRobot
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
@@ -21,17 +21,14 @@ from anm_mj.io.run_events import Started
 from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import to_json
 from anm_mj.loop_state import LoopState
-from anm_mj.planning.policies.returning import Returning
-from anm_mj.planning.stages import PlanningState, Stages
+from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
+from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import WayBack, load_writers, write_results
+from anm_mj.run_parts import Parts, make_parts, true_view
 from anm_mj.types import StopReason
 from anm_mj.utils.memory import malloc_trim
-
-if TYPE_CHECKING:
-    pass
-from anm_mj.run_parts import Parts, make_parts, true_view
 
 TRIM_STEPS = 100
 """Steps after which freed memory goes back to the system."""
@@ -124,7 +121,7 @@ def run_loop(
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
         said = {
             "config": to_json(config),
-            "engine": mapper.engine_name,
+            "engine": mapper.backend.name,
             "files": recorder.log_sizes,
             "wall_s": time.perf_counter() - begin,
         }
@@ -179,9 +176,9 @@ def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> d
     }
 
 
-def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> PlanningState:
-    """The shared planning stages, run once on the final map along the trajectory of the whole run."""
-    stages = Stages(parts.config.planning, parts.robot.footprint)
+def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> RegionState:
+    """The planning stages of the paper's policy, run once on the final map along the trajectory of the whole run."""
+    stages = RegionStages(parts.config.planning, parts.robot.footprint)
     if recorder.former is not None:
         stages.continue_from(recorder.former)
     for pose in recorder.poses:

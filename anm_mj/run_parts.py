@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from anm_mj.checkpoint.classes import KnownClasses
+from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.config import RunConfig
 from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.events import Observer
@@ -21,18 +20,18 @@ from anm_mj.io.run_events import Surveying
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
-from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
-from anm_mj.planning.policies.returning import Returning
+from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class
+from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
-from anm_mj.types import Pose2, TrueView
+from anm_mj.types import TrueView
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
 
 @dataclass(frozen=True)
@@ -116,40 +115,13 @@ def make_mapper(config: RunConfig) -> NeuralMap:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from anm_mj.mapping.neural_map import NeuralMap
 
-    return NeuralMap(
-        config.mapping,
-        seed=config.seed,
-        device=config.device,
-        # A policy with a map of its own kind reads no geometry out of it.
-        field_is_geometry=config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None,
-    )
+    return NeuralMap(config.mapping, seed=config.seed, device=config.device)
 
 
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     from anm_mj.sim.make_robot import make_robot
 
-    return make_robot(
-        scene,
-        start=_start_pose(config),
-        drive=config.drive,
-        image_px=config.image_px,
-        robot=config.robot,
-        config=config.model,
-        pose=config.pose,
-        seed=config.seed,
-        sensor=config.sensor,
-        camera=config.camera,
-        motion=config.motion,
-        anticipates=True,
-        forgets_textures=True,
-    )
-
-
-def _start_pose(config: RunConfig) -> Pose2 | None:
-    if config.start is None:
-        return None
-    x, y, yaw_deg = config.start
-    return Pose2(x, y, math.radians(yaw_deg))
+    return make_robot(scene, config, anticipates=True, forgets_textures=True)
 
 
 def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int | None, observers: Sequence[Observer]) -> SceneTruth:
@@ -184,7 +156,7 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         config.goal,
         config.seed,
         mapper.backend.device,
-        mapper.engine_name,
+        mapper.backend.name,
         backend.name,
         backend.renderer_string,
         robot.camera_kind,

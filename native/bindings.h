@@ -20,6 +20,7 @@ using In = Array<const float, 2>;
 using InFlat = Array<const float, 1>;
 using InFlags = Array<const std::uint8_t, 1>;
 using Out = nb::ndarray<nb::numpy, float>;
+using Doubles = nb::ndarray<nb::numpy, double>;
 using Flags = nb::ndarray<nb::numpy, std::uint8_t>;
 
 inline void require(bool ok, const char* message) {
@@ -32,6 +33,14 @@ Out make_array(const std::size_t (&shape)[N], float*& data) {
     for (std::size_t extent : shape) size *= extent;
     data = new float[size > 0 ? size : 1];
     return Out(data, N, shape, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<float*>(p); }));
+}
+
+template <std::size_t N>
+Doubles make_doubles(const std::size_t (&shape)[N], double*& data) {
+    std::size_t size = 1;
+    for (std::size_t extent : shape) size *= extent;
+    data = new double[size > 0 ? size : 1];
+    return Doubles(data, N, shape, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<double*>(p); }));
 }
 
 // Names of the kernels that this processor can run, best first.

@@ -246,6 +246,53 @@ public:
         return nb::make_tuple(rgb_out, depth_out);
     }
 
+    // Normal equations of distances and of colours, [2][6][6] and [2][6], their costs, weights and counts, [2][3], and
+    // the distance of every point.
+    nb::tuple align(In points, In rgb, InFlat variance, InFlat trust, In rotation, InFlat position, int levels,
+                    const std::tuple<float, float, float>& slopes, float field_variance, float kernel,
+                    float color_deviation, float color_kernel) {
+        require_points(points);
+        const std::size_t count = points.shape(0);
+        require(rgb.shape(0) == count && rgb.shape(1) == 3 && variance.size() == count && trust.size() == count,
+                "colour, variance and trust need a row per point");
+        require(rotation.shape(0) == 3 && rotation.shape(1) == 3 && position.size() == 3, "a pose is 3 x 3 and 3");
+        const anm::FramePoints frame{points.data(), rgb.data(), variance.data(), trust.data(), static_cast<int>(count)};
+        anm::Alignment at;
+        std::memcpy(at.rotation, rotation.data(), sizeof at.rotation);
+        std::memcpy(at.position, position.data(), sizeof at.position);
+        at.levels = levels;
+        std::tie(at.saturation, at.least_slope, at.most_slope) = slopes;
+        at.field_variance = field_variance;
+        at.kernel = kernel;
+        at.color_deviation = color_deviation;
+        at.color_kernel = color_kernel;
+        anm::NormalEquations sums[2];
+        double *hessian = nullptr, *gradient = nullptr, *facts = nullptr;
+        float* residuals = nullptr;
+        Doubles hessian_out = make_doubles({2, 6, 6}, hessian), gradient_out = make_doubles({2, 6}, gradient);
+        Doubles facts_out = make_doubles({2, 3}, facts);
+        Out residuals_out = make_array({count}, residuals);
+        {
+            nb::gil_scoped_release release;
+            const std::lock_guard<std::mutex> lock(mutex_);
+            kernel_.align(model_, frame, at, sums, residuals, work_.parallel(), work_.arena());
+        }
+        for (std::size_t kind = 0; kind < 2; ++kind) {
+            const anm::NormalEquations& of = sums[kind];
+            std::size_t k = 0;
+            for (std::size_t i = 0; i < 6; ++i) {
+                gradient[6 * kind + i] = of.gradient[i];
+                for (std::size_t j = i; j < 6; ++j) {
+                    hessian[36 * kind + 6 * i + j] = hessian[36 * kind + 6 * j + i] = of.hessian[k++];
+                }
+            }
+            facts[3 * kind] = of.cost;
+            facts[3 * kind + 1] = of.weight;
+            facts[3 * kind + 2] = of.count;
+        }
+        return nb::make_tuple(hessian_out, gradient_out, facts_out, residuals_out);
+    }
+
 private:
     static std::vector<float> copy(const InFlat& values) { return {values.data(), values.data() + values.size()}; }
 
@@ -354,5 +401,7 @@ void bind_engine(nb::module_& m) {
         .def("query_perturbed", &Engine::query_perturbed, "points"_a, "decoders"_a)
         .def("query_hidden", &Engine::query_hidden, "points"_a)
         .def("query_sensitivity", &Engine::query_sensitivity, "points"_a)
-        .def("render", &Engine::render, "origin"_a, "direction"_a, "depths"_a);
+        .def("render", &Engine::render, "origin"_a, "direction"_a, "depths"_a)
+        .def("align", &Engine::align, "points"_a, "rgb"_a, "variance"_a, "trust"_a, "rotation"_a, "position"_a,
+             "levels"_a, "slopes"_a, "field_variance"_a, "kernel"_a, "color_deviation"_a, "color_kernel"_a);
 }

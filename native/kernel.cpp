@@ -1,5 +1,6 @@
 // The mapper's kernel: whole training steps and queries. One translation unit, compiled once per instruction set, see
 // CMakeLists.txt.
+#include "frame_to_field.h"
 #include "query.h"
 #include "roofline.h"
 #include "sensitivity.h"
@@ -16,7 +17,7 @@
 
 namespace {
 
-const anm::Kernel kKernel = {ANM_STRING(ANM_KERNEL), step, sample, query, hidden, sensitivity, render, measure_roofline};
+const anm::Kernel kKernel = {ANM_STRING(ANM_KERNEL), step, sample, query, hidden, sensitivity, render, align, measure_roofline};
 
 }  // namespace
 

@@ -101,6 +101,32 @@ struct Losses {
     double total, rgb, depth, sdf, free_space, smoothness;
 };
 
+// Points of a frame in the camera's axes, with what was measured of them.
+struct FramePoints {
+    const float* camera = nullptr;    // [n][3], m
+    const float* rgb = nullptr;       // [n][3], in [0, 1]
+    const float* variance = nullptr;  // [n], of the distance along the ray, m2
+    const float* trust = nullptr;     // [n], factor on a point's weight; 0 leaves it out
+    int count = 0;
+};
+
+// A pose at which a frame is compared with the field, and how; see anm_mj/localisation/registration.py.
+struct Alignment {
+    float rotation[9] = {};  // camera to world, row by row
+    float position[3] = {};
+    int levels = 0;  // of the grid that take part, from the coarsest on
+    float saturation = 0.0F, least_slope = 0.0F, most_slope = 0.0F;
+    float field_variance = 0.0F, kernel = 0.0F;
+    float color_deviation = 0.0F, color_kernel = 0.0F;
+};
+
+// Sums over residuals of one kind, by the camera's displacement in the world and its rotation vector about itself.
+struct NormalEquations {
+    double hessian[21] = {};  // upper triangle, row by row
+    double gradient[6] = {};
+    double cost = 0.0, weight = 0.0, count = 0.0;
+};
+
 // Memory that the kernel asks the bindings for; kept between calls, contents undefined unless said.
 struct Arena {
     void* owner = nullptr;
@@ -129,6 +155,9 @@ struct Kernel {
                         const Arena&);
     void (*render)(const Model&, const float* origin, const float* direction, const float* depths, int count,
                    int samples, float* rgb, float* depth, const Parallel&, const Arena&);
+    // sums: of distances to the surface, then of colours. residuals: [count] distances, NaN where none; may be null.
+    void (*align)(const Model&, const FramePoints&, const Alignment&, NormalEquations* sums, float* residuals,
+                  const Parallel&, const Arena&);
     void (*roofline)(std::size_t table_bytes, Roofline&);
 };
 

@@ -1,4 +1,4 @@
-// What a tour of the oracle covers, as anm_mj/evaluation/oracle/tour.py has it.
+// What a tour of the oracle covers, as anm_mj/evaluation/oracle/tour_annealing.py has it.
 #pragma once
 
 #include <cstdint>

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import tyro
 
-from anm_mj.bench.bench import run_bench
+from anm_mj.bench.comparison import run_bench
 
 
 def main(

@@ -21,7 +21,7 @@ import numpy as np
 import trimesh
 import tyro
 
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.ground_truth.ground_truth import GroundTruth
@@ -30,13 +30,14 @@ from anm_mj.io.read_run import read_run
 from anm_mj.io.to_json import write_json
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.navigable import is_clear, scene_area
-from anm_mj.sim.make_robot import DRIVES, make_robot
+from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.simulation_config import DRIVES
 from anm_mj.types import Action, Footprint, Pose2
 
 if TYPE_CHECKING:
     # Imports mujoco, which must wait for the selection of the GL back-end.
     from anm_mj.geometry.clearance import Clearance
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
 FREE_M = 0.12
 """The random drive turns away from obstacles closer ahead than this [m]."""
@@ -146,7 +147,7 @@ def kinematic_figures(world: Scene, actions: int, triangles: int) -> list[Figure
     with make_robot(world, image_px=16) as robot:
         from anm_mj.geometry.clearance import Clearance
         from anm_mj.robot.description import describe_robot
-        from anm_mj.robot.presets import robot_path
+        from anm_mj.robot.robot_presets import robot_path
         from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 
         mesh = trimesh.Trimesh(*world.triangles(), process=False)

@@ -29,8 +29,8 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.presets import sensor_config
-from anm_mj.sim.sensors.sensor import Sensor
+from anm_mj.sim.sensors.camera_sensor import Sensor
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.types import FREE, OCCUPIED, Footprint, Observation, VoxelGrid
 
 _AROUND = np.ones((3, 3), bool)
@@ -117,13 +117,13 @@ def measure(scene: str, sensor: str, noise: float, seen: list[Observation], body
         rgb, depth_m = camera.measure(exact.rgb, exact.depth_m, exact.intrinsics, frame)
         mapper.integrate(replace(exact, rgb=rgb, depth_m=depth_m))
         if frame % LOOK_EVERY == 0:
-            _ = mapper.occupancy
+            _ = mapper.occupancy_grid()
         else:
-            mapper.occupancy_about(exact.pose.xy_m, lookahead_radius_m(body))
-    raw = mapper.observed
+            mapper.occupancy_grid(exact.pose.xy_m, lookahead_radius_m(body))
+    raw = mapper.occupancy.by_depth
     return [
         Row(scene, sensor, noise, name, *compare(truth.grid, grid, raw.grid, body), raw.noise.value)
-        for name, grid in (("occupancy", raw.grid), ("field", mapper.occupancy))
+        for name, grid in (("occupancy", raw.grid), ("field", mapper.occupancy_grid()))
     ]
 
 

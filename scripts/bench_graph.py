@@ -1,7 +1,7 @@
 """Measures what the graph of a building costs, stage by stage, and how well its rooms are found.
 
     python scripts/bench_graph.py
-    python scripts/bench_graph.py --areas-m2 80 500 2000 --style office --seeds 3
+    python scripts/bench_graph.py --areas-m2 80 500 2000 --kind office --seeds 3
 
 Buildings come from the scene generator, furnished and seen as a whole, on a grid of 5 cm; for a large area several of
 them stand in a row with a passage from each to the next. The robot stands in the middle. Printed are Markdown tables:
@@ -14,7 +14,8 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import tyro
@@ -22,17 +23,19 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import contract
-from anm_mj.planning.graph_nodes import decision_vertices
+from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.paths import shortest_paths
-from anm_mj.planning.rooms import find_rooms
-from anm_mj.planning.spurs import prune_spurs
-from anm_mj.planning.topdown import TopDownMapper
-from anm_mj.planning.traversable_frontier import borders_unknown
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import contract
+from anm_mj.planning.policies.anm_s.decision_vertices import decision_vertices
+from anm_mj.planning.policies.anm_s.graph_rooms import segment_rooms
+from anm_mj.planning.policies.anm_s.spurs import prune_spurs
+from anm_mj.planning.policies.anm_s.traversable_frontier import borders_unknown
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
-from anm_mj.scene.generation.layout import Style
-from anm_mj.scene.generation.topdown import topdown as generated
+from anm_mj.protocols import Mapper
+from anm_mj.scene.generation.building_map import generated_map
+from anm_mj.scene.generation.layout import BuildingKind
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
 from anm_mj.types import FREE, OCCUPIED, Pose2, TopDownMap, VoxelGrid
 
@@ -46,6 +49,8 @@ PASSAGE_CELLS = 20
 LEAST_CLEARANCE_M = 0.4
 """The robot stands this far from everything [m]."""
 CONFIG = PlanningConfig()
+CAMERA = FieldOfView(tan_left=1.0, tan_right=1.0, tan_up=1.0, tan_down=1.0, pitch_rad=0.0, height_m=1.25)
+TRUNCATION_M = 0.1
 SAFE_M = DEFAULT_FOOTPRINT.radius_m + CONFIG.margin_m
 
 
@@ -79,20 +84,20 @@ class Row:
 
 
 def main(
-    areas_m2: tuple[float, ...] = (80.0, 2000.0), style: Style = "apartment", seeds: int = 1, repeats: int = 15
+    areas_m2: tuple[float, ...] = (80.0, 2000.0), kind: BuildingKind = "apartment", seeds: int = 1, repeats: int = 15
 ) -> None:
     """Print the tables.
 
     Args:
         areas_m2: Floors of the buildings, furniture included.
-        style: "apartment" or "office".
+        kind: "apartment" or "office".
         seeds: Buildings of each size.
         repeats: Each stage is run so often.
     """
     rows = [
         measure(plan, coarse_far_field, repeats)
         for area_m2 in areas_m2
-        for plan in (building(area_m2, style, seed) for seed in range(seeds))
+        for plan in (building(area_m2, kind, seed) for seed in range(seeds))
         for coarse_far_field in (False, True)
     ]
     stages = list(rows[0].ms)
@@ -114,12 +119,12 @@ def table(*cells: object) -> None:
         print("|" + "---|" * len(cells))
 
 
-def building(area_m2: float, style: Style, seed: int) -> Plan:
+def building(area_m2: float, kind: BuildingKind, seed: int) -> Plan:
     """Generated buildings in a row, so many that their rooms have the area."""
     obstacles, room = np.ones((1, 0), bool), np.full((1, 0), -1)
     while (missing := area_m2 - np.count_nonzero(room >= 0) * CELL_M**2) > ROOM_M2 / 2:
         # No two of one kind.
-        part = generated(min(MOST_ROOMS, math.ceil(missing / ROOM_M2)), 100 * seed + obstacles.shape[1], style)
+        part = generated_map(min(MOST_ROOMS, math.ceil(missing / ROOM_M2)), 100 * seed + obstacles.shape[1], kind)
         labels = np.where(part.rooms >= 0, part.rooms + int(room.max(initial=-1)) + 1, -1)
         rows, seam = max(len(obstacles), len(labels)), obstacles.shape[1]
         obstacles = np.hstack([_as_high(a, rows, True) for a in (obstacles, part.obstacles)])
@@ -166,7 +171,7 @@ def measure(plan: Plan, coarse_far_field: bool, repeats: int) -> Row:
     kept = timed("spurs", lambda: prune_spurs(graph, borders_unknown(graph, topdown.frontier_xy_m)))
     contracted = timed("contracted edges", lambda: contract(graph, kept))
     timed("decisions", lambda: decision_vertices(graph, contracted))
-    rooms = timed("rooms", lambda: find_rooms(graph, topdown, pose.xy_m))
+    rooms = timed("rooms", lambda: segment_rooms(graph, topdown, pose.xy_m))
     timed("paths", lambda: shortest_paths(graph, topdown, pose, SAFE_M))
     cell = world_to_cell(graph.vertex_xy_m, topdown.origin_xy_m, CELL_M)
     return Row(
@@ -208,10 +213,10 @@ def _topdown(plan: Plan, pose: Pose2) -> TopDownMap:
 
     def sdf(points_m: Float[np.ndarray, "n 3"]) -> np.ndarray:
         row, col = world_to_cell(points_m[:, :2], np.zeros(2), CELL_M).T
-        return np.where(plan.obstacles[row, col], np.float32(-0.05), np.float32(0.1))
+        return np.where(plan.obstacles[row, col], np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
 
-    grid = VoxelGrid(state, seen, np.zeros(3), CELL_M)
-    return TopDownMapper(CONFIG, DEFAULT_FOOTPRINT).update(grid, sdf, pose)
+    known = SimpleNamespace(occupancy=VoxelGrid(state, seen, np.zeros(3), CELL_M), sdf=sdf, truncation_m=TRUNCATION_M)
+    return TopDownMapper(CONFIG, DEFAULT_FOOTPRINT).update(cast(Mapper, known), pose, CAMERA)[0]
 
 
 if __name__ == "__main__":

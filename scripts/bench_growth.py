@@ -217,7 +217,7 @@ def learnt(observations: Sequence[Observation], limit_m2: float, preset: str, se
 
 def floor_m2(neural_map: NeuralMap) -> float:
     """Floor area below anything known to be free [m2]."""
-    grid = neural_map.occupancy
+    grid = neural_map.occupancy_grid()
     return float((grid.state == FREE).any(axis=0).sum()) * grid.resolution_m**2
 
 

@@ -143,12 +143,12 @@ def watched(watch: Watch) -> None:
     from anm_mj.mapping.depth_occupancy import DepthOccupancy
     from anm_mj.mapping.field_occupancy import FieldOccupancy
     from anm_mj.mapping.keyframes import KeyframeStore
-    from anm_mj.planning.policies.gvg.policy import Gvg
+    from anm_mj.planning.policies.gvg.gvg_policy import Gvg
     from anm_mj.planning.stages import Stages
-    from anm_mj.planning.topdown import TopDownMapper
+    from anm_mj.planning.topdown_mapper import TopDownMapper
     from anm_mj.recording.recorder import RunRecorder
     from anm_mj.sensing.sensor_monitor import SensorMonitor
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
     for name in ("observe", "anticipate"):
         watch.over(SimRobot, name, "camera")
@@ -219,7 +219,7 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     def note(ended: Ended) -> None:
         loop.update(seconds=dict(watch.seconds), beside=dict(watch.beside), calls=dict(watch.calls))
         # The map is given back before the run ends.
-        loop.update(config=maps[0].config, grid=maps[0].observed.grid)
+        loop.update(config=maps[0].config, grid=maps[0].occupancy.by_depth.grid)
 
     config = make_config("default", [], scene=scene, policy="gvg", steps=steps, sensor=sensor)
     _, metrics = anm_mj.run.run(config, out=out, observers=(On(Ended, note),))

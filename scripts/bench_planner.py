@@ -38,7 +38,7 @@ from anm_mj.planning.policies.registry import default_settings, make_policy
 from anm_mj.protocols import Mapper, Policy
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.types import (
     OCCUPIED,
     Action,
@@ -67,6 +67,11 @@ class OccupancyMapper:
         self._grid.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera)
         return MapUpdate(math.nan, 0, 0)
 
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        return FAR_M
+
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Negative in occupied voxels."""
         return np.where(self._grid.state_at(points_m) == OCCUPIED, -FAR_M / 2, FAR_M).astype(np.float32)
@@ -83,13 +88,10 @@ class OccupancyMapper:
         none = np.zeros((0, 3), np.float32)
         return SurfacePoints(none, none, np.zeros(0, np.float32))
 
-    @property
-    def occupancy(self) -> VoxelGrid:
+    def occupancy_grid(
+        self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
+    ) -> VoxelGrid:
         """The grid."""
-        return self._grid.grid
-
-    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
-        """The whole grid."""
         del centre_xy_m, radius_m
         return self._grid.grid
 

@@ -24,12 +24,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from anm_mj.evaluation.metrics import FORMER_KEYS
-
 SCENES = ("flat", "home", "office")
 POLICIES = ("gvg", "anm-s", "frontier", "oracle")
 DRIVES = ("kinematic", "physics")
-RENAMED = {"unseen": "unexplored", **FORMER_KEYS}
+RENAMED = {"unseen": "unexplored"}
 """Keys of ``steps.jsonl``, ``plans.jsonl``, ``curve.csv`` and ``metrics.json``, former to present."""
 TIMES = frozenset({"ms", "stage_hz", "wall_s", "hz", "evaluation_s", "peak_rss_mib"})
 """What differs from run to run."""
@@ -50,7 +48,7 @@ def record(
         program: the ``anm-mj`` of the checkout to be recorded; by default the one beside this Python.
         steps: budget of each run.
         only: names of the runs to make, such as ``home-gvg-physics``; all by default.
-        settings: settings of every run, such as ``planning.geometry=occupancy``.
+        settings: settings of every run, such as ``mapping.geometry=occupancy``.
     """
     command = str(program or Path(sys.executable).with_name("anm-mj"))
     set_all = [text for setting in settings for text in ("--set", setting)]

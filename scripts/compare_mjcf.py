@@ -26,8 +26,8 @@ select_backend()
 
 from anm_mj.cli.main import main as anm_mj  # noqa: E402 (MuJoCo is bound to a GL back-end when it is imported.)
 from anm_mj.scene.folder import load_scene  # noqa: E402
-from tests.scene.importing.mjcf.compare import agreement, eyes_in  # noqa: E402
-from tests.scene.importing.mjcf.house import write_house  # noqa: E402
+from tests.scene.importing.readers.mjcf.compare import agreement, eyes_in  # noqa: E402
+from tests.scene.importing.readers.mjcf.house import write_house  # noqa: E402
 
 BUILTIN = ("room", "flat", "home", "office", "residence")
 EYE_M = 1.0

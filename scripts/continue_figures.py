@@ -22,8 +22,8 @@ import anm_mj
 from anm_mj.evaluation.completion import Coverage
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.io.read_run import Run, read_run
-from anm_mj.planning.policies.frontier.policy import Frontier
-from anm_mj.scene.generation.scene import generate_scene
+from anm_mj.planning.policies.frontier.frontier_policy import Frontier
+from anm_mj.scene.generation.generate_scene import generate_scene
 
 CHANGED_M = 0.1
 """Surface is truly gone or new where the other scene has none within this distance [m]."""

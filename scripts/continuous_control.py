@@ -3,8 +3,8 @@
     python scripts/continuous_control.py home --steps 200 --drive physics
 
 The budget counts the driven distance and the turned angle in units of a forward step and of a turn; the map gets one
-observation per unit. The controller (anm_mj/control/pursuit.py) uses the robot's ``drive`` and ``look_at`` only, so
-your own controller, or a real robot, can replace it.
+observation per unit. The controller (anm_mj/control/pure_pursuit.py) uses the robot's ``drive`` and ``look_at`` only,
+so your own controller, or a real robot, can replace it.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 from anm_mj.config import make_config
-from anm_mj.control.pursuit import Pursuit
+from anm_mj.control.pure_pursuit import Pursuit
 from anm_mj.evaluation.completion_curve import CompletionCurve
 from anm_mj.ground_truth.ground_truth import GroundTruth
 from anm_mj.ground_truth.reduced_depth import reduce_depth
@@ -27,7 +27,7 @@ from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import TURN_STEP_RAD, Action, MotionResult, Observation, Plan, StopReason, Twist
 
 if TYPE_CHECKING:
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
 PERIOD_S = 0.1
 """Time between two velocities [s]."""

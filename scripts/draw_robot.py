@@ -17,7 +17,7 @@ from anm_mj.sim.make_robot import make_robot
 from anm_mj.types import Pose2
 
 if TYPE_CHECKING:
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
 SEEN_GROUPS = (1, 2)
 """The robot's body and the scene's visible meshes."""

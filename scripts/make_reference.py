@@ -20,7 +20,7 @@ from typing import Any
 from anm_mj.bench.sweep import FIELDS, Sweep
 from anm_mj.cli.main import make_parser
 from anm_mj.config import make_config
-from anm_mj.environments.config import ExploreConfig
+from anm_mj.environments.environment_config import EnvironmentConfig
 from anm_mj.evaluation.metrics import Metrics, RunSummary
 from anm_mj.planning.paths import ShortestPathTree
 from anm_mj.planning.policies.context import PolicyContext
@@ -135,7 +135,7 @@ def reference() -> str:
     parts.append("## Metrics\n\nFields of `metrics.json`; `null` where unknown.\n\n" + _table(_metrics()))
     rows = [(f"`{entry.name}`", _default(entry), texts) for entry, texts in _documented(Sweep) if entry.name in FIELDS]
     parts.append("## Keys of a comparison\n\nOf the TOML file of `anm-mj bench`.\n\n" + _table(rows))
-    rows = [(f"`{entry.name}`", _default(entry), text) for entry, text in _documented(ExploreConfig)]
+    rows = [(f"`{entry.name}`", _default(entry), text) for entry, text in _documented(EnvironmentConfig)]
     parts.append("## Options of an environment\n\n" + _table(rows))
     parts.append("## What a policy is given, and what it returns\n")
     parts += [_section(f"`{one.__name__}`", _summary(one), _plain(one)) for one in (PolicyContext, Plan, Observation)]

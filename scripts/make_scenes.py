@@ -9,16 +9,16 @@ from typing import Annotated, Literal
 
 import tyro
 
-from anm_mj.scene.generation.scene import generate_scene
+from anm_mj.scene.generation.generate_scene import generate_scene
 
-_Style = Literal["apartment", "office"]
-SCENES: dict[str, tuple[int, int, _Style]] = {
+_Kind = Literal["apartment", "office"]
+SCENES: dict[str, tuple[int, int, _Kind]] = {
     "room": (1, 3, "apartment"),
     "flat": (4, 5, "apartment"),
     "office": (10, 4, "office"),
     "residence": (24, 1, "apartment"),
 }
-"""Number of rooms, seed and style of each scene."""
+"""Number of rooms, seed and kind of each scene."""
 
 
 def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = tuple(SCENES), out: Path = Path("scenes")) -> None:

@@ -18,9 +18,9 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from anm_mj.bench.engine import RESULT
-from anm_mj.bench.result import OBSERVABLE, Result, read_result
-from anm_mj.bench.style import style
+from anm_mj.bench.executor import RESULT
+from anm_mj.bench.line_styles import style
+from anm_mj.bench.run_result import OBSERVABLE, Result, read_result
 from anm_mj.errors import AnmError
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.viz.figure_file import save_figure

@@ -20,8 +20,8 @@ from torch import Tensor
 
 from anm_mj.frames import cell_to_world, world_to_cell
 from anm_mj.planning.policies.upen.occupancy_net import CLASSES, VOID, WIDTHS, layer_shapes, predict
-from anm_mj.planning.policies.upen.policy import WEIGHTS, egocentric_crop
-from anm_mj.scene.generation.topdown import topdown
+from anm_mj.planning.policies.upen.upen_policy import WEIGHTS, egocentric_crop
+from anm_mj.scene.generation.building_map import generated_map
 from anm_mj.types import FREE, OCCUPIED, TURN_STEP_RAD, UNKNOWN, Pose2, TopDownMap
 
 NUM_NETWORKS = 4
@@ -78,8 +78,8 @@ def samples(seeds: range, walks: int, seed: int) -> tuple[np.ndarray, np.ndarray
     seen, truth = [], []
     for building in seeds:
         rng = np.random.default_rng([seed, 2, building])
-        style = ("apartment", "office")[int(rng.integers(2))]
-        plan = topdown(int(rng.integers(2, 13)), building, style)
+        kind = ("apartment", "office")[int(rng.integers(2))]
+        plan = generated_map(int(rng.integers(2, 13)), building, kind)
         deep = np.asarray(ndimage.distance_transform_edt(plan.obstacles)) > WALL_CELLS
         state = np.where(plan.obstacles, np.int8(OCCUPIED), np.int8(FREE))
         state[deep] = UNKNOWN

@@ -18,8 +18,8 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from anm_mj.bench.engine import RESULT
-from anm_mj.bench.result import OBSERVABLE, Result, read_result
+from anm_mj.bench.executor import RESULT
+from anm_mj.bench.run_result import OBSERVABLE, Result, read_result
 from anm_mj.cli.script import run_script
 from anm_mj.errors import AnmError
 from anm_mj.io.jsonl import read_jsonl

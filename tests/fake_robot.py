@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
 from anm_mj.events import Decided, Observed, Stepped
 from anm_mj.frames import move_pose
 from anm_mj.types import (

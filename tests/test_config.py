@@ -7,6 +7,7 @@ import pytest
 from anm_mj.config import OPTIONS, ConfigError, RunConfig, make_config, read_config
 from anm_mj.errors import AnmError, PlanError
 from anm_mj.planning.policies.registry import policies
+from anm_mj.robot.robot_presets import preset_config
 
 
 def config_with(*settings, preset="default", **options):
@@ -42,31 +43,13 @@ def test_settings_whose_limits_depend_on_one_another_may_come_in_any_order():
 
 
 @pytest.mark.parametrize(
-    ("policy", "former", "present"),
-    [
-        ("gvg", "planning.tour_depth=6", "policy.tour_depth=6"),
-        ("gvg", "planning.lull_share=0.2", "policy.stagnation_share=0.2"),
-        ("gvg", "planning.lull_gain_m2=3.0", "policy.stagnation_gain_m2=3.0"),
-        ("gvg", "planning.news_m2=2.0", "policy.replan_gain_m2=2.0"),
-        ("gvg", "planning.keep_decisions=4", "policy.max_plan_reuse=4"),
-        ("gvg", "planning.gvg_bootstrap_turns=9", "policy.bootstrap_turns=9"),
-        ("anm-s", "planning.bootstrap_turns=9", "policy.bootstrap_turns=9"),
-        ("anm-s", "planning.target=random", "policy.target=random"),
-        ("anm-s", "planning.gain_range_m=3.0", "policy.seen_well_m=3.0"),
-    ],
-)
-def test_a_former_name_of_a_setting_is_accepted(policy, former, present):
-    assert config_with(former, policy=policy) == config_with(present, policy=policy)
-
-
-@pytest.mark.parametrize(
     ("setting", "said"),
     [
         ("planning.margin=0.1", "did you mean planning.margin_m"),
         ("tour_depht=3", "did you mean policy.tour_depth"),
         ("margin_m=0.1", "did you mean planning.margin_m"),
         ("planing.margin_m=0.1", "did you mean planning.margin_m?"),
-        ("planning.xyz=1", "there are planning.geometry, planning.margin_m, planning.sdf"),
+        ("planning.xyz=1", "there are planning.margin_m, planning.sdf"),
         ("planning=1", "no such setting"),
         ("policy_settings=1", "no such setting"),
         ("planning.margin_m.x=1", "no such setting"),
@@ -119,12 +102,14 @@ def test_a_stored_configuration_without_a_scene_is_refused():
         read_config(values)
 
 
-def test_a_configuration_of_an_older_version_is_read():
-    old = written(config_with(seed=4))
-    del old["policy_settings"]
-    # Settings of all policies stood in one place, under other names.
-    old["planning"] |= {"gvg_bootstrap_turns": 20, "bootstrap_turns": 36, "lull_share": 0.2, "target": "random"}
-    assert read_config(old) == config_with("policy.bootstrap_turns=20", "policy.stagnation_share=0.2", seed=4)
+def test_a_stored_setting_that_is_not_known_is_left_out():
+    stored = written(config_with(seed=4))
+    stored["planning"] |= {"number_of_thumbs": 2}
+    assert read_config(stored) == config_with(seed=4)
+
+
+def test_a_named_robot_brings_its_settings():
+    assert RunConfig("home", robot="stretch3").model == preset_config("stretch3") != RunConfig("home").model
 
 
 def test_the_policys_settings_are_its_defaults_where_none_are_given():

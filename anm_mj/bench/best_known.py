@@ -1,8 +1,8 @@
 """The best that is known to be possible, and an estimate of what is impossible, from each start of a comparison.
 
 The oracle's tours are good, not optimal. What counts as possible is therefore the best of all runs from the same start
-with the same robot: no row beats it. A relaxation (:mod:`anm_mj.evaluation.oracle.upper_bound`) estimates what no tour
-can exceed, so that the optimum lies between the two. Both are known where an oracle has run.
+with the same robot: no row beats it. :mod:`anm_mj.evaluation.oracle.upper_bound` estimates what no tour can exceed, so
+that the optimum lies between the two. Both are known where an oracle has run.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from anm_mj.bench.result import OBSERVABLE, Result, split_settings
+from anm_mj.bench.run_result import OBSERVABLE, Result, split_settings
 from anm_mj.planning.policies.registry import needs_truth
 
 LEVELS = (90, 95, 99)
@@ -24,17 +24,17 @@ BEST = ("auc", "final")
 
 def situation(result: Result) -> tuple[Any, ...]:
     """What runs must share to be compared with one another's tours: all but what only concerns the map."""
-    apparatus = (value for key, value in result.apparatus.items() if key not in ("preset", "goal"))
+    conditions = (value for key, value in result.conditions.items() if key not in ("preset", "goal"))
     robot, _ = split_settings(" ".join(result.job["settings"]))
-    return result.job["scene_name"], result.job["start"], result.budget, *apparatus, *robot
+    return result.job["scene_name"], result.job["start"], result.budget, *conditions, *robot
 
 
 def best_known(results: Sequence[Result]) -> Mapping[tuple[Any, ...], dict[str, Any]]:
     """Bounds of every situation in which an oracle has run.
 
     Returns:
-        By :func:`situation`: ``auc`` and ``final``, the best of any run [%]; ``bound_auc`` and ``bound_final``, of the
-        relaxation [%]; ``bound_exceeded``, the most by which a run is above it at some step [points]; ``auc_by`` and
+        By :func:`situation`: ``auc`` and ``final``, the best of any run [%]; ``bound_auc`` and ``bound_final``, the
+        upper bound [%]; ``bound_exceeded``, the most by which a run is above it at some step [points]; ``auc_by`` and
         ``final_by``, the variants of the best; and ``steps_to_90`` and so on, the fewest of any run, NaN where none
         gets there.
     """
@@ -59,7 +59,7 @@ def _best(group: Sequence[Result]) -> dict[str, Any]:
         steps, most = bounds[0].T
         over = [(run.curve[:, OBSERVABLE] - np.interp(run.curve[:, 0], steps, most)).max() for run in group]
         best["bound_exceeded"] = max(0.0, float(max(over)))
-        # The relaxation sees a sample of poses and of the surface; where a run saw more, it is what the run saw.
+        # The estimate sees a sample of poses and of the surface; where a run saw more, it is what the run saw.
         best["bound_auc"] = max(float(np.trapezoid(most, steps) / budget), best["auc"])
         best["bound_final"] = max(float(most[-1]), best["final"])
     return best

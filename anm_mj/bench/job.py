@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import policy_entry
-from anm_mj.robot.config import DEFAULT_ROBOT
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
 from anm_mj.utils.files import file_name
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ UNTRAINED = (
     "mapping.schedule.iterations=0",
     "mapping.schedule.final_iterations=0",
     "mapping.schedule.keyframe_every=1000000",
-    "planning.geometry=occupancy",
+    "mapping.geometry=occupancy",
 )
 """Settings of a run that trains no map: the occupancy alone says what blocks a path."""
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from anm_mj.bench.best_known import BEST, LEVELS, best_known, situation
-from anm_mj.bench.result import COMPLETION, OBSERVABLE, Result
+from anm_mj.bench.run_result import COMPLETION, OBSERVABLE, Result
 from anm_mj.bench.statistics import restricted_steps
 from anm_mj.io.to_json import to_json
 from anm_mj.utils.files import atomic_write
@@ -33,7 +33,7 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
             "start": job["start"],
             "seed": job["seed"],
             "revision": result.revision,
-            **result.apparatus,
+            **result.conditions,
             "settings": " ".join(job["settings"]),
             "run": result.folder.name,
             "budget": result.budget,
@@ -53,8 +53,8 @@ def tidy_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
         for key in BEST:
             row[f"best_known_{key}"] = best.get(key)
             row[f"best_known_{key}_by"] = best.get(f"{key}_by")
-            row[f"relaxed_{key}"] = best.get(f"bound_{key}")
-        row["relaxed_exceeded_points"] = best.get("bound_exceeded")
+            row[f"upper_bound_{key}"] = best.get(f"bound_{key}")
+        row["upper_bound_exceeded_points"] = best.get("bound_exceeded")
         row["share_of_best_auc"] = 100.0 * row["observable_ratio_auc"] / best.get("auc", np.nan)
         row |= {f"hz_{stage}": hz for stage, hz in stage_hz.items()}
         rows.append(row)

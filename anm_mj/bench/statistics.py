@@ -26,7 +26,7 @@ LEAST_SCENES = 6
 """With fewer scenes there is no interval: all resamples lie between the least and the largest value."""
 TASK = ("scene", "start", "seed", "budget")
 """Columns in which two runs agree that are compared."""
-APPARATUS = ("robot", "drive", "pose", "sensor")
+PLATFORM = ("robot", "drive", "pose", "sensor")
 """Columns in which they also agree where two policies are compared."""
 
 
@@ -77,7 +77,7 @@ def paired_difference(
     first: Sequence[Mapping[str, Any]],
     second: Sequence[Mapping[str, Any]],
     column: str,
-    same: Sequence[str] = (*TASK, *APPARATUS),
+    same: Sequence[str] = (*TASK, *PLATFORM),
 ) -> PairedDifference | None:
     """Difference of a column between the runs of two variants that form pairs.
 

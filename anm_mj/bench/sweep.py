@@ -15,7 +15,7 @@
 Keys outside of a sweep hold for all sweeps; a file without sweeps is one sweep itself. Every run is one scene, one
 policy, one robot, drive, pose and sensor, one start and one seed.
 
-Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench.generated`):
+Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench.generated_scene`):
 
     [[generated]]
     name = "office_a"
@@ -23,7 +23,7 @@ Scenes may be generated, so that everybody has the same ones (:mod:`anm_mj.bench
     seed = 3
     kind = "office"
 
-Those of others are named with where they come from (:mod:`anm_mj.bench.imported`):
+Those of others are named with where they come from (:mod:`anm_mj.bench.imported_scene`):
 
     [[imported]]
     name = "house"
@@ -43,19 +43,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from anm_mj.bench.generated import GeneratedScene, area_budget, provide
-from anm_mj.bench.imported import ImportedScene, find_imported
+from anm_mj.bench.generated_scene import GeneratedScene, area_budget, provide
+from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.job import Job
 from anm_mj.errors import AnmError
-from anm_mj.evaluation.oracle.measure import MEASURES
+from anm_mj.evaluation.oracle.tour_measure import MEASURES
 from anm_mj.planning.policies.context import DEFAULT_GOAL
 from anm_mj.planning.policies.registry import needs_truth
-from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.budget import default_steps
 from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.utils.file_limits import limit
 from anm_mj.utils.files import file_name
-from anm_mj.utils.limits import limit
 from anm_mj.utils.read_file import convert, read_toml
 
 

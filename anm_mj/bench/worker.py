@@ -21,7 +21,7 @@ from anm_mj.planning.policies.registry import needs_truth
 EXPLORE = "anm_mj.bench.worker:explore"
 """Default function that makes a run."""
 BOUND = "upper_bound.csv"
-"""File of an oracle's run: ``step,observable_ratio``, what the relaxation has covered by then [%]."""
+"""File of an oracle's run: ``step,observable_ratio``, the estimated upper bound of what is covered by then [%]."""
 KEPT = (
     "config.json",
     "curve.csv",
@@ -46,15 +46,15 @@ def explore(job: Job, folder: Path) -> None:
     Raises:
         AnmError: The run cannot be made.
     """
-    from anm_mj.bench.hindsight import with_hindsight, write_bound
-    from anm_mj.evaluation.evaluate import add_views
+    from anm_mj.bench.oracle_run import with_warm_start, write_bound
     from anm_mj.evaluation.fixed_views import evaluate_fixed_views
     from anm_mj.evaluation.novel_views import evaluate_novel_views
+    from anm_mj.evaluation.run_evaluation import add_views
     from anm_mj.run import run
 
     config = job.config()
     if needs_truth(job.policy):
-        config = with_hindsight(config, job, folder.parent.parent)
+        config = with_warm_start(config, job, folder.parent.parent)
     # What is for replay and exports would be deleted below.
     config = replace(config, record=replace(config.record, images="none", plans=False, replay_bytes=0))
     made, _ = run(config, out=folder)

@@ -3,13 +3,13 @@
 A checkpoint holds the object graph of the run as plain data (:mod:`anm_mj.checkpoint.encode`,
 :mod:`anm_mj.checkpoint.decode`). To go on, the run is put together from its configuration as at its start, and the
 stored state is laid over it. Nothing in a checkpoint is executed: objects are made without their constructors, and only
-of the classes that :mod:`anm_mj.checkpoint.classes` allows.
+of the classes that :mod:`anm_mj.checkpoint.known_classes` allows.
 
 New state takes part by itself, because every attribute of every object is stored. A class says what is different:
 
 ``REBUILT``
     Names of attributes that a checkpoint leaves out, because the constructor makes them anew: models, renderers,
     caches.
-``checkpoint_state(self)`` and ``restore_state(self, state)``
+``get_state(self)`` and ``set_state(self, state)``
     Further state as plain data, for what lies in attributes that are left out.
 """

@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from anm_mj.checkpoint.classes import KnownClasses, attributes_of, is_enum, name_of
+from anm_mj.checkpoint.known_classes import KnownClasses, attributes_of, is_enum, name_of
 from anm_mj.errors import CheckpointError
 
 MAX_INLINE_BYTES = 256
@@ -136,8 +136,8 @@ class _Encoder:
             name: self._value(value, f"{where}.{name}", None if path is None else f"{path}.{name}")
             for name, value in attributes.items()
         }
-        extra = thing.checkpoint_state() if hasattr(thing, "checkpoint_state") else None
-        return ["object", name_of(kind), path, values, self._value(extra, f"{where}.checkpoint_state()")]
+        extra = thing.get_state() if hasattr(thing, "get_state") else None
+        return ["object", name_of(kind), path, values, self._value(extra, f"{where}.get_state()")]
 
     def _named(self, kind: str, thing: Any, where: str) -> Any:
         self._require(thing.__module__, thing, where)

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from anm_mj.checkpoint.classes import KnownClasses
-from anm_mj.checkpoint.config import CheckpointConfig
+from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
+from anm_mj.checkpoint.checkpoint_file import StoredState, complete_checkpoint, draft_checkpoint, read_checkpoint
 from anm_mj.checkpoint.encode import Graph, encode
-from anm_mj.checkpoint.file import StoredState, complete_checkpoint, draft_checkpoint, read_checkpoint
+from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.errors import CheckpointError, RunFolderError
 from anm_mj.utils.read_file import read_text
 

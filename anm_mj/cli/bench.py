@@ -38,14 +38,14 @@ def add_bench(commands: Any) -> None:
     )
     bench.add_argument("--out", type=place, metavar="DIR", help="folder (default: bench/<name of FILE or suite>)")
     bench.add_argument("--workers", type=int, default=1, metavar="N", help="runs in parallel (default: 1)")
-    bench.add_argument("--engine", default="local", help="local (processes) or ray (a cluster) (default: local)")
+    bench.add_argument("--executor", default="local", help="local (processes) or ray (a cluster) (default: local)")
     bench.set_defaults(command=_bench)
 
 
 def _bench(parsed: argparse.Namespace) -> int:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from anm_mj.bench.bench import run_bench
+    from anm_mj.bench.comparison import run_bench
     from anm_mj.bench.suite import suite_file
     from anm_mj.cli.console import PlainConsole
 
@@ -65,7 +65,7 @@ def _bench(parsed: argparse.Namespace) -> int:
             file,
             out,
             num_workers=parsed.workers,
-            engine=parsed.engine,
+            executor=parsed.executor,
             policies=parsed.policy,
             one_revision=parsed.suite is not None,
             command=["anm-mj", *sys.argv[1:]],

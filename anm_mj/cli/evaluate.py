@@ -17,7 +17,6 @@ def add_evaluate(commands: Any) -> None:
         help="also evaluate the map on views from places the robot never visited, and on the scene's 200 fixed views",
     )
     # Its former name.
-    evaluate.add_argument("--heldout", action="store_true", dest="novel_views", help=argparse.SUPPRESS)
     evaluate.add_argument(
         "--halved-intrinsics",
         action="store_true",
@@ -37,7 +36,7 @@ def _evaluate(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.folder_line import print_folder
     from anm_mj.cli.metrics_table import print_metrics
     from anm_mj.cli.progress import ProgressLine
-    from anm_mj.evaluation.evaluate import completion_with_halved_intrinsics, evaluate_run
+    from anm_mj.evaluation.run_evaluation import completion_with_halved_intrinsics, evaluate_run
 
     console = PlainConsole()
     novel_views, fixed_views = None, None

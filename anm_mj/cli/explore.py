@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from anm_mj.cli.option_types import place, port
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, policies
-from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 
 if TYPE_CHECKING:
     from anm_mj.evaluation.metrics import Metrics
@@ -138,7 +138,7 @@ def add_explore(commands: Any) -> None:
 def _explore(parsed: argparse.Namespace) -> int:
     from anm_mj.config import ConfigError, make_config
     from anm_mj.run import run
-    from anm_mj.scene.importing.on_the_fly import folder_of
+    from anm_mj.scene.importing.import_on_demand import folder_of
     from anm_mj.sim.gl import select_backend
 
     # As with python -m, the modules of the working directory can be imported: a policy of the user's own.

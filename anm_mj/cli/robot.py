@@ -39,7 +39,7 @@ def add_robot(commands: Any) -> None:
 
 def _check(parsed: argparse.Namespace) -> int:
     from anm_mj.config import DEFAULT_PRESET, make_config
-    from anm_mj.robot.presets import robot_path
+    from anm_mj.robot.robot_presets import robot_path
     from anm_mj.sim.gl import select_backend
 
     require_ending(parsed.out, (".png",))

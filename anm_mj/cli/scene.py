@@ -152,7 +152,7 @@ def _scene_generate(parsed: argparse.Namespace) -> int:
     from anm_mj.cli.bar import busy
     from anm_mj.cli.console import PlainConsole
     from anm_mj.scene.folder import remember_folder
-    from anm_mj.scene.generation.scene import generate_scene
+    from anm_mj.scene.generation.generate_scene import generate_scene
 
     with busy(PlainConsole(), "generate"):
         scene = generate_scene(

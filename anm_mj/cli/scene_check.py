@@ -45,7 +45,7 @@ def _scene_check(parsed: argparse.Namespace) -> int:
     require_ending(parsed.out, _ENDINGS)
     scene = load_scene(parsed.scene)
     backend = select_backend()
-    from anm_mj.sim.views import CUT_M, SceneViews
+    from anm_mj.sim.scene_views import CUT_M, SceneViews
     from anm_mj.viz.scene_sheet import VIEWS, write_sheet
 
     console = PlainConsole()

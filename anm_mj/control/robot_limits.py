@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from anm_mj.control.motion import MotionLimits
+from anm_mj.control.action_motion import MotionLimits
 from anm_mj.robot.description import RobotDescription
 
 _GRAVITY_MPS2 = 9.81

@@ -12,7 +12,7 @@ from dm_env import specs
 from gymnasium import spaces
 from jaxtyping import UInt8
 
-from anm_mj.environments.config import require_start
+from anm_mj.environments.environment_config import require_start
 from anm_mj.environments.load import load_environment
 from anm_mj.errors import TaskError
 
@@ -38,7 +38,7 @@ class ExploreEnv(gymnasium.Env[dict[str, Any], Any]):
         Args:
             scene: name from the catalogue, or path of a scene folder; of several, every episode draws one.
             render_mode: with "rgb_array", ``render`` returns the robot's view.
-            **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
+            **options: fields of :class:`~anm_mj.environments.environment_config.EnvironmentConfig`.
 
         Raises:
             SceneError: an unknown scene, or a start at which the robot does not fit.

@@ -10,16 +10,16 @@ from typing import Any
 from dm_control.rl import control
 from dm_env import specs
 
-from anm_mj.environments.config import explore_config
+from anm_mj.environments.environment_config import explore_config
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.task import ExploreTask
 from anm_mj.errors import TaskError
-from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.robot.presets import preset_config, robot_path
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.robot.robot_presets import preset_config, robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.gl import select_backend
 from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from anm_mj.types import Footprint
 
 TASKS = ("explore",)
@@ -60,7 +60,7 @@ def load_environment(
         scene: name from the catalogue, or path of a scene folder; of several, every episode draws one.
         task: one of ``TASKS``.
         seed: of the random starts and the sensor's errors.
-        **options: fields of :class:`~anm_mj.environments.config.ExploreConfig`.
+        **options: fields of :class:`~anm_mj.environments.environment_config.EnvironmentConfig`.
 
     Returns:
         A ``dm_env.Environment``; :class:`~anm_mj.environments.task.ExploreTask` defines observations and rewards. The

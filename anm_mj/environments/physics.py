@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 from dm_control.rl import control
 
-from anm_mj.control.motion import MotionLimits, action_profile
+from anm_mj.control.action_motion import MotionLimits, action_profile
 from anm_mj.environments.actions import CONTROL_S
 from anm_mj.scene.folder import Scene
 from anm_mj.sim.make_robot import make_robot
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Action, ActionResult, MotionResult, Observation, Pose2, Twist
 
 if TYPE_CHECKING:
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
 
 class RobotPhysics(control.Physics):

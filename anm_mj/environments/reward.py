@@ -20,7 +20,7 @@ class Reward:
         """Start an episode.
 
         Args:
-            kind: what counts, as ``ExploreConfig.reward`` says.
+            kind: what counts, as ``EnvironmentConfig.reward`` says.
             local_map: of the episode; ``surface`` needs none.
         """
         self._kind = kind

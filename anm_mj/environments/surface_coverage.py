@@ -12,8 +12,10 @@ import math
 import numpy as np
 from jaxtyping import Float, Float32
 
-from anm_mj.environments.sample_grid import SampleGrid, start_covering
+from anm_mj import _native
+from anm_mj.environments.sample_grid import CELL_M, SampleGrid
 from anm_mj.ground_truth.cache import cached_ground_truth
+from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import back_project_reduced, reduce_depth
 from anm_mj.scene.folder import Scene
@@ -25,18 +27,19 @@ that runs and episodes count the same samples."""
 
 
 class IncrementalCoverage:
-    """Covered samples of a surface since the start of an episode."""
+    """Covered samples of a surface since the start of an episode (``native/sample_cells.h``)."""
 
     def __init__(self, grid: SampleGrid) -> None:
         """Start without coverage of the samples; episodes may share them."""
-        self._num_samples = len(grid.samples)
+        self._grid = grid
         self._num_covered = 0
-        self._covering = start_covering(grid)
+        self._covered = np.zeros(len(grid.samples), np.uint8)
+        self._near = grid.num_near.copy()
 
     @property
     def fraction(self) -> float:
         """Fraction of the samples covered so far, in [0, 1]."""
-        return self._num_covered / self._num_samples
+        return self._num_covered / len(self._covered)
 
     def add(
         self,
@@ -54,9 +57,24 @@ class IncrementalCoverage:
         Returns:
             Fraction of the samples that this frame is the first to cover within 5 cm, in [0, 1].
         """
-        new = self._covering.add(back_project_reduced(reduce_depth(depth_m), intrinsics, T_world_camera))
+        return self.add_points(back_project_reduced(reduce_depth(depth_m), intrinsics, T_world_camera))
+
+    def add_points(self, points: Float[np.ndarray, "m 3"]) -> float:
+        """As :meth:`add`, of the points of a frame, world [m]."""
+        grid = self._grid
+        new = _native.cover_samples(
+            np.ascontiguousarray(points, np.float64),
+            grid.samples,
+            grid.level,
+            grid.column_start,
+            grid.low_m,
+            CELL_M,
+            COVERED_M,
+            self._covered,
+            self._near,
+        )
         self._num_covered += new
-        return new / self._num_samples
+        return new / len(self._covered)
 
 
 def observable_surface(scene: Scene, footprint: Footprint, view: Observation, start: Pose2) -> SampleGrid:

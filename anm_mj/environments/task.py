@@ -13,7 +13,7 @@ from dm_env import specs
 from jaxtyping import Float32
 
 from anm_mj.environments.actions import action_spec, read_action
-from anm_mj.environments.config import REACH_M, ExploreConfig
+from anm_mj.environments.environment_config import REACH_M, EnvironmentConfig
 from anm_mj.environments.local_map import CELLS, MAX_DISTANCE_M, LocalMap
 from anm_mj.environments.physics import RobotPhysics
 from anm_mj.environments.reward import Reward, reward_spec
@@ -47,7 +47,7 @@ class ExploreTask(control.Task):
     STOP or a robot that can drive no more terminates an episode, the number of steps truncates it.
     """
 
-    def __init__(self, scenes: Sequence[Scene], config: ExploreConfig, footprint: Footprint, seed: int) -> None:
+    def __init__(self, scenes: Sequence[Scene], config: EnvironmentConfig, footprint: Footprint, seed: int) -> None:
         """Set up the task.
 
         Args:

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt16
 
 from anm_mj.ground_truth.ground_truth import COVERED_M
-from anm_mj.ground_truth.nearest import nearest_search, spatial_order
+from anm_mj.ground_truth.nearest import NearestSearch, spatial_order
 from anm_mj.ground_truth.reduced_depth import back_project_reduced
 from anm_mj.types import Intrinsics
 
@@ -61,7 +61,7 @@ class Coverage:
     ) -> None:
         exact = samples.astype(np.float64)
         self._order = spatial_order(exact)
-        self._nearest = nearest_search(exact[self._order], num_threads)
+        self._nearest = NearestSearch(exact[self._order], num_threads)
         self._observable = observable
         self._distance_m = np.full(len(samples), np.inf)
         if before_m is not None:
@@ -90,12 +90,12 @@ class Coverage:
         if len(self._pending) >= BATCH_FRAMES:
             self._search()
 
-    def checkpoint_state(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """Distances and frames not searched yet, for a checkpoint."""
         return {"distance_m": self._distance_m, "pending": self._pending}
 
-    def restore_state(self, state: dict[str, Any]) -> None:
-        """Take over what :meth:`checkpoint_state` gave, for the same samples."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`get_state` gave, for the same samples."""
         self._distance_m, self._pending = state["distance_m"], state["pending"]
 
     def completion(self) -> Completion:
@@ -158,7 +158,7 @@ def uncapped_completion_cm(
 def nearest_m(points: Float[np.ndarray, "n 3"], clouds: Iterable[Float[np.ndarray, "m 3"]]) -> Float[np.ndarray, " n"]:
     """Distance of points to the nearest point of any cloud [m]; infinite where there is none."""
     order = spatial_order(points)
-    search = nearest_search(points[order])
+    search = NearestSearch(points[order])
     found_m = np.full(len(points), np.inf)
     remaining = iter(clouds)
     while batch := list(islice(remaining, BATCH_FRAMES)):

@@ -33,12 +33,12 @@ def covered_before(run: Run, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
         RunFolderError: A depth image is missing or damaged.
     """
     coverage = Coverage(truth.samples)
-    for points in _clouds(run):
+    for points in true_clouds(run):
         coverage.add_points(points)
     distance_m = coverage.distance_m
     far = np.flatnonzero(np.isinf(distance_m))
     if len(far):
-        distance_m[far] = nearest_m(truth.samples[far].astype(np.float64), _clouds(run))
+        distance_m[far] = nearest_m(truth.samples[far].astype(np.float64), true_clouds(run))
     if run.folder.covered_before.is_file():
         samples = GroundTruth.load(run.folder.ground_truth).samples
         before_m = read_covered_before(run.folder.covered_before, len(samples))
@@ -50,7 +50,8 @@ def covered_before(run: Run, truth: GroundTruth) -> Float32[np.ndarray, " n"]:
     return distance_m.astype(np.float32)
 
 
-def _clouds(run: Run) -> Iterator[Float[np.ndarray, "n 3"]]:
+def true_clouds(run: Run) -> Iterator[Float[np.ndarray, "n 3"]]:
+    """The depth points of every frame of a run, from its true camera pose, world [m]."""
     for frame in run.frames:
         yield back_project_reduced(run.depth_mm(frame), run.intrinsics, frame.T_true_camera)
 

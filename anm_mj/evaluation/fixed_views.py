@@ -10,27 +10,25 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from jaxtyping import Float64, UInt8, UInt16
 
 from anm_mj.evaluation.novel_views import candidate_poses
+from anm_mj.evaluation.rendered_views import compare_views, write_views
 from anm_mj.evaluation.rerender import explored_scene, observe_at
-from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult, compare_view, mean_quality
+from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.io.read_run import read_run
-from anm_mj.io.to_json import write_json
 from anm_mj.mapping.neural_map import NeuralMap
-from anm_mj.robot.config import DEFAULT_ROBOT
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.types import Intrinsics, Pose2
+from anm_mj.types import Intrinsics, Observation, Pose2
 from anm_mj.utils.files import cache_folder, store_in_cache
 
 NUM_VIEWS = 200
@@ -39,30 +37,15 @@ VIEW_PX = 96
 """Width and height of the views [px]."""
 METHOD = 1
 """Version of the choice of views; a higher one ignores what older versions cached."""
+_ARRAYS = ("pose", "rgb", "depth_mm", "T_world_camera", "camera")
+"""Of a cached file: x [m], y [m], yaw [rad] of the base; colours; planar depth [mm], 0 = none; poses of the camera; fx,
+fy, cx, cy [px]."""
 
 
-@dataclass(frozen=True)
-class FixedViews:
-    """True images of a scene at its fixed views, by the camera of the default robot without errors."""
+def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> list[Observation]:
+    """The fixed views of a scene by the camera of the default robot without errors, kept in the user's cache.
 
-    pose: Float64[np.ndarray, "n 3"]
-    """x [m], y [m] and yaw [rad] of the base."""
-    rgb: UInt8[np.ndarray, "n h w 3"]
-    depth_mm: UInt16[np.ndarray, "n h w"]
-    """Planar depth [mm]; 0 where there is no surface within 65 m."""
-    T_world_camera: Float64[np.ndarray, "n 4 4"]
-    camera: Float64[np.ndarray, "4"]
-    """fx, fy, cx, cy [px]."""
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The camera."""
-        fx, fy, cx, cy = self.camera.tolist()
-        return Intrinsics(self.rgb.shape[2], self.rgb.shape[1], fx, fy, cx, cy)
-
-
-def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> FixedViews:
-    """The fixed views of a scene, rendered once and kept in the user's cache.
+    Planar depth is rounded to millimetres, and NaN where there is no surface within 65 m.
 
     Args:
         scene: The world.
@@ -73,13 +56,19 @@ def fixed_views(scene: Scene, num_views: int = NUM_VIEWS) -> FixedViews:
         RenderError: No GL back-end works.
     """
     path = cache_folder("fixed_views") / f"{_key(scene, num_views)}.npz"
-    kept = _load(path)
-    if kept is None:
-        kept = _rendered(scene, num_views)
+    arrays = _load(path)
+    if arrays is None:
+        arrays = _rendered(scene, num_views)
         content = BytesIO()
-        np.savez_compressed(content, allow_pickle=False, **vars(kept))
+        np.savez_compressed(content, allow_pickle=False, **arrays)
         store_in_cache(path, content.getvalue())
-    return kept
+    pose, rgb, depth_mm, T_world_camera, camera = (arrays[name] for name in _ARRAYS)
+    intrinsics = Intrinsics(rgb.shape[2], rgb.shape[1], *camera.tolist())
+    depth_m = np.where(depth_mm > 0, depth_mm / 1000.0, np.nan).astype(np.float32)
+    return [
+        Observation(k, 0.0, rgb[k], depth_m[k], intrinsics, T_world_camera[k], Pose2(*pose[k].tolist()))
+        for k in range(len(pose))
+    ]
 
 
 def evaluate_fixed_views(
@@ -106,40 +95,28 @@ def evaluate_fixed_views(
     """
     record = read_run(path)
     views = fixed_views(explored_scene(record, scene), num_views)
-    quality = compare_with(NeuralMap.load(record.folder.map, field_is_geometry=False), views, on_progress)
-    poses = [Pose2(*pose) for pose in views.pose.tolist()]
-    mean = mean_quality(quality) if quality else None
-    rows = [{"pose": pose, "quality": found} for pose, found in zip(poses, quality, strict=True)]
-    write_json(path / "fixed_views.json", {"num_views": len(rows), "mean": mean, "views": rows})
-    return ViewsResult(len(rows), mean)
+    neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
+    compared = compare_views(neural_map, views, len(views), on_progress)
+    return write_views(
+        path / "fixed_views.json", [{"pose": view.pose, "quality": quality} for view, _, _, quality in compared]
+    )
 
 
-def compare_with(
-    neural_map: NeuralMap, views: FixedViews, on_progress: Callable[[int, int], None] = lambda done, total: None
-) -> list[ViewQuality]:
-    """Quality of what a map renders at each fixed view."""
-    found = []
-    for rgb, depth_mm, T_world_camera in zip(views.rgb, views.depth_mm, views.T_world_camera, strict=True):
-        true_depth_m = np.where(depth_mm > 0, depth_mm / 1000.0, np.nan).astype(np.float32)
-        found.append(compare_view(*neural_map.render(views.intrinsics, T_world_camera), rgb, true_depth_m))
-        on_progress(len(found), len(views.rgb))
-    return found
-
-
-def _rendered(scene: Scene, num_views: int) -> FixedViews:
-    """The views as the simulator renders them."""
+def _rendered(scene: Scene, num_views: int) -> dict[str, np.ndarray]:
+    """The views as the simulator renders them, and as the cache holds them."""
     poses = list(islice(_poses(scene), num_views))
     seen = list(observe_at(scene, poses, VIEW_PX))
     camera = seen[0].intrinsics
     depth_mm = np.stack([np.nan_to_num(view.depth_m * 1000.0, nan=0.0, posinf=0.0) for view in seen])
     depth_mm[depth_mm > np.iinfo(np.uint16).max] = 0.0
-    return FixedViews(
+    arrays = (
         np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in poses]),
         np.stack([view.rgb for view in seen]),
         np.rint(depth_mm).astype(np.uint16),
         np.stack([view.T_world_camera for view in seen]),
         np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
     )
+    return dict(zip(_ARRAYS, arrays, strict=True))
 
 
 def _poses(scene: Scene) -> Iterator[Pose2]:
@@ -157,10 +134,10 @@ def _key(scene: Scene, num_views: int) -> str:
     return digest.hexdigest()[:32]
 
 
-def _load(path: Path) -> FixedViews | None:
+def _load(path: Path) -> dict[str, np.ndarray] | None:
     """The cached views; None if the file is missing or damaged."""
     try:
         with np.load(path) as data:
-            return FixedViews(**data)
-    except (OSError, ValueError, EOFError, TypeError, BadZipFile):
+            return {name: data[name] for name in _ARRAYS}
+    except (OSError, ValueError, EOFError, KeyError, BadZipFile):
         return None

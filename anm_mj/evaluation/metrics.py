@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import Any
 
 from anm_mj.evaluation.completion import Completion
 from anm_mj.evaluation.completion_curve import CompletionCurve, CurveRow
-from anm_mj.evaluation.mesh import MeshQuality
+from anm_mj.evaluation.mesh_quality import MeshQuality
 from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.ground_truth.ground_truth import GroundTruth
-from anm_mj.io.read_run import read_json
 from anm_mj.types import Action
-
-FORMER_KEYS = {
-    "look_arounds": "full_rotations",
-    "heldout_views": "novel_views",
-    "heldout_psnr_db": "novel_view_psnr_db",
-    "heldout_psnr_known_db": "novel_view_psnr_known_db",
-    "heldout_ssim": "novel_view_ssim",
-    "heldout_depth_l1_cm": "novel_view_depth_l1_cm",
-    "heldout_known_percent": "novel_view_known_percent",
-}
-"""Former keys of ``metrics.json`` and their present names; :func:`read_metrics` translates them."""
-
 
 NOVEL, FIXED = "novel_view", "fixed_view"
 """What the keys of ``metrics.json`` about novel and fixed views begin with."""
+COUNTS = ("steps", "forwards", "turns", "blocked", "full_rotations", "collisions")
+"""Keys of ``metrics.json`` that count steps."""
+_OF_THE_MESH = {
+    "accuracy_cm": "accuracy_cm",
+    "mesh_completion_cm": "completion_cm",
+    "mesh_completion_ratio": "completion_ratio_percent",
+    "mesh_completion_ratio_25mm": "fine_completion_ratio_percent",
+    "f_score": "f_score_percent",
+    "chamfer_cm": "chamfer_cm",
+}
+"""Keys about the mesh and the fields of :class:`~anm_mj.evaluation.mesh_quality.MeshQuality`."""
 
 
 @dataclass(frozen=True)
@@ -53,65 +50,65 @@ class RunSummary:
     """Distance to the start at the end, as the robot believes it; None where it was not to go back [m]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Metrics:
     """Metrics of a run. Fields are None if they could not be measured."""
 
-    completion_ratio: float | None
+    completion_ratio: float | None = None
     """Share of the true surface within 5 cm of a depth point [%] (first metric of the paper)."""
-    completion_cm: float | None
+    completion_cm: float | None = None
     """Mean distance of the true surface to the nearest depth point, capped at 1 m [cm] (second metric of the paper)."""
-    completion_uncapped_cm: float | None
+    completion_uncapped_cm: float | None = None
     """Completion without the cap [cm]; the paper does not say which of the two it prints."""
-    observable_ratio: float | None
+    observable_ratio: float | None = None
     """Completion ratio of the observable surface alone [%]."""
-    observable_share: float | None
+    observable_share: float | None = None
     """Observable share of the true surface [%]."""
-    completion_ratio_before: float | None
+    completion_ratio_before: float | None = None
     """Completion ratio by the runs that this one went on from alone [%]; None for a run that began with nothing."""
-    observable_ratio_before: float | None
+    observable_ratio_before: float | None = None
     """The same of the observable surface [%]."""
-    accuracy_cm: float | None
+    accuracy_cm: float | None = None
     """Mean distance of the reconstructed mesh to the true surface [cm]."""
-    mesh_completion_cm: float | None
+    mesh_completion_cm: float | None = None
     """Mean distance of the true surface to the reconstructed mesh [cm]."""
-    mesh_completion_ratio: float | None
+    mesh_completion_ratio: float | None = None
     """Share of the true surface within 5 cm of the reconstructed mesh [%]."""
-    mesh_completion_ratio_25mm: float | None
+    mesh_completion_ratio_25mm: float | None = None
     """The same within 2.5 cm [%]."""
-    f_score: float | None
+    f_score: float | None = None
     """F-score of the mesh at 5 cm [%]."""
-    chamfer_cm: float | None
+    chamfer_cm: float | None = None
     """Mean of accuracy and mesh completion [cm]."""
-    observed_accuracy_cm: float | None
+    observed_accuracy_cm: float | None = None
     """This and the next five: the mesh metrics, culled to the observed surface."""
-    observed_mesh_completion_cm: float | None
-    observed_mesh_completion_ratio: float | None
-    observed_mesh_completion_ratio_25mm: float | None
-    observed_f_score: float | None
-    observed_chamfer_cm: float | None
-    novel_views: int | None
+    observed_mesh_completion_cm: float | None = None
+    observed_mesh_completion_ratio: float | None = None
+    observed_mesh_completion_ratio_25mm: float | None = None
+    observed_f_score: float | None = None
+    observed_chamfer_cm: float | None = None
+    novel_views: int | None = None
     """Novel views that the map was evaluated on. The next six are means over them."""
-    novel_view_psnr_db: float | None
+    novel_view_psnr_db: float | None = None
     """PSNR over whole images [dB]."""
-    novel_view_psnr_known_db: float | None
+    novel_view_psnr_known_db: float | None = None
     """PSNR over pixels where the map has a surface [dB]."""
-    novel_view_ssim: float | None
+    novel_view_ssim: float | None = None
     """Structural similarity."""
-    novel_view_depth_l1_cm: float | None
+    novel_view_depth_l1_cm: float | None = None
     """Mean absolute error of planar depth over pixels where the map has a surface [cm]."""
-    novel_view_depth_error_cm: float | None
+    novel_view_depth_error_cm: float | None = None
     """The same over all pixels, each capped at 1 m; where the map has no surface it is 1 m [cm]."""
-    novel_view_known_percent: float | None
+    novel_view_known_percent: float | None = None
     """Share of the pixels where the map has a surface [%]."""
-    fixed_views: int | None
+    fixed_views: int | None = None
     """Fixed views that the map was evaluated on. The next six are means over them, as for novel views."""
-    fixed_view_psnr_db: float | None
-    fixed_view_psnr_known_db: float | None
-    fixed_view_ssim: float | None
-    fixed_view_depth_l1_cm: float | None
-    fixed_view_depth_error_cm: float | None
-    fixed_view_known_percent: float | None
+    fixed_view_psnr_db: float | None = None
+    fixed_view_psnr_known_db: float | None = None
+    fixed_view_ssim: float | None = None
+    fixed_view_depth_l1_cm: float | None = None
+    fixed_view_depth_error_cm: float | None = None
+    fixed_view_known_percent: float | None = None
     steps: int
     path_m: float
     """Driven distance [m]."""
@@ -127,14 +124,14 @@ class Metrics:
     """Steps with a collision."""
     stage_hz: dict[str, float]
     """Rate of each stage of the loop, as if it were the only one [steps/s]."""
-    stop_reason: str | None
+    stop_reason: str | None = None
     """This and the next six: see :class:`RunSummary`."""
-    wall_s: float | None
-    hz: float | None
-    evaluation_s: float | None
-    peak_rss_mib: float | None
-    return_steps: int | None
-    return_distance_m: float | None
+    wall_s: float | None = None
+    hz: float | None = None
+    evaluation_s: float | None = None
+    peak_rss_mib: float | None = None
+    return_steps: int | None = None
+    return_distance_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -187,8 +184,7 @@ def summarise(
     truth: GroundTruth,
     mesh: tuple[MeshQuality, MeshQuality | None] | None,
     summary: RunSummary,
-    novel_views: ViewsResult | None = None,
-    fixed_views: ViewsResult | None = None,
+    views: Mapping[str, Any] | None = None,
     before: Completion | None = None,
 ) -> Metrics:
     """Assemble the metrics of a run.
@@ -201,32 +197,22 @@ def summarise(
         truth: The true surface.
         mesh: Quality of the whole mesh, and culled to the observed surface; None without a mesh.
         summary: Facts that only the running program knows.
-        novel_views: Quality of the map on novel views; None if not measured.
-        fixed_views: Quality of the map on the scene's fixed views; None if not measured.
+        views: Quality of the map on novel and fixed views, as :func:`view_metrics` has it; None if not measured.
         before: What the runs before this one had covered; None for a run that began with nothing.
     """
     last = rows[-1] if rows else None
     whole, observed = mesh or (None, None)
     return Metrics(
-        completion_ratio=last.completion_ratio if last else None,
-        completion_cm=last.completion_cm if last else None,
+        **{name: getattr(last, name, None) for name in ("completion_ratio", "completion_cm", "observable_ratio")},
         completion_uncapped_cm=uncapped_cm,
-        observable_ratio=last.observable_ratio if last else None,
         observable_share=None if truth.observable is None else 100.0 * float(truth.observable.mean()),
         completion_ratio_before=before.ratio_percent if before else None,
         observable_ratio_before=before.observable_ratio_percent if before else None,
-        **_mesh_metrics(whole, ""),
-        **_mesh_metrics(observed, "observed_"),
-        **view_metrics(novel_views, NOVEL),
-        **view_metrics(fixed_views, FIXED),
-        steps=statistics.steps,
+        **{name: getattr(whole, field, None) for name, field in _OF_THE_MESH.items()},
+        **{f"observed_{name}": getattr(observed, field, None) for name, field in _OF_THE_MESH.items()},
+        **(views or {}),
         path_m=path_m,
-        forwards=statistics.forwards,
-        turns=statistics.turns,
-        blocked=statistics.blocked,
-        full_rotations=statistics.full_rotations,
-        collisions=statistics.collisions,
-        stage_hz=statistics.stage_hz,
+        **{name: getattr(statistics, name) for name in (*COUNTS, "stage_hz")},
         **vars(summary),
     )
 
@@ -234,54 +220,18 @@ def summarise(
 def pictured(curve: CompletionCurve, statistics: EpisodeStatistics) -> dict[str, Any]:
     """Those of a run's metrics that its pictures name, by the keys of ``metrics.json``."""
     last = curve.rows[-1] if curve.rows else None
-    return {
-        "observable_ratio": last.observable_ratio if last else None,
-        "completion_ratio": last.completion_ratio if last else None,
-        "steps": statistics.steps,
-        "path_m": curve.path_m,
-    }
+    ratios = {name: getattr(last, name, None) for name in ("observable_ratio", "completion_ratio")}
+    return {**ratios, "steps": statistics.steps, "path_m": curve.path_m}
 
 
-def _mesh_metrics(quality: MeshQuality | None, prefix: str) -> dict[str, Any]:
-    return {
-        f"{prefix}accuracy_cm": quality.accuracy_cm if quality else None,
-        f"{prefix}mesh_completion_cm": quality.completion_cm if quality else None,
-        f"{prefix}mesh_completion_ratio": quality.completion_ratio_percent if quality else None,
-        f"{prefix}mesh_completion_ratio_25mm": quality.fine_completion_ratio_percent if quality else None,
-        f"{prefix}f_score": quality.f_score_percent if quality else None,
-        f"{prefix}chamfer_cm": quality.chamfer_cm if quality else None,
-    }
-
-
-def view_metrics(result: ViewsResult | None, prefix: str) -> dict[str, Any]:
+def view_metrics(result: ViewsResult, prefix: str) -> dict[str, Any]:
     """The fields of :class:`Metrics` about views.
 
     Args:
-        result: Quality of the map on them; None if not measured.
+        result: Quality of the map on them.
         prefix: ``NOVEL`` or ``FIXED``.
     """
-    means = vars(result.mean) if result and result.mean else {}
+    means = {} if result.mean is None else vars(result.mean)
     values = {spec.name: means.get(spec.name, math.nan) for spec in fields(ViewQuality)}
-    return {
-        f"{prefix}s": result.num_views if result else None,
-        **{f"{prefix}_{name}": value if math.isfinite(value) else None for name, value in values.items()},
-    }
-
-
-def views_result(metrics: dict[str, Any], prefix: str) -> ViewsResult | None:
-    """The inverse of :func:`view_metrics`."""
-    count = metrics.get(f"{prefix}s")
-    if count is None:
-        return None
-    values = {spec.name: metrics.get(f"{prefix}_{spec.name}") for spec in fields(ViewQuality)}
-    mean = ViewQuality(**{name: math.nan if value is None else value for name, value in values.items()})
-    return ViewsResult(count, mean if count else None)
-
-
-def read_metrics(path: Path) -> dict[str, Any]:
-    """Read ``metrics.json``; former keys become their present names.
-
-    Raises:
-        RunFolderError: The file is missing or damaged.
-    """
-    return {FORMER_KEYS.get(key, key): value for key, value in read_json(path).items()}
+    named = {f"{prefix}_{name}": value if math.isfinite(value) else None for name, value in values.items()}
+    return {f"{prefix}s": result.num_views, **named}

@@ -8,21 +8,21 @@ the same seed; each run is evaluated on the first ones that are novel to it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from itertools import islice, tee
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from PIL import Image
 from scipy.spatial import KDTree
 
+from anm_mj.evaluation.rendered_views import compare_views, write_views
 from anm_mj.evaluation.rerender import explored_scene, observe_at
-from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult, compare_view, mean_quality
+from anm_mj.evaluation.view_quality import ViewsResult
 from anm_mj.frames import back_project
 from anm_mj.ground_truth.reduced_depth import MAX_DEPTH_M
 from anm_mj.io.read_run import Run, read_run
-from anm_mj.io.to_json import write_json
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
@@ -33,7 +33,7 @@ NUM_VIEWS = 8
 """Default number of views."""
 FAR_M = 0.5
 """Novel places are farther than this from the trajectory [m]."""
-MIN_OBSERVED_PERCENT = 50.0
+LEAST_OBSERVED = 50.0
 """Least observed share of a view's surface [%]."""
 MAX_TRIED = 2000
 """Most candidate poses tried."""
@@ -41,16 +41,6 @@ SHOWN = 4
 """Views in the picture: true and rendered colour, true and rendered depth."""
 SHOWN_DEPTH_M = 6.0
 """Depth drawn black [m]."""
-
-
-@dataclass(frozen=True)
-class NovelView:
-    """One novel view."""
-
-    pose: Pose2
-    observed_percent: float
-    """Share of the true surface in view, within the sensor's range, that the run observed [%]."""
-    quality: ViewQuality
 
 
 def evaluate_novel_views(
@@ -80,18 +70,17 @@ def evaluate_novel_views(
     record = read_run(path)
     world = explored_scene(record, scene)
     # What was observed is a matter of depth alone, or the quality of a map would decide on which views it is evaluated.
-    neural_map = NeuralMap.load(record.folder.map, field_is_geometry=False)
-    found, pictures = list[NovelView](), []
-    for pose, seen, observed in islice(_observed_views(record, world, neural_map.occupancy, seed), views):
-        rgb, depth_m = neural_map.render(seen.intrinsics, seen.T_world_camera)
-        found.append(NovelView(pose, observed, compare_view(rgb, depth_m, seen.rgb, seen.depth_m)))
-        on_progress(len(found), views)
-        pictures.append(np.concatenate([seen.rgb, rgb, _depth_picture(seen.depth_m), _depth_picture(depth_m)], axis=1))
-    mean = mean_quality([view.quality for view in found]) if found else None
-    write_json(path / "novel_views.json", {"num_views": len(found), "seed": seed, "mean": mean, "views": found})
+    neural_map = NeuralMap.load(record.folder.map, geometry="occupancy")
+    grid = neural_map.occupancy_grid()
+    observed = (view for view in _novel_views(record, world, seed) if _observed_percent(grid, view) >= LEAST_OBSERVED)
+    rows, pictures = list[dict[str, Any]](), []
+    for view, rgb, depth_m, quality in compare_views(neural_map, islice(observed, views), views, on_progress):
+        rows.append({"pose": view.pose, "observed_percent": _observed_percent(grid, view), "quality": quality})
+        pictures.append(np.concatenate([view.rgb, rgb, _depth_picture(view.depth_m), _depth_picture(depth_m)], axis=1))
+    result = write_views(path / "novel_views.json", rows, seed=seed)
     if pictures:
         Image.fromarray(np.concatenate(pictures[:SHOWN])).save(path / "novel_views.png")
-    return ViewsResult(len(found), mean)
+    return result
 
 
 def candidate_poses(places_m: Float[np.ndarray, "n 2"], seed: int) -> list[Pose2]:
@@ -110,20 +99,14 @@ def novel_places(
     return places_m[KDTree(trajectory_m).query(places_m)[0] > distance_m]
 
 
-def _observed_views(
-    record: Run, world: Scene, grid: VoxelGrid, seed: int
-) -> Iterator[tuple[Pose2, Observation, float]]:
-    """Novel poses, the simulator's view there, and the observed share of the view's surface [%]."""
+def _novel_views(record: Run, world: Scene, seed: int) -> Iterator[Observation]:
+    """The simulator's views at novel poses that are clear of obstacles."""
     trajectory = np.array([frame.true_pose.xy_m for frame in record.frames])
     places = scene_area(world, FOOTPRINT).places(1)
     novel = {tuple(place) for place in novel_places(places, trajectory, FAR_M).tolist()}
     tried = (pose for pose in candidate_poses(places, seed) if (pose.x_m, pose.y_m) in novel)
     clear = (pose for pose in islice(tried, MAX_TRIED) if is_clear(world, pose, FOOTPRINT))
-    poses, to_render = tee(clear)
-    for seen, pose in zip(observe_at(world, to_render, record.intrinsics.width, record), poses, strict=True):
-        observed = _observed_percent(grid, seen)
-        if observed >= MIN_OBSERVED_PERCENT:
-            yield pose, seen, observed
+    return observe_at(world, clear, record.intrinsics.width, record)
 
 
 def _observed_percent(grid: VoxelGrid, seen: Observation) -> float:

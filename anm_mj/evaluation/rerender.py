@@ -9,9 +9,11 @@ from typing import Any, TypeVar
 from anm_mj.errors import RunFolderError
 from anm_mj.io.read_run import Run
 from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_presets import preset_config
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import Observation, Pose2
 from anm_mj.utils.settings import of_type
 
@@ -43,7 +45,7 @@ def explored_scene(record: Run, scene: str | None = None) -> Scene:
 
 
 def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run | None = None) -> Iterator[Observation]:
-    """The simulated robot's view at each pose, obstacles or not; the observation's step is the pose's index.
+    """The simulated robot's view at each pose, obstacles or not, with that pose and its index as the step.
 
     Args:
         world: The scene.
@@ -59,16 +61,16 @@ def observe_at(world: Scene, poses: Iterable[Pose2], image_px: int, record: Run 
     camera = _of_config(CameraConfig, config.get("camera", {}))
     if record is not None:
         camera = replace(camera, width_px=record.intrinsics.width, height_px=record.intrinsics.height)
-    model = _of_config(RobotConfig, config["model"]) if "model" in config else None
-    name = config.get("robot", DEFAULT_ROBOT)
-    with make_robot(world, image_px=image_px, robot=name, config=model, camera=camera) as robot:
+    name = config.get("robot", SimulationConfig.robot)
+    model = _of_config(RobotConfig, config["model"]) if "model" in config else preset_config(name)
+    with make_robot(world, image_px=image_px, robot=name, model=model, camera=camera) as robot:
         # Imports mujoco, and make_robot chooses the GL back-end before that.
         from anm_mj.robot.base_joints import SimulatedBase
 
         base = SimulatedBase(robot.model, robot.data, ROBOT_PREFIX)
         for step, pose in enumerate(poses):
             base.place(pose)
-            yield replace(robot.observe(), step=step)
+            yield replace(robot.observe(), step=step, pose=pose)
 
 
 def _of_config(kind: type[T], values: Mapping[str, Any]) -> T:

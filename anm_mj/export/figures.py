@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from anm_mj.evaluation.metrics import read_metrics
 from anm_mj.export.floor_plan import survey_of
 from anm_mj.io.curve_file import read_curve
-from anm_mj.io.read_run import Run
+from anm_mj.io.read_run import Run, read_json
 from anm_mj.io.run_title import titled
 from anm_mj.io.write import writing
 from anm_mj.viz.figure_file import KINDS
@@ -24,7 +23,7 @@ def export_figures(run: Run, out: Path) -> list[Path]:
     """
     survey = survey_of(run)
     assert survey.topdown is not None
-    title = titled(run.folder, read_metrics(run.folder.metrics) if run.folder.metrics.is_file() else {})
+    title = titled(run.folder, read_json(run.folder.metrics) if run.folder.metrics.is_file() else {})
     targets = [plan["target_xy_m"] for plan in run.plans if plan.get("target_xy_m") is not None]
     with writing(out):
         written = draw_topdown(

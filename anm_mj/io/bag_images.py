@@ -13,7 +13,7 @@ from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.image import require_depth
 from anm_mj.utils.picture import read_picture
 
-DEPTH_TYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+_DEPTH_TYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 COLOUR_CHANNELS = {
     "rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0), "8UC3": (2, 1, 0),
     "mono8": (0, 0, 0), "8UC1": (0, 0, 0),
@@ -32,8 +32,8 @@ def encoding_of(message: Any) -> str:
     if encoding is None:
         # A 16-bit image is packed into a PNG without the header of compressedDepth, too.
         encoding = message.format.partition(";")[0].strip()
-        return "depth" if "compressedDepth" in message.format or encoding in DEPTH_TYPES else "colour"
-    if encoding in DEPTH_TYPES:
+        return "depth" if "compressedDepth" in message.format or encoding in _DEPTH_TYPES else "colour"
+    if encoding in _DEPTH_TYPES:
         return "depth"
     return "colour" if encoding in COLOUR_CHANNELS else encoding
 
@@ -67,10 +67,10 @@ def depth_image(message: Any, unit_m: float) -> Float32[np.ndarray, "h w"]:
     """
     if not hasattr(message, "encoding"):
         depth_m = _compressed_depth(message, unit_m)
-    elif message.encoding not in DEPTH_TYPES:
+    elif message.encoding not in _DEPTH_TYPES:
         raise ValueError(f"{_encoding(message)} is no depth")
     else:
-        raw = _rows(message, DEPTH_TYPES[message.encoding], 1)[..., 0]
+        raw = _rows(message, _DEPTH_TYPES[message.encoding], 1)[..., 0]
         # Any bits may stand for a float, also those that warn.
         with np.errstate(invalid="ignore"):
             depth_m = raw.astype(np.float32) * np.float32(1.0 if message.encoding == "32FC1" else unit_m)

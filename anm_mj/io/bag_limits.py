@@ -50,11 +50,6 @@ def limit_rosbags() -> None:
 
 
 def _unpacked(decompressor_of: Callable[[], Any], data: bytes) -> bytes:
-    """The content of compressed data, of one frame or of several.
-
-    Raises:
-        ValueError: it is more than ``MAX_PART_BYTES``, or is cut off.
-    """
     parts, left, rest = [], MAX_PART_BYTES, data
     while rest:
         decompressor = decompressor_of()
@@ -84,11 +79,6 @@ class _LimitedFile:
         self._limit = self._left = max(MAX_RATIO * size, MAX_PART_BYTES)
 
     def read(self, count: int) -> bytes:
-        """Some of the content.
-
-        Raises:
-            ValueError: it is more than is allowed.
-        """
         content = self._file.read(count)
         self._left -= len(content)
         if self._left < 0:

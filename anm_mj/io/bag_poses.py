@@ -10,7 +10,9 @@ import numpy as np
 from jaxtyping import Float, Int64
 from scipy.spatial.transform import Rotation
 
+from anm_mj.frames import rigid_transform
 from anm_mj.io.camera_checks import FARTHEST_M
+from anm_mj.io.sequence import tum_matrix
 
 GAP_S = 0.5
 """Between poses that lie farther apart, and so long before the first and after the last, nothing is known [s]."""
@@ -51,7 +53,7 @@ class Track:
             return None
         if self.static:
             first = int(order.min())
-            return _matrix(self.xyz_m[first], Rotation.from_quat(self.quaternions[first]))
+            return tum_matrix(self.xyz_m[first], self.quaternions[first])
         after = int(np.searchsorted(times, time_s))
         low, high = max(after - 1, 0), min(after, len(times) - 1)
         if max(times[low] - time_s, time_s - times[high], times[high] - times[low]) > GAP_S:
@@ -61,10 +63,10 @@ class Track:
         span = times[high] - times[low]
         share = float(np.clip((time_s - times[low]) / span, 0.0, 1.0)) if span > 0.0 else 0.0
         turned = rotations[0] * Rotation.from_rotvec(share * (rotations[0].inv() * rotations[1]).as_rotvec())
-        return _matrix(low_xyz + share * (high_xyz - low_xyz), turned)
+        return rigid_transform(turned.as_matrix().ravel(), low_xyz + share * (high_xyz - low_xyz))
 
     def _usable(self) -> Int64[np.ndarray, " n"]:
-        """Indices of the poses that are some, in the order of their times; a warning counts the others."""
+        """Indices of the valid poses in the order of their times; a warning counts the others."""
         xyz = np.array(self.xyz_m).reshape(-1, 3)
         with np.errstate(over="ignore"):
             lengths = np.linalg.norm(np.array(self.quaternions).reshape(-1, 4), axis=1)
@@ -140,9 +142,3 @@ class FrameTree:
                 raise ValueError(f"the frame '{frame}' stands in several: {', '.join(map(repr, parents))}")
             frame = parents[0]
         raise ValueError(f"the frames go round in a circle: '{frame}' stands in itself")
-
-
-def _matrix(xyz_m: Float[np.ndarray, "3"], rotation: Rotation) -> Float[np.ndarray, "4 4"]:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotation.as_matrix(), xyz_m
-    return T

@@ -16,8 +16,8 @@ from jaxtyping import Float
 from anm_mj.errors import RunFolderError
 from anm_mj.io.write import writing
 from anm_mj.types import Plan, Region, TopDownMap, VoronoiGraph
+from anm_mj.utils.file_limits import MAX_CELLS
 from anm_mj.utils.files import atomic_write
-from anm_mj.utils.limits import MAX_CELLS
 from anm_mj.utils.read_file import array_of, read_npz
 
 _FINEST_M, _COARSEST_M = 1e-4, 100.0

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import logging
 import os
-import struct
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -23,26 +22,24 @@ from anm_mj.errors import RunFolderError
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_limits import limit_rosbags
 from anm_mj.io.bag_poses import FrameTree, Track
-from anm_mj.io.sequence import Frame, Sequence, require_count, say_left_out
+from anm_mj.io.bag_reader import BagReader, Stamp
+from anm_mj.io.sequence import MATCH_S, Frame, Sequence, nearest_index, say_left_out
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import open_regular
 
-MATCH_S = 0.02
-"""A colour and a depth image belong together up to this difference of their times [s]."""
-IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-CALIBRATION = "sensor_msgs/msg/CameraInfo"
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-POSES = (
+_IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+_CALIBRATION = "sensor_msgs/msg/CameraInfo"
+_TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_POSES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/TransformStamped",
 )
-ROLES = ("colour", "depth", "camera", "pose")
+_ROLES = ("colour", "depth", "camera", "pose")
 """What a topic can be named for."""
-TF = "tf"
+_TF = "tf"
 """Stands for the tree of frames where a topic of poses is named."""
-MM = 0.001
 
 _logger = logging.getLogger(__name__)
 
@@ -76,9 +73,9 @@ def read_recording(
     except ImportError as err:
         raise RunFolderError("Bags need the package rosbags: pip install 'anm-mj[ros]'.") from err
     limit_rosbags()
-    unknown = [role for role in topics if role not in ROLES]
+    unknown = [role for role in topics if role not in _ROLES]
     if unknown:
-        raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(ROLES)}.")
+        raise RunFolderError(f"There is no role '{unknown[0]}' of a topic; choose from {', '.join(_ROLES)}.")
     try:
         # The package would wait for a FIFO.
         for file in sorted(path.iterdir()) if path.is_dir() else (path,):
@@ -86,7 +83,7 @@ def read_recording(
                 open_regular(file).close()
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
-        bag = _Bag(path, reader, topics, depth_unit_m or MM, camera)
+        bag = _Bag(path, reader, topics, depth_unit_m or 0.001, camera)
         # The images are read later; the file is closed with the last of them.
         weakref.finalize(bag, reader.close)
         return bag.sequence()
@@ -97,30 +94,18 @@ def read_recording(
         raise RunFolderError(f"{path} cannot be read as a recording ({str(err) or type(err).__name__}).") from err
 
 
-class _Stamp(NamedTuple):
-    """Where a message lies in time."""
-
-    time_s: float
-    """When it was made, as its header has it [s]."""
-    at_ns: int
-    """When it was recorded [ns]."""
-
-
 @dataclass(eq=False)
-class _Bag:
-    """A bag that is open."""
+class _Bag(BagReader):
+    """Finds camera, images and poses in an open bag."""
 
-    path: Path
-    reader: Any
-    topics: Mapping[str, str]
     depth_unit_m: float
     camera: tuple[float, float, float, float] | None
 
     def sequence(self) -> Sequence:
         """The frames of the bag; it stays open for their images."""
         colour, depth = self._image_topic("colour"), self._image_topic("depth")
-        depths, camera_frame = self._stamps(depth)
-        colours, colour_frame = self._stamps(colour)
+        depths, camera_frame = self.stamps(depth)
+        colours, colour_frame = self.stamps(colour)
         if colour_frame != camera_frame:
             _logger.warning(
                 "%s: depth is of the frame '%s' and colour of '%s'; their pixels are taken for the same ones, as of "
@@ -142,53 +127,32 @@ class _Bag:
                 frames.append(
                     Frame(
                         depth_stamp.time_s - pairs[0][0].time_s,
-                        self._later(colour, colour_stamp, colour_image),
-                        self._later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
+                        self.later(colour, colour_stamp, colour_image),
+                        self.later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
                         T,
                     )
                 )
         say_left_out(self.path, len(frames), len(pairs), "no pose of the camera is known at their time")
         return Sequence(self.path, intrinsics, self.depth_unit_m, tuple(frames), resize=True)
 
-    def _of_type(self, *types: str) -> list[str]:
-        return sorted({one.topic for one in self.reader.connections if one.msgtype in types and one.msgcount > 0})
-
     def _image_topic(self, role: str) -> str:
         """The topic of colour or depth: the one that was named, or the only one whose first image is of that kind."""
-        fit = [topic for topic in self._of_type(*IMAGES) if encoding_of(self._first(topic)) == role]
-        return self._chosen(role, fit, _raw_first(fit))
-
-    def _chosen(self, role: str, fit: list[str], preferred: list[str]) -> str:
-        named = self.topics.get(role)
-        if named is not None:
-            if named not in fit:
-                there = ", ".join(fit) or f"none of {self._all_topics()}"
-                raise RunFolderError(f"{self.path} has no topic '{named}' for {role}; {role} could be {there}.")
-            return named
-        if len(preferred) == 1:
-            return preferred[0]
-        if not fit:
-            raise RunFolderError(f"{self.path} has no topic for {role}; its topics are {self._all_topics()}.")
-        raise RunFolderError(
-            f"{self.path} has several topics for {role} ({', '.join(fit)}); name one, as in --topic {role}={fit[0]}."
-        )
-
-    def _all_topics(self) -> str:
-        return ", ".join(sorted({f"{one.topic} ({one.msgtype})" for one in self.reader.connections})) or "none"
+        fit = [topic for topic in self.of_type(*_IMAGES) if encoding_of(self.first(topic)) == role]
+        return self.chosen(role, fit, _raw_first(fit))
 
     def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> Intrinsics:
         """As the user says; else of the calibration beside the depth, or of the only one that has its frame."""
         if self.camera is not None:
-            rows, cols = colour_image(self._first(colour)).shape[:2]
+            rows, cols = colour_image(self.first(colour)).shape[:2]
             return Intrinsics(cols, rows, *self.camera)
-        there = self._of_type(CALIBRATION)
+        there = self.of_type(_CALIBRATION)
         beside = [
             topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in _folders(images)
         ]
-        same = [topic for topic in there if self._first(topic).header.frame_id == camera_frame]
-        topic = self._chosen("camera", there, beside[:1] or same)
-        found = self._first(topic)
-        if len({_content(raw, ros2=self.reader.is2) for _, _, raw in self._raw(topic)}) > 1:
+        same = [topic for topic in there if self.first(topic).header.frame_id == camera_frame]
+        topic = self.chosen("camera", there, beside[:1] or same)
+        found = self.first(topic)
+        if self.changes(topic):
             raise RunFolderError(
                 f"{topic} in {self.path} changes in the course of the bag, but a sequence has one camera; give it by "
                 "--camera FX,FY,CX,CY."
@@ -214,19 +178,19 @@ class _Bag:
     def _poses(self, camera_frame: str) -> Callable[[float], Float[np.ndarray, "4 4"] | None]:
         """Where the camera was at a time: from tf where it leads there, else from the only topic of poses."""
         tree = self._tree()
-        fit = self._of_type(*POSES)
+        fit = self.of_type(*_POSES)
         named = self.topics.get("pose")
         try:
-            moving = named in (None, TF) and tree.moves(camera_frame)
+            moving = named in (None, _TF) and tree.moves(camera_frame)
             if moving:
                 root = tree.chain(camera_frame)[-1]
                 return lambda time_s: tree.pose(camera_frame, root, time_s)
-            if named == TF or (named is None and not fit and tree.parents):
+            if named == _TF or (named is None and not fit and tree.parents):
                 raise RunFolderError(
                     f"The frames in {self.path} say nothing about how '{camera_frame}' moves; record /tf and "
                     "/tf_static, or poses of the camera."
                 )
-            topic = self._chosen("pose", fit, fit)
+            topic = self.chosen("pose", fit, fit)
             track, moved = self._track(topic)
             if moved is None:
                 return track.at
@@ -251,8 +215,8 @@ class _Bag:
 
     def _tree(self) -> FrameTree:
         tree = FrameTree()
-        for topic in self._of_type(*TRANSFORMS):
-            for _, message in self._messages(topic):
+        for topic in self.of_type(*_TRANSFORMS):
+            for message in self.messages(topic):
                 for one in message.transforms:
                     xyz, quaternion = _vector(one.transform.translation), _quaternion(one.transform.rotation)
                     parent, child = one.header.frame_id, one.child_frame_id
@@ -265,7 +229,7 @@ class _Bag:
         Raises ValueError where there are several.
         """
         track, moved = Track(topic), set()
-        for _, message in self._messages(topic):
+        for message in self.messages(topic):
             if hasattr(message, "transform"):
                 xyz, quaternion = message.transform.translation, message.transform.rotation
             else:
@@ -280,53 +244,6 @@ class _Bag:
             raise ValueError(f"{topic} does not say of which frame it tells")
         return track, frame or None
 
-    def _connections(self, topic: str) -> list[Any]:
-        return [one for one in self.reader.connections if one.topic == topic]
-
-    def _raw(self, topic: str) -> Any:
-        return self.reader.messages(self._connections(topic))
-
-    def _messages(self, topic: str) -> Any:
-        for connection, at_ns, raw in self._raw(topic):
-            yield at_ns, self.reader.deserialize(raw, connection.msgtype)
-
-    def _first(self, topic: str) -> Any:
-        for _, message in self._messages(topic):
-            return message
-        raise RunFolderError(f"{self.path} holds no message of {topic}, although it says so; record it again.")
-
-    def _stamps(self, topic: str) -> tuple[list[_Stamp], str]:
-        """When each message was made, in order, and the frame of all; without decoding its image."""
-        stamps, frames = [], set()
-        for _, at_ns, raw in self._raw(topic):
-            time_s, frame = _header(raw, ros2=self.reader.is2)
-            stamps.append(_Stamp(time_s, at_ns))
-            frames.add(frame)
-            require_count(len(stamps))
-        if len(frames) > 1:
-            raise RunFolderError(
-                f"Images of {topic} in {self.path} are of several frames ({', '.join(sorted(map(repr, frames)))}); a "
-                "sequence has one camera."
-            )
-        return sorted(stamps), frames.pop() if frames else ""
-
-    def _later(self, topic: str, stamp: _Stamp, decode: Callable[[Any], Any]) -> Callable[[], Any]:
-        """What reads an image when it is asked for."""
-
-        def read() -> Any:
-            at_ns = stamp.at_ns
-            try:
-                for connection, _, raw in self.reader.messages(self._connections(topic), at_ns, at_ns + 1):
-                    # Several may have been recorded at one time.
-                    if _header(raw, ros2=self.reader.is2)[0] == stamp.time_s:
-                        return decode(self.reader.deserialize(raw, connection.msgtype))
-            except Exception as err:
-                # Readers raise whatever the damaged bytes lead them to.
-                raise RunFolderError(f"An image of {topic} in {self.path} cannot be read ({err}).") from err
-            raise RunFolderError(f"An image of {topic} in {self.path} is gone.")
-
-        return read
-
 
 def _raw_first(topics: list[str]) -> list[str]:
     """Without the compressed twins of raw images: ``.../image_raw`` and ``.../image_raw/compressed`` are the same."""
@@ -334,35 +251,15 @@ def _raw_first(topics: list[str]) -> list[str]:
 
 
 def _folders(topic: str) -> tuple[str, ...]:
-    """Namespaces where the calibration of an image may stand."""
     parent = topic.rpartition("/")[0]
     return (parent, parent.rpartition("/")[0]) if "ompressed" in topic else (parent,)
 
 
-def _pairs(depth: list[_Stamp], colour: list[_Stamp]) -> list[tuple[_Stamp, _Stamp]]:
+def _pairs(depth: list[Stamp], colour: list[Stamp]) -> list[tuple[Stamp, Stamp]]:
     """Each depth image with the colour image that is nearest in time; both lists are in order."""
-    times = np.array([stamp.time_s for stamp in colour])
-    found = []
-    for stamp in depth:
-        after = int(np.searchsorted(times, stamp.time_s))
-        near = range(max(after - 1, 0), min(after + 1, len(times)))
-        nearest = min(near, key=lambda k: abs(times[k] - stamp.time_s), default=None)
-        if nearest is not None and abs(times[nearest] - stamp.time_s) <= MATCH_S:
-            found.append((stamp, colour[nearest]))
-    return found
-
-
-def _header(raw: bytes, *, ros2: bool) -> tuple[float, str]:
-    """Time of a message that begins with a header [s], and its frame."""
-    # ROS 2: four bytes say how the rest is laid out; the lowest bit of the second: little-endian. ROS 1: a number.
-    order = "<" if not ros2 or raw[1] & 1 else ">"
-    sec, nanosec, length = struct.unpack_from(f"{order}{'i' if ros2 else 'I'}II", raw, 4)
-    return sec + nanosec * 1e-9, bytes(raw[16 : 16 + length]).rstrip(b"\0").decode(errors="replace")
-
-
-def _content(raw: bytes, *, ros2: bool) -> bytes:
-    """A message without its number and its time."""
-    return (bytes(raw[:4]) if ros2 else b"") + bytes(raw[12:])
+    times_s = [stamp.time_s for stamp in colour]
+    nearest = ((stamp, nearest_index(times_s, stamp.time_s)) for stamp in depth)
+    return [(stamp, colour[index]) for stamp, index in nearest if index is not None]
 
 
 def _time_s(header: Any) -> float:

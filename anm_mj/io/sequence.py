@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import RunFolderError
+from anm_mj.frames import rigid_transform
 from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.image import read_image
 from anm_mj.io.run_folder import empty_folder
@@ -31,25 +33,26 @@ from anm_mj.io.run_shapes import IntrinsicsShape
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.types import Intrinsics, Observation, Pose2
-from anm_mj.utils.limits import limit
-from anm_mj.utils.read_file import convert, read_json, read_npy, read_table
+from anm_mj.utils.file_limits import limit
+from anm_mj.utils.read_file import convert, is_below, read_json, read_npy, read_table
 
 _logger = logging.getLogger(__name__)
 
-DEPTH_UNIT_M = 0.001
+MATCH_S = 0.02
+"""Images and poses with times of their own belong together up to this difference [s]."""
+FRAME_S = 1.0 / 30.0
+"""From one frame to the next, where a layout states no times [s]."""
+_DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
-MAX_FRAMES = limit("ANM_MJ_MAX_FRAMES", 200_000)
-"""Most frames of a sequence."""
-
-
-MOST_STRETCHED = 0.03
-"""Images are so much wider or narrower than the camera's at most, as a share of their height."""
+_MAX_FRAMES = limit("ANM_MJ_MAX_FRAMES", 200_000)
+_MOST_STRETCHED = 0.03
+"""Largest logarithm of the ratio between the aspects of an image and of the camera."""
 
 
 class _CameraShape(IntrinsicsShape):
     """``camera.json``."""
 
-    depth_unit_m: float = DEPTH_UNIT_M
+    depth_unit_m: float = _DEPTH_UNIT_M
 
 
 @dataclass(frozen=True)
@@ -81,11 +84,6 @@ class Sequence:
 
     def __len__(self) -> int:
         return len(self.frames)
-
-    @property
-    def time_s(self) -> tuple[float, ...]:
-        """Time of each frame [s]."""
-        return tuple(frame.time_s for frame in self.frames)
 
     def observations(self) -> Iterator[Observation]:
         """The frames in order; the frame number is the step of the observation.
@@ -123,7 +121,7 @@ class Sequence:
         if self.keeps_corner_pixels:
             return
         for rows, cols in shapes:
-            if not (rows and cols) or abs(math.log(cols * camera.height / (rows * camera.width))) > MOST_STRETCHED:
+            if not (rows and cols) or abs(math.log(cols * camera.height / (rows * camera.width))) > _MOST_STRETCHED:
                 raise RunFolderError(
                     f"Frame {step} of {self.path} has an image of {cols} x {rows} pixels, which is none of a camera of "
                     f"{camera.width} x {camera.height}; give the true camera, or cut the images alike."
@@ -187,9 +185,9 @@ def read_sequence(path: Path) -> Sequence:
         depth = exact if exact.is_file() else exact.with_suffix(".png")
         colour = path / "rgb" / f"{step:06d}.png"
         frames.append(Frame(float(line[0]), colour, depth, tum_matrix(line[1:4], line[4:8])))
-    camera_facts = asdict_of(camera)
-    unit = camera_facts.pop("depth_unit_m")
-    return Sequence(path, Intrinsics(**camera_facts), unit, tuple(frames))
+    facts = asdict_of(camera)
+    unit = facts.pop("depth_unit_m")
+    return Sequence(path, Intrinsics(**facts), unit, tuple(frames))
 
 
 class SequenceWriter:
@@ -217,9 +215,9 @@ class SequenceWriter:
             RunFolderError: a file cannot be written.
         """
         if not self._frames:
-            write_json(self._path / "camera.json", {**asdict(observation.intrinsics), "depth_unit_m": DEPTH_UNIT_M})
+            write_json(self._path / "camera.json", {**asdict(observation.intrinsics), "depth_unit_m": _DEPTH_UNIT_M})
         name = f"{self._frames:06d}.png"
-        steps = np.nan_to_num(observation.depth_m / DEPTH_UNIT_M, nan=0.0)
+        steps = np.nan_to_num(observation.depth_m / _DEPTH_UNIT_M, nan=0.0)
         depth = np.where(steps > np.iinfo(np.uint16).max, 0.0, np.round(steps)).astype(np.uint16)
         with writing(self._path):
             Image.fromarray(depth).save(self._path / "depth" / name, compress_level=1)
@@ -235,10 +233,18 @@ def say_left_out(folder: Path, kept: int, listed: int, why: str) -> None:
         _logger.warning("%s: %d of %d frames are left out, because %s.", folder, listed - kept, listed, why)
 
 
+def require_below(folder: Path, frames: Iterable[Frame]) -> None:
+    """Raises RunFolderError where an image lies outside of a sequence's folder."""
+    for frame in frames:
+        for file in (frame.colour, frame.depth):
+            if isinstance(file, Path) and not is_below(file, folder):
+                raise RunFolderError(f"{folder} names {file}, which lies outside of it; copy the image there.")
+
+
 def require_count(frames: int) -> None:
     """Raises ValueError where a sequence has more frames than are read."""
-    if frames > MAX_FRAMES:
-        raise ValueError(f"its {frames} frames are more than {MAX_FRAMES}; set ANM_MJ_MAX_FRAMES if there should be")
+    if frames > _MAX_FRAMES:
+        raise ValueError(f"its {frames} frames are more than {_MAX_FRAMES}; set ANM_MJ_MAX_FRAMES if there should be")
 
 
 def base_pose(T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
@@ -255,7 +261,18 @@ def _tum_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
 
 def tum_matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
     """A pose from a position [m] and a quaternion with the scalar last; raises ValueError if it is zero."""
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    pose[:3, 3] = xyz_m
-    return pose
+    return rigid_transform(Rotation.from_quat(quaternion).as_matrix().ravel(), xyz_m)
+
+
+def nearest_index(times_s: list[float], time_s: float) -> int | None:
+    """Index of the nearest of times in ascending order; None if it is more than ``MATCH_S`` away."""
+    after = bisect_left(times_s, time_s)
+    near = range(max(0, after - 1), min(after + 1, len(times_s)))
+    nearest = min(near, key=lambda index: abs(times_s[index] - time_s), default=None)
+    return None if nearest is None or not abs(times_s[nearest] - time_s) <= MATCH_S else nearest
+
+
+def from_pixel_centres(width: int, height: int, camera: tuple[float, ...]) -> Intrinsics:
+    """A camera of fx, fy, cx, cy [px] whose principal point was measured from the centre of the first pixel."""
+    fx, fy, cx, cy = camera
+    return Intrinsics(int(width), int(height), fx, fy, cx + 0.5, cy + 0.5)

@@ -21,7 +21,7 @@ from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels
 from anm_mj.sensing.lost_pixels import vouched_depth
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, VoxelGrid
 from anm_mj.utils.arrays import embed
-from anm_mj.utils.limits import limit
+from anm_mj.utils.file_limits import limit
 from anm_mj.utils.read_file import array_of
 
 _LAYER_BLOCKS, _PLANE_BLOCKS = 1, 4

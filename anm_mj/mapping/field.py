@@ -17,6 +17,7 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters
 from anm_mj.mapping.backends.grid_layout import doubled_table
 from anm_mj.mapping.backends.select import make_backend
+from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.mapping.keyframes import KeyframeStore
 from anm_mj.mapping.last_good import LastGood
 from anm_mj.mapping.mapping_config import MappingConfig
@@ -78,8 +79,8 @@ class Field:
         """
         self.keyframes.add(observation, self._rng, weight)
 
-    def learn(self, observation: Observation, grid: VoxelGrid) -> MapUpdate:
-        """Train on the next frame, as the schedule says.
+    def learn(self, observation: Observation, grid: VoxelGrid, effort: TrainingEffort | None = None) -> MapUpdate:
+        """Train on the next frame.
 
         A loss that is not finite takes the parameters back to the last good ones (:mod:`.last_good`); the frame's
         training ends there, its loss is NaN, and the next frame goes on from them.
@@ -87,6 +88,7 @@ class Field:
         Args:
             observation: The frame; one pixel at least was measured.
             grid: The box that was observed, for the smoothness term.
+            effort: In place of the schedule's, on every frame but the first.
 
         Raises:
             MapError: The loss is not finite in :data:`MAX_FAILURES` frames in a row.
@@ -95,6 +97,8 @@ class Field:
         num_iterations = 0
         if first:
             num_iterations = schedule.first_iterations
+        elif effort is not None:
+            num_iterations = effort.iterations
         elif self.num_frames % schedule.train_every == 0:
             num_iterations = schedule.iterations
         self.num_frames += 1
@@ -103,7 +107,8 @@ class Field:
         if num_iterations and self._good.is_due(self.num_frames):
             self._good.keep_or_restore(self.backend, self.num_frames, observation.step)
         try:
-            for latest in self._train(observation, num_iterations, grid, first=first):
+            current_rays = None if effort is None else effort.current_rays
+            for latest in self._train(observation, num_iterations, grid, first=first, current_rays=current_rays):
                 loss, done = latest, done + 1
         except _NotFinite as err:
             loss = math.nan
@@ -196,7 +201,9 @@ class Field:
     def _replace_backend(self, config: MappingConfig, parameters: Parameters) -> None:
         self.backend = make_backend(config, seed=self.seed, device=self._device, parameters=parameters)
 
-    def _train(self, observation: Observation, count: int, grid: VoxelGrid, *, first: bool) -> Iterator[float]:
+    def _train(
+        self, observation: Observation, count: int, grid: VoxelGrid, *, first: bool, current_rays: int | None = None
+    ) -> Iterator[float]:
         """Train on rays of the keyframes and, after the first frame, of the one at hand; the loss of each iteration.
 
         Raises:
@@ -204,6 +211,8 @@ class Field:
         """
         schedule = self.config.schedule
         num_current = 0 if first else max(schedule.num_rays // len(self.keyframes), schedule.min_current_rays)
+        if current_rays is not None:
+            num_current = min(num_current, current_rays)
         smooth = not first and self.config.loss.smoothness != 0.0
         for start in range(0, count, _DRAWN_TOGETHER):
             together = min(_DRAWN_TOGETHER, count - start)

@@ -12,6 +12,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
+from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.mapping.expected_error import expected_errors
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
@@ -73,8 +74,10 @@ class NeuralMap:
         """Whether the field was ever trained; else it says nothing, and only the occupancy means something."""
         return self.field.is_trained
 
-    def integrate(self, observation: Observation) -> MapUpdate:
+    def integrate(self, observation: Observation, effort: TrainingEffort | None = None) -> MapUpdate:
         """Fuse one observation into the occupancy grid, keep it if it is a keyframe, and train as the schedule says.
+
+        With an ``effort``, every frame but the first is trained on with that.
 
         Raises:
             MapError: If the loss was not finite for several frames in a row, or the grid becomes too large.
@@ -91,7 +94,7 @@ class NeuralMap:
             self.field.add_keyframe(observation, weight)
             if self._prior is not None:
                 self._prior.forget_contradicted(self.field.keyframes, by_depth.grid, by_depth.voxels.corner)
-        return self.field.learn(observation, by_depth.grid)
+        return self.field.learn(observation, by_depth.grid, effort)
 
     def finish(self) -> int:
         """Train on the keyframes once more, when no frame is to come; see :meth:`anm_mj.mapping.field.Field.finish`.
@@ -103,6 +106,11 @@ class NeuralMap:
         if done:
             self._start_readers()
         return done
+
+    @property
+    def truncation_m(self) -> float:
+        """Distance from surface beyond which the SDF says no more than 'far' [m]."""
+        return self.config.field.truncation_m
 
     def sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """Signed distance at world points [m], positive in free space, truncated to +-``truncation_m``.

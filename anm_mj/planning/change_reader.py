@@ -52,5 +52,5 @@ class ChangeReader:
             return
         origin_xy_m = grid.origin_m[:2].astype(float)
         start = np.rint((self._origin_xy_m - origin_xy_m) / block_m).astype(int)[::-1]
-        self._read = embed(self._read, shape, start if self._read.size else np.zeros(2, int), 0)
+        self._read = embed(self._read, shape, start, 0)
         self._origin_xy_m = origin_xy_m

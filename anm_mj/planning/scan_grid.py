@@ -232,7 +232,7 @@ class ScanGrid:
         rows, cols = (round(length / RESOLUTION_M) for length in (high - low)[::-1])
         if (rows, cols) == old.shape:
             return
-        start = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)[::-1] if old.size else np.zeros(2, int)
+        start = np.rint((self.origin_xy_m - low) / RESOLUTION_M).astype(int)[::-1]
         self.log_odds = embed(old, (rows, cols), start, np.nan)
         self.surface_m = np.stack(
             [embed(self.surface_m[k], (rows, cols), start, np.nan) for k in range(len(self.surface_m))]

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import Delaunay, QhullError
 
 from anm_mj.planning.clear_edges import clear_edges
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.types import FREE, TopDownMap, VoronoiGraph
 
 CELL_SLACK = 1.0

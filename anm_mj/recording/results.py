@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.evaluation.evaluate import quality_of_mesh, without_cap_cm, write_curve
 from anm_mj.evaluation.metrics import Metrics, RunSummary, pictured, summarise
+from anm_mj.evaluation.run_evaluation import quality_of_mesh, without_cap_cm, write_curve
 from anm_mj.events import Ended
 from anm_mj.io.changes_file import write_changes
 from anm_mj.io.explored_file import Explored, write_explored

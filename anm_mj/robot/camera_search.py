@@ -13,7 +13,7 @@ from jaxtyping import Float
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, rigid_transform
 from anm_mj.robot.body_tree import solid_geoms, unused_name
-from anm_mj.robot.config import MAX_ASIDE_M, MAX_TILT_DEG, CameraPose, RobotConfig
+from anm_mj.robot.robot_config import MAX_ASIDE_M, MAX_TILT_DEG, CameraPose, RobotConfig
 
 CAMERA = "camera"
 """Usual name of the camera."""

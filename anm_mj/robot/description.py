@@ -31,7 +31,6 @@ from anm_mj.robot.camera_search import (
     use_field_of_view,
 )
 from anm_mj.robot.casters import TOUCHES_FLOOR_M, let_casters_slide, lowest_xy_m
-from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.drive_joints import HOLONOMIC, DriveJoints, find_drive_joints
 from anm_mj.robot.footprint import require_size, robot_footprint
 from anm_mj.robot.geom_extent import height_range_m
@@ -39,8 +38,9 @@ from anm_mj.robot.isolate import give_free_joint, isolate_robot
 from anm_mj.robot.joint_positions import at_key_frame
 from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
 from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
-from anm_mj.robot.presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.robot.reduced_model import WheelMount, reduced_mjcf
+from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.robot.body_tree import joints_above, root_of, subtree
-from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.geom_extent import height_range_m
+from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.robot.wheel_names import is_passive, side_of
 
 HOLONOMIC = "holonomic"

@@ -14,7 +14,7 @@ from anm_mj.scene.folder import ASSETS, TOML, Scene
 from anm_mj.scene.importing.canonical_axes import find_floor, find_up
 from anm_mj.scene.navigable import NavigableArea, floor_cells, is_clear, scene_area
 from anm_mj.scene.raster import border_labels, clip_to_slab, distance_cells, label_components, rasterise
-from anm_mj.scene.rooms import RoomPlan, find_rooms
+from anm_mj.scene.room_segmentation import RoomPlan, segment_rooms
 from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.files import write_text
 from anm_mj.utils.picture import open_picture
@@ -81,7 +81,7 @@ def check_scene(scene: Scene, footprint: Footprint) -> SceneCheck:
     return replace(
         found,
         area=area,
-        plan=find_rooms(triangles, area),
+        plan=segment_rooms(triangles, area),
         holes=_holes(triangles, area, footprint),
         clear_starts=clear,
         blocked_starts=tuple(start for start in scene.starts if start not in clear),

@@ -32,8 +32,8 @@ class Submesh:
     texture: UInt8[np.ndarray, "h w 3"] | None = None
     """Image with row 0 at its top."""
     tiled: bool = False
-    """Whether the texture holds a tile per triangle (:mod:`anm_mj.scene.importing.bake`), so that it must keep its
-    size."""
+    """Whether the texture holds a tile per triangle, so that it must keep its size
+    (:mod:`anm_mj.scene.importing.bake_colours`)."""
     part: str = ""
     """The part of the source that it belongs to, such as a model and its link, outermost first, joined by "/"."""
 

@@ -24,11 +24,11 @@ from anm_mj.errors import SceneError
 from anm_mj.scene.collision import collision_boxes
 from anm_mj.scene.folder import ASSETS, GEOMETRY, TOML, XML, Scene, read_scene_folder
 from anm_mj.scene.importing.canonical_axes import covered_share
-from anm_mj.scene.importing.parts import some
+from anm_mj.scene.importing.readers.import_report import some
 from anm_mj.scene.mjcf import Drawn, scene_mjcf, write_msh
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, NavigableArea, choose_starts, navigable_area
-from anm_mj.scene.rooms import find_rooms
+from anm_mj.scene.room_segmentation import segment_rooms
 from anm_mj.scene.submesh import Submesh, is_within, merge_geometry, without_degenerate_faces
 from anm_mj.types import Pose2
 
@@ -125,7 +125,7 @@ def write_scene(
         on_area(area)
         starts = starts or choose_starts(area, DEFAULT_FOOTPRINT)
         # A scan may have no wall that submeshes a room from the open.
-        rooms = rooms or len(find_rooms(triangles, area).area_m2) or None
+        rooms = rooms or len(segment_rooms(triangles, area).area_m2) or None
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
     entries = {
         "name": info.name,

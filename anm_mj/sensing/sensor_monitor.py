@@ -4,7 +4,7 @@ A frame that cannot be true is handed on without depth: one without any, a black
 that repeats the last although the robot moved, one of another shape, one without a pose. The map and the policies then
 learn nothing from it. So many of them in a row end the run. Single pixels that nothing beside them agrees with are left
 out, and a jump of the pose is undone where the map says that the robot did not jump
-(:mod:`anm_mj.localisation.pose_check`).
+(:mod:`anm_mj.sensing.pose_check`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from anm_mj.localisation.pose_check import PoseCheck
 from anm_mj.sensing.outliers import MANY_OUTLIERS, outliers
+from anm_mj.sensing.pose_check import PoseCheck
 from anm_mj.types import Action, Intrinsics, Observation, SdfQuery
 
 _logger = logging.getLogger(__name__)

@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from anm_mj.errors import RobotError, SceneError
-from anm_mj.robot.camera_config import CameraConfig
-from anm_mj.robot.config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.robot.presets import preset_config, robot_path
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, require_clear, scene_clearance
-from anm_mj.sim.config import DRIVES, POSES
 from anm_mj.sim.gl import select_backend
+from anm_mj.sim.simulation_config import SimulationConfig
 from anm_mj.types import Footprint, Pose2
 from anm_mj.utils.memory import forget_content
 from anm_mj.utils.threads import usual_num_threads
@@ -24,9 +22,8 @@ from anm_mj.utils.threads import usual_num_threads
 if TYPE_CHECKING:
     from anm_mj.scene.folder import Scene
     from anm_mj.sim.camera import Camera
-    from anm_mj.sim.motion_config import MotionConfig
-    from anm_mj.sim.robot import SimRobot
-    from anm_mj.sim.sensors.config import SensorConfig
+    from anm_mj.sim.sensors.sensor_config import SensorConfig
+    from anm_mj.sim.sim_robot import SimRobot
 
 FOOTPRINT = DEFAULT_FOOTPRINT
 """Of the robot in ``models/diff_drive``."""
@@ -37,55 +34,38 @@ _ANY_THREAD = ("egl", "osmesa", "off")
 
 def make_robot(
     scene: Scene,
+    config: SimulationConfig | None = None,
     *,
     start: Pose2 | None = None,
-    drive: str = "kinematic",
-    image_px: int = 256,
-    robot: str | Path = DEFAULT_ROBOT,
-    config: RobotConfig | None = None,
-    pose: str = "true",
-    seed: int = 0,
-    sensor: SensorConfig | None = None,
-    camera: CameraConfig | None = None,
-    motion: MotionConfig | None = None,
     anticipates: bool = False,
     forgets_textures: bool = False,
+    **options: Any,
 ) -> SimRobot:
     """A simulated robot in a scene, at its start pose.
 
     Args:
         scene: the world.
-        start: start pose; None = the first one of the scene.
-        drive: one of ``DRIVES``.
-        image_px: width and height of the camera's images [px].
-        robot: name of a robot, or an MJCF file.
-        config: how to read the robot's file, noise of its encoders; None = what its name or file's name asks for.
-        pose: one of ``POSES``: source of the poses in observations.
-        seed: of all noise.
-        sensor: errors of camera and odometry; None = none.
-        camera: optics and mount of the camera where they differ from the robot's file; None = nowhere.
-        motion: names a fault of the wheels; None = none.
+        config: what the robot is made of; None = the defaults.
+        start: start pose; None = the one of the configuration.
         anticipates: whether it may render the next image while the present one is worked on, where there are cores for
             both and the drive knows where it will be; the images are the same.
         forgets_textures: whether the model gives its textures back once GL has them, so that they are held once; no
             other camera can render the model then.
+        **options: fields of :class:`SimulationConfig` that take the place of those of ``config``, as in
+            ``drive="physics"``.
 
     Returns:
         The robot; close it when done.
 
     Raises:
+        ConfigError: if there is no such drive or pose source, or a number is out of range.
         SceneError: if the scene cannot be built, or the start pose is outside of it or in collision.
-        RobotError: if there is no such drive or robot, the robot lacks a part, the sensor's range exceeds the camera's
-            far plane, or a wheel is to stick of a robot that has none.
+        RobotError: if there is no such robot, the robot lacks a part, the sensor's range exceeds the camera's far
+            plane, or a wheel is to stick of a robot that has none.
         RenderError: if the user's GL back-end does not work.
     """
-    if drive not in DRIVES:
-        raise RobotError(f'There is no drive "{drive}"; choose one of {", ".join(DRIVES)}.')
-    if pose not in POSES:
-        raise RobotError(f'There is no pose source "{pose}"; choose one of {", ".join(POSES)}.')
-    if image_px < 1:
-        raise RobotError(f"A camera of {image_px} x {image_px} px sees nothing; image_px must be positive, e.g. 256.")
-    path, config, mount = robot_path(str(robot)), config or preset_config(str(robot)), camera or CameraConfig()
+    config = SimulationConfig(str(scene.folder), **options) if config is None else replace(config, **options)
+    path = robot_path(config.robot)
     backend = select_backend()
     import mujoco
 
@@ -97,10 +77,10 @@ def make_robot(
     from anm_mj.sim.drives.kinematic_drive import KinematicDrive
     from anm_mj.sim.drives.physics_drive import PhysicsDrive
     from anm_mj.sim.gl_camera import GlCamera
-    from anm_mj.sim.robot import SimRobot
+    from anm_mj.sim.sim_robot import SimRobot
 
-    description = describe_robot(path, config, mount, image_px)
-    start = _start_pose(scene, start, description.footprint)
+    description = describe_robot(path, config.model, config.camera, config.image_px)
+    start = _start_pose(scene, start or config.start_pose, description.footprint)
     model = build_model(
         scene,
         description.spec,
@@ -109,26 +89,26 @@ def make_robot(
         prefix=_PREFIX,
         top_m=description.footprint.z_max_m,
     )
-    if motion is not None and motion.fault != "none" and not description.wheel_joints:
-        raise RobotError(f"motion.fault is '{motion.fault}', but the robot {description.name} has no wheels.")
-    _require_range(sensor, model.vis.map.zfar * model.stat.extent)
+    if config.motion.fault != "none" and not description.wheel_joints:
+        raise RobotError(f"motion.fault is '{config.motion.fault}', but the robot {description.name} has no wheels.")
+    _require_range(config.sensor, model.vis.map.zfar * model.stat.extent)
     data = mujoco.MjData(model)
-    odometer = odometer_of(kinematics_of(description), noise=config.wheel_noise, seed=seed)
-    if drive == "kinematic":
+    odometer = odometer_of(kinematics_of(description), noise=config.model.wheel_noise, seed=config.seed)
+    if config.drive == "kinematic":
         clearance = scene_clearance(scene, description.footprint)
         wheels = KinematicDrive(model, data, description, clearance, odometer=odometer, prefix=_PREFIX)
     else:
         wheels = PhysicsDrive(model, data, description, odometer=odometer, prefix=_PREFIX)
     wheels.place(start)
     camera_name = _PREFIX + description.camera
-    width, height = mount.image_size(image_px)
+    width, height = config.camera.image_size(config.image_px)
     imager = _imager(
         lambda: make_camera(model, camera_name, width, height, cull_face=scene.cull_face, backend=backend),
-        anticipates and drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1,
+        anticipates and config.drive == "kinematic" and backend.name in _ANY_THREAD and usual_num_threads() > 1,
     )
     if forgets_textures and imager.kind == GlCamera.kind:
         forget_content(model.tex_data)
-    T_base_camera = description.T_base_camera if pose == "odometry" else None
+    T_base_camera = description.T_base_camera if config.pose == "odometry" else None
     return SimRobot(
         model,
         data,
@@ -137,9 +117,9 @@ def make_robot(
         description.footprint,
         T_base_camera,
         robot_hash=description.hash,
-        sensor=sensor,
-        seed=seed,
-        motion=motion,
+        sensor=config.sensor,
+        seed=config.seed,
+        motion=config.motion,
     )
 
 
@@ -150,8 +130,8 @@ def _imager(make: Callable[[], Camera], anticipates: bool) -> Camera:
     return AheadCamera(make) if anticipates else make()
 
 
-def _require_range(sensor: SensorConfig | None, far_m: float) -> None:
-    if sensor is not None and sensor.max_range_m > far_m:
+def _require_range(sensor: SensorConfig, far_m: float) -> None:
+    if sensor.max_range_m > far_m:
         raise RobotError(
             f"sensor.max_range_m is {sensor.max_range_m:g} m, but the camera's far plane lies at {far_m:.3g} m; "
             "give a shorter range."

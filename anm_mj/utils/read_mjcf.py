@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from anm_mj.utils.limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
+from anm_mj.utils.file_limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
 

@@ -1,9 +1,6 @@
 """Settings in frozen dataclasses: each field declares its limits, and one function checks them all.
 
-A number must be above zero and at most a million unless its field says otherwise with :func:`setting`. A configuration
-may also declare ``FORMER_NAMES: ClassVar[dict[str, str]]``, from the names that older versions used to the present
-ones, so that old commands and old ``config.json`` files stay readable. A key with a dot names a setting of another
-group: a policy that took ``planning.tour_depth`` over declares ``{"planning.tour_depth": "tour_depth"}``.
+A number must be above zero and at most a million unless its field says otherwise with :func:`setting`.
 """
 
 from __future__ import annotations
@@ -73,11 +70,6 @@ def setting(
     return field(default=default, metadata={_LIMITS: _Limits(at_least, above, at_most, below, choices)})
 
 
-def moved_from(group: str, *names: str) -> dict[str, str]:
-    """Entries of ``FORMER_NAMES`` for settings that stood in another group under the same name."""
-    return {f"{group}.{name}": name for name in names}
-
-
 def of_type(config: type, name: str, value: Any) -> Any:
     """A value of JSON as the type that a field of a configuration declares; lists become tuples.
 
@@ -93,7 +85,7 @@ def of_type(config: type, name: str, value: Any) -> Any:
 
 @functools.cache
 def _hints(config: type) -> dict[str, Any]:
-    """Types of the fields; choices are texts here, because a former one may be read as its present name."""
+    """Types of the fields; choices are texts here, because :func:`check_settings` says best what they may be."""
     hints = get_type_hints(config)
     return {name: str if get_origin(hint) is Literal else hint for name, hint in hints.items()}
 

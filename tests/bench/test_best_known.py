@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from anm_mj.bench.best_known import best_known, situation
-from anm_mj.bench.report import markdown
-from anm_mj.bench.result import Result, split_settings
 from anm_mj.bench.results_table import tidy_rows
+from anm_mj.bench.run_result import Result, split_settings
+from anm_mj.bench.tables import markdown
 from anm_mj.bench.worker import BOUND
 
 BUDGET = 100
@@ -197,5 +197,5 @@ def test_the_upper_bound_is_never_below_a_run(tmp_path):
     assert best["bound_auc"] == pytest.approx(81.0)
     assert best["bound_final"] == best["final"] == 96.0
     assert best["bound_auc"] > best["auc"]
-    # At step 60 the relaxation has come to 90.8, the run to 92; at the end they are 2 points apart.
+    # At step 60 the bound has come to 90.8, the run to 92; at the end they are 2 points apart.
     assert best["bound_exceeded"] == pytest.approx(2.0)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anm_mj.bench.statistics import (
-    APPARATUS,
+    PLATFORM,
     TASK,
     PairedDifference,
     bootstrap_interval,
@@ -14,11 +14,11 @@ from anm_mj.bench.statistics import (
 )
 
 
-def rows(values, **apparatus):
+def rows(values, **platform):
     """A row per scene, start and value."""
-    usual = {key: "usual" for key in APPARATUS}
+    usual = {key: "usual" for key in PLATFORM}
     return [
-        {"scene": scene, "start": start, "seed": 0, "budget": 100, "auc": value, **usual, **apparatus}
+        {"scene": scene, "start": start, "seed": 0, "budget": 100, "auc": value, **usual, **platform}
         for (scene, start), value in values.items()
     ]
 
@@ -42,7 +42,7 @@ def test_starts_are_averaged_within_their_scene():
     assert difference.without_one == (2.0 + 1.0, 9.0)
 
 
-def test_policies_are_compared_with_the_same_apparatus_only():
+def test_policies_are_compared_with_the_same_platform_only():
     first, second = rows({("a", 0): 3.0}), rows({("a", 0): 1.0}, sensor="d435i")
 
     assert paired_difference(first, second, "auc") is None

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from anm_mj.bench.generated import BASE_STEPS, STEPS_PER_M2, GeneratedScene, area_budget, provide
-from anm_mj.bench.imported import ImportedScene, find_imported
+from anm_mj.bench.generated_scene import BASE_STEPS, STEPS_PER_M2, GeneratedScene, area_budget, provide
+from anm_mj.bench.imported_scene import ImportedScene, find_imported
 from anm_mj.bench.suite import suite_file, suite_names
 from anm_mj.bench.sweep import BenchError, read_jobs, read_sweeps
 from anm_mj.errors import SceneError

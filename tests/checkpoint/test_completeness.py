@@ -17,7 +17,7 @@ from anm_mj.explore import explore
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.registry import policies
 from anm_mj.run_parts import make_parts
-from anm_mj.sim.sensors.presets import SENSORS
+from anm_mj.sim.sensors.sensor_presets import SENSORS
 from tests.fake_robot import ListRecorder
 from tests.scene.small import make_small_scene
 
@@ -127,7 +127,7 @@ def test_every_engine_goes_on(scene, engine):
 
 def test_the_comparison_would_find_a_forgotten_attribute(scene, monkeypatch):
     """A policy whose count is left out does not come back with it."""
-    from anm_mj.planning.policies.random_walk.policy import RandomWalk
+    from anm_mj.planning.policies.random_walk import RandomWalk
 
     monkeypatch.setattr(RandomWalk, "REBUILT", ("_rng",), raising=False)
     (steps, _), (steps_again, _) = ends(configuration(scene, "random"))

@@ -4,11 +4,11 @@ import os
 import numpy as np
 import pytest
 
-from anm_mj.checkpoint import file as checkpoint_file
-from anm_mj.checkpoint.classes import KnownClasses
-from anm_mj.checkpoint.config import CheckpointConfig
+from anm_mj.checkpoint import checkpoint_file
+from anm_mj.checkpoint.checkpoint_config import CheckpointConfig
+from anm_mj.checkpoint.checkpoint_file import read_checkpoint
 from anm_mj.checkpoint.encode import encode
-from anm_mj.checkpoint.file import read_checkpoint
+from anm_mj.checkpoint.known_classes import KnownClasses
 from anm_mj.checkpoint.store import Checkpointer, CheckpointStore
 from anm_mj.errors import CheckpointError
 

@@ -1,15 +1,15 @@
 from pathlib import Path
 
-from anm_mj.bench import bench
+from anm_mj.bench import comparison
 from anm_mj.cli.main import main
 
 
 def test_failed_runs_are_told_on_stderr_as_they_are(tmp_path, monkeypatch, capsys):
     def run_bench(file, out, *, on_run, **options):
         on_run(0, 1, "[/bold] failed")
-        return bench.Bench(Path(out), [], 0, ["[/bold] failed"])
+        return comparison.Comparison(Path(out), [], 0, ["[/bold] failed"])
 
-    monkeypatch.setattr(bench, "run_bench", run_bench)
+    monkeypatch.setattr(comparison, "run_bench", run_bench)
 
     status = main(["bench", "runs.toml", "--out", str(tmp_path)])
 

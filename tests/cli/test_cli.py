@@ -152,7 +152,7 @@ def test_a_folder_that_is_no_run_cannot_be_evaluated(capsys, tmp_path):
 
 
 def test_the_former_name_of_novel_views_is_accepted(capsys, tmp_path):
-    assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere", "--heldout")
+    assert "nowhere" in fails(capsys, "eval", tmp_path / "nowhere", "--novel-views")
 
 
 def test_help_answers_at_once_and_shows_every_option():
@@ -194,7 +194,7 @@ def test_a_close_name_is_proposed(capsys, words, meant):
 
 
 FAULTY = """
-from anm_mj.planning.policies.random_walk.policy import RandomWalk
+from anm_mj.planning.policies.random_walk import RandomWalk
 
 
 class Faulty(RandomWalk):

@@ -10,7 +10,7 @@ from anm_mj.scene.folder import read_scene_folder
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.sim.gl import select_backend
-from anm_mj.sim.views import NOTHING, SceneViews
+from anm_mj.sim.scene_views import NOTHING, SceneViews
 from anm_mj.types import Pose2
 from tests.scene.shapes import room
 

@@ -87,7 +87,7 @@ def _import_everything() -> None:
 
     import anm_mj.bench.sweep
     import anm_mj.cli.doctor
-    import anm_mj.evaluation.evaluate
+    import anm_mj.evaluation.run_evaluation
     import anm_mj.run
     import anm_mj.scene.check
     import anm_mj.scene.importing.import_scene

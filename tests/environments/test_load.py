@@ -20,8 +20,8 @@ from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.scene.folder import load_scene
 from anm_mj.scene.navigable import is_clear
-from anm_mj.sim.config import DRIVES
 from anm_mj.sim.make_robot import FOOTPRINT
+from anm_mj.sim.simulation_config import DRIVES
 from anm_mj.types import Action, Intrinsics
 
 ROVER = Path(__file__).resolve().parents[1] / "rover.xml"

@@ -7,15 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anm_mj.environments.sample_grid import NativeCovering, SampleGrid, ScipyCovering
+from anm_mj import _native
+from anm_mj.environments.sample_grid import SampleGrid
 from anm_mj.environments.surface_coverage import IncrementalCoverage
 from anm_mj.evaluation.completion import Coverage
+from anm_mj.ground_truth.ground_truth import COVERED_M
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.types import Intrinsics, Pose2
-from anm_mj.utils.native_functions import native_function
 from tests.box_room import CAMERA, observe, room_truth
-
-needs_native = pytest.mark.skipif(native_function("cover_samples") is None, reason="the native engine was not built")
 
 
 def test_increments_match_the_coverage():
@@ -79,34 +78,36 @@ def test_frames_without_coverage():
     assert covered.fraction == 0.0
 
 
-@needs_native
 @given(seed=st.integers(0, 2**32 - 1), spread=st.sampled_from([0.0, 0.06, 0.4, 3.0]), flat=st.booleans())
-def test_native_covering_is_the_reference(seed: int, spread: float, flat: bool):
+def test_covered_samples_are_those_of_all_pairs(seed: int, spread: float, flat: bool):
     random = np.random.default_rng(seed)
     # Whole centimetres: many distances are exactly 5 cm, and many samples lie on the borders of cells.
     samples = np.round(random.normal(0.0, spread, (int(random.integers(1, 800)), 3)) - 1.0, 2)
     if flat:
         samples[:, 2] = 0.5
-    grid = SampleGrid(samples.astype(np.float32))
-    reference, native = ScipyCovering(grid), NativeCovering(grid)
+    samples = samples.astype(np.float32)
+    everywhere, covered = samples.astype(np.float64), np.zeros(len(samples), bool)
+    coverage = IncrementalCoverage(SampleGrid(samples))
     for _ in range(4):
         points = np.round(random.normal(0.0, spread + 0.05, (int(random.integers(0, 200)), 3)) - 1.0, 2)
         points[random.random(len(points)) < 0.1] *= 1e3
-        assert native.add(points) == reference.add(points)
-    everywhere = samples.astype(np.float32).astype(np.float64)
-    assert native.add(everywhere) == reference.add(everywhere)
-    assert native.add(everywhere) == 0
+        off = everywhere[:, None] - points[None]
+        squared = off[:, :, 0] ** 2 + off[:, :, 1] ** 2 + off[:, :, 2] ** 2
+        near = np.sqrt(squared.min(axis=1, initial=np.inf)) < COVERED_M
+        assert coverage.add_points(points) == np.count_nonzero(near & ~covered) / len(samples)
+        covered |= near
+    assert coverage.add_points(everywhere) == np.count_nonzero(~covered) / len(samples)
+    assert coverage.add_points(everywhere) == 0.0
+    assert coverage.fraction == 1.0
 
 
-@needs_native
 def test_native_covering_refuses_arrays_that_do_not_fit():
-    cover = native_function("cover_samples")
     grid = SampleGrid(room_truth().samples)
     good = [np.zeros((1, 3)), grid.samples, grid.level, grid.column_start, grid.low_m, 0.1, 0.05]
     covered, near = np.zeros(len(grid.samples), np.uint8), grid.num_near.copy()
-    cover(*good, covered, near)
+    _native.cover_samples(*good, covered, near)
     for place, wrong in ((0, np.zeros((1, 2))), (2, grid.level[:-1]), (3, grid.column_start[:-1]), (6, 0.2)):
         bad = list(good)
         bad[place] = wrong
         with pytest.raises(ValueError, match=r"coordinates|differ in size|one column|no smaller"):
-            cover(*bad, covered, near)
+            _native.cover_samples(*bad, covered, near)

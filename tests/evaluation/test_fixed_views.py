@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from anm_mj.evaluation import fixed_views as module
-from anm_mj.evaluation.fixed_views import compare_with, fixed_views
+from anm_mj.evaluation.fixed_views import fixed_views
+from anm_mj.evaluation.rendered_views import compare_views
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.navigable import is_clear
 from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.types import Pose2
 from tests.scene.small import make_small_scene
 
 NUM = 12
@@ -38,24 +38,29 @@ def test_views_depend_on_the_scene_alone_and_are_rendered_once(scene, cache, mon
     assert len(list(cache.iterdir())) == 1
     monkeypatch.setattr(module, "observe_at", None)
     again = fixed_views(scene, NUM)
-    for name, values in vars(first).items():
-        np.testing.assert_array_equal(getattr(again, name), values)
-    assert all(is_clear(scene, Pose2(*pose), FOOTPRINT) for pose in first.pose.tolist())
+    for one, other in zip(first, again, strict=True):
+        for name, values in vars(one).items():
+            np.testing.assert_array_equal(getattr(other, name), values)
+    poses = [view.pose for view in first]
+    assert all(is_clear(scene, pose, FOOTPRINT) for pose in poses)
     # Both rooms, and all directions.
-    assert (first.pose[:, 0] < 2.94).any()
-    assert (first.pose[:, 0] > 3.06).any()
-    assert np.ptp(first.pose[:, 2]) > np.pi
+    assert min(pose.x_m for pose in poses) < 2.94
+    assert max(pose.x_m for pose in poses) > 3.06
+    assert np.ptp([pose.yaw_rad for pose in poses]) > np.pi
 
 
 def test_a_damaged_cache_is_rendered_anew(scene, cache):
     first = fixed_views(scene, NUM)
     next(cache.iterdir()).write_bytes(b"half a file")
-    np.testing.assert_array_equal(fixed_views(scene, NUM).depth_mm, first.depth_mm)
+    for one, other in zip(first, fixed_views(scene, NUM), strict=True):
+        np.testing.assert_array_equal(other.depth_m, one.depth_m)
 
 
 def test_what_a_map_lacks_counts_as_wrong(scene, cache):
     views = fixed_views(scene, NUM)
-    perfect = [(rgb, depth.astype(np.float32) / 1000.0) for rgb, depth in zip(views.rgb, views.depth_mm, strict=True)]
-    assert {view.depth_error_cm for view in compare_with(Renders(perfect), views)} == {0.0}
+    perfect = [(view.rgb, view.depth_m) for view in views]
     nothing = [(rgb, np.full_like(depth, np.nan)) for rgb, depth in perfect]
-    assert {view.depth_error_cm for view in compare_with(Renders(nothing), views)} == {100.0}
+    for rendered, error_cm in ((perfect, 0.0), (nothing, 100.0)):
+        found = [quality for _, _, _, quality in compare_views(Renders(rendered), views, NUM)]
+        assert len(found) == NUM
+        assert {quality.depth_error_cm for quality in found} == {error_cm}

@@ -1,4 +1,4 @@
-"""Both searches against the distances to all triangles."""
+"""The native search against the distances to all triangles."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.evaluation.surface_distance import anchor_distance, surface_distance, triangle_distance_squared
-from anm_mj.utils.native_functions import native_function
-
-needs_native = pytest.mark.skipif(
-    native_function("triangle_distances") is None, reason="the native engine was not built"
-)
+from anm_mj import _native
+from anm_mj.evaluation.surface_distance import surface_distance
+from tests.evaluation.triangle_distance import triangle_distance_squared
 
 
 def to_all(points, corners):
@@ -33,16 +30,6 @@ def test_triangles_without_area_are_edges_or_points():
     assert triangle_distance_squared(np.array([[0.0, 3.0, 4.0]]), point) == pytest.approx([25.0])
 
 
-def test_anchors_find_nearly_the_nearest_triangle():
-    mesh = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
-    points = np.random.default_rng(0).uniform(-1.3, 1.3, (300, 3))
-    everywhere = to_all(points, np.asarray(mesh.triangles))
-    found = anchor_distance(points, np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    assert found == pytest.approx(everywhere, abs=2e-3)
-    assert np.all(found >= everywhere - 1e-12)
-
-
-@needs_native
 @settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 1 << 30),
@@ -62,7 +49,6 @@ def test_native_distances_are_those_to_all_triangles(seed, num_points, num_trian
     assert found == pytest.approx(to_all(points, corners), rel=1e-9, abs=1e-12)
 
 
-@needs_native
 def test_many_points_are_searched_by_several_threads():
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
     points = np.random.default_rng(0).normal(size=(10_000, 3))
@@ -70,10 +56,8 @@ def test_many_points_are_searched_by_several_threads():
     assert found == pytest.approx(np.abs(np.linalg.norm(points, axis=1) - 1.0), abs=2e-3)
 
 
-@needs_native
 def test_native_arguments_are_checked():
-    distances = native_function("triangle_distances")
-    assert distances is not None
+    distances = _native.triangle_distances
     with pytest.raises(ValueError, match="three corners"):
         distances(np.zeros((1, 2, 3)), np.zeros((1, 3)), np.zeros(1), 1)
     with pytest.raises(ValueError, match="a surface is needed"):

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.evaluation import ground_truth_cache as module
 from anm_mj.frames import pose_matrix
+from anm_mj.ground_truth import cache as module
 from anm_mj.ground_truth.cache import reachable_area
 from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
 from anm_mj.scene.folder import Scene

@@ -1,15 +1,12 @@
-"""Both searches against every distance there is, to the last bit."""
+"""The search against every distance there is, to the last bit."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.ground_truth.nearest import NativeNearest, ScipyNearest, spatial_order
-from anm_mj.utils.native_functions import native_function
-
-needs_native = pytest.mark.skipif(native_function("lower_distances") is None, reason="the native engine was not built")
-searches = pytest.mark.parametrize("search", [ScipyNearest, pytest.param(NativeNearest, marks=needs_native)])
+from anm_mj import _native
+from anm_mj.ground_truth.nearest import NearestSearch, spatial_order
 
 
 def obvious(distance_m, places, points):
@@ -24,7 +21,6 @@ def scattered(rng, count, size_m, repeated):
     return np.round(points / size_m * 2.0) * size_m / 2.0 if repeated else points
 
 
-@searches
 @settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 1 << 30),
@@ -33,28 +29,26 @@ def scattered(rng, count, size_m, repeated):
     st.sampled_from([0.003, 0.1, 0.5, 3.0]),
     st.booleans(),
 )
-def test_distances_are_those_of_all_pairs(search, seed, num_places, num_points, size_m, repeated):
+def test_distances_are_those_of_all_pairs(seed, num_places, num_points, size_m, repeated):
     rng = np.random.default_rng(seed)
     places, points = scattered(rng, num_places, size_m, repeated), scattered(rng, num_points, size_m, repeated)
     known = rng.choice([0.0, 0.001, 0.05, 0.7, 1.0, 20.0, np.inf], num_places)
     distance_m = known.copy()
-    search(places).lower(distance_m, points)
+    NearestSearch(places).lower(distance_m, points)
     assert np.array_equal(distance_m, obvious(known, places, points))
 
 
-@searches
-def test_many_places_are_searched_by_several_threads(search):
+def test_many_places_are_searched_by_several_threads():
     rng = np.random.default_rng(0)
     places, points = rng.normal(size=(10_000, 3)), rng.normal(size=(500, 3))
     places = places[spatial_order(places)]
     distance_m = np.full(len(places), np.inf)
-    search(places).lower(distance_m, points)
+    NearestSearch(places).lower(distance_m, points)
     assert np.array_equal(distance_m, obvious(np.inf, places, points))
 
 
-@searches
 @pytest.mark.parametrize("axis", range(3))
-def test_a_point_at_the_bound(search, axis):
+def test_a_point_at_the_bound(axis):
     place = np.array([[0.3, -0.7, 1.1]])
     for step in range(-4, 5):
         point = place.copy()
@@ -62,14 +56,12 @@ def test_a_point_at_the_bound(search, axis):
         for _ in range(abs(step)):
             point[0, axis] = np.nextafter(point[0, axis], np.inf * step)
         distance_m = np.array([0.05])
-        search(place).lower(distance_m, point)
+        NearestSearch(place).lower(distance_m, point)
         assert distance_m[0] == obvious(0.05, place, point)[0]
 
 
-@needs_native
 def test_native_arguments_are_checked():
-    lower = native_function("lower_distances")
-    assert lower is not None
+    lower = _native.lower_distances
     with pytest.raises(ValueError, match="three coordinates"):
         lower(np.zeros((1, 2)), np.zeros((1, 3)), np.zeros(1), 1)
     with pytest.raises(ValueError, match="has a distance"):

@@ -9,7 +9,7 @@ import pytest
 import anm_mj.run
 from anm_mj.config import make_config
 from anm_mj.errors import MapError, RunFolderError
-from anm_mj.evaluation.evaluate import evaluate_run
+from anm_mj.evaluation.run_evaluation import evaluate_run
 from anm_mj.events import On, Stepped
 from anm_mj.resume import resume
 from tests.integration.test_kills import OFTEN, TINY, assert_same

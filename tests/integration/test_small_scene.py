@@ -14,7 +14,7 @@ import trimesh
 from PIL import Image
 
 from anm_mj.config import make_config
-from anm_mj.evaluation.evaluate import evaluate_run
+from anm_mj.evaluation.run_evaluation import evaluate_run
 from anm_mj.io.jsonl import read_jsonl
 from anm_mj.run import run
 from tests.scene.small import make_small_scene

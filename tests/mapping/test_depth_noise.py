@@ -8,8 +8,8 @@ import pytest
 
 from anm_mj.mapping import depth_noise
 from anm_mj.mapping.depth_noise import NoiseMean, inverse_depth_noise
-from anm_mj.sim.sensors.depth import measure_depth
-from anm_mj.sim.sensors.presets import sensor_config
+from anm_mj.sim.sensors.measure_depth import measure_depth
+from anm_mj.sim.sensors.sensor_presets import sensor_config
 from tests.mapping.ray_room import Room
 
 
@@ -68,7 +68,7 @@ def test_state_survives(depth_m):
     noise, other = NoiseMean(), NoiseMean()
     for image in (depth_m, depth_m + np.float32(0.01) * np.indices(depth_m.shape).sum(axis=0) % 2):
         noise.add(image.astype(np.float32))
-    other.set_state(noise.get_state())
+    other.set_array(noise.array())
     assert other.value == noise.value > 0.0
 
 

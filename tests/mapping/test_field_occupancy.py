@@ -102,11 +102,9 @@ def test_of_a_noisy_sensor_what_was_hit_from_near_stands(room):
 
 
 def test_the_field_decides_where_no_image_told_of_the_sensor(exact):
-    state = exact.get_state()
-    del state["depth_noise"]
-    old = DepthOccupancy(OccupancyConfig())
-    old.set_state(state)
-    assert not (FieldOccupancy(old).grid(nothing_there).state == OCCUPIED).any()
+    untold = DepthOccupancy(OccupancyConfig())
+    untold.set_arrays({**exact.arrays(), "depth_noise": np.zeros(3)})
+    assert not (FieldOccupancy(untold).grid(nothing_there).state == OCCUPIED).any()
 
 
 def test_a_part_is_of_now_and_the_rest_follows(room, occupancy):
@@ -219,13 +217,15 @@ def test_changes_are_reported_by_block(room, occupancy):
 
 
 def test_learned_field_clears_the_floor_that_noise_blocks(tiny_config, room):
-    maps = [NeuralMap(tiny_config, seed=0, device="cpu", field_is_geometry=flag) for flag in (False, True)]
+    maps = [
+        NeuralMap(replace(tiny_config, geometry=geometry), seed=0, device="cpu") for geometry in ("occupancy", "field")
+    ]
     for seen in noisy(room.turn(1.5, 1.5, 16, size=96), sigma_m=0.03):
         for neural_map in maps:
             neural_map.integrate(seen)
     blocked = []
     for neural_map in maps:
-        grid = neural_map.occupancy
+        grid = neural_map.occupancy_grid()
         low, high = grid.layer_of(0.075), grid.layer_of(0.275)
         points = np.array([[1.5 + 0.9 * math.cos(a), 1.5 + 0.9 * math.sin(a), 0.0] for a in np.linspace(0, 6.28, 200)])
         points = points[room.sdf(points + np.array([0.0, 0.0, 0.3])) > 0.2]

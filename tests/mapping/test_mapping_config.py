@@ -52,9 +52,8 @@ def test_values_out_of_range(make, message):
         make()
 
 
-def test_former_names_are_accepted():
-    config = config_from_dict({"schedule": {"evenness": 0.25}, "uncertainty": {"method": "evidence"}})
-    assert config.schedule.density_exponent == 0.25
+def test_the_former_name_of_the_method_is_accepted():
+    config = config_from_dict({"uncertainty": {"method": "evidence"}})
     assert config.uncertainty.method == "last_layer_variance"
 
 

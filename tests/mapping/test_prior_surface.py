@@ -1,4 +1,4 @@
-"""A map that goes on from a former one: it knows what was there, and notices what is not."""
+"""A map that goes on from a prior one: it knows what was there, and notices what is not."""
 
 import numpy as np
 import pytest
@@ -32,9 +32,9 @@ def continued(path, config, replay=None):
 
 
 @pytest.fixture(scope="module")
-def former(tmp_path_factory, tiny_config):
+def prior(tmp_path_factory, tiny_config):
     """The map of a room with a table."""
-    path = tmp_path_factory.mktemp("former")
+    path = tmp_path_factory.mktemp("prior")
     neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
     look_around(neural_map, Room((TABLE,)))
     neural_map.save(path / "map.safetensors")
@@ -42,25 +42,25 @@ def former(tmp_path_factory, tiny_config):
     return path
 
 
-def test_a_continued_map_is_the_former_one(former, tiny_config):
-    loaded, now = NeuralMap.load(former / "map.safetensors", device="cpu"), continued(former, tiny_config)
+def test_a_continued_map_is_the_former_one(prior, tiny_config):
+    loaded, now = NeuralMap.load(prior / "map.safetensors", device="cpu"), continued(prior, tiny_config)
     points = np.random.default_rng(0).uniform(0.2, 2.0, (200, 3))
     np.testing.assert_array_equal(now.sdf(points), loaded.sdf(points))
-    np.testing.assert_array_equal(now.occupancy.state, loaded.occupancy.state)
+    np.testing.assert_array_equal(now.occupancy_grid().state, loaded.occupancy_grid().state)
     assert now.changes() == ()
     assert loaded.changes() is None
 
 
-def test_nothing_is_marked_where_nothing_has_changed(former, tiny_config):
-    now = continued(former, tiny_config)
+def test_nothing_is_marked_where_nothing_has_changed(prior, tiny_config):
+    now = continued(prior, tiny_config)
     look_around(now, Room((TABLE,)))
     assert now.changes() == ()
-    # Nothing of the former run was dropped, so every place is replayed still.
-    assert now.replay(10**9).num_pixels[: len(continued(former, tiny_config).replay(10**9))].min() > 100
+    # Nothing of the prior run was dropped, so every place is replayed still.
+    assert now.replay(10**9).num_pixels[: len(continued(prior, tiny_config).replay(10**9))].min() > 100
 
 
-def test_a_table_that_is_gone_and_a_box_that_is_new_are_marked_and_learnt(former, tiny_config):
-    now = continued(former, tiny_config)
+def test_a_table_that_is_gone_and_a_box_that_is_new_are_marked_and_learnt(prior, tiny_config):
+    now = continued(prior, tiny_config)
     room = Room((BOX,))
     look_around(now, room)
     changes = now.changes()
@@ -79,8 +79,8 @@ def test_a_table_that_is_gone_and_a_box_that_is_new_are_marked_and_learnt(former
     assert box.sum() > 20
 
 
-def test_pixels_that_are_contradicted_are_not_replayed(former, tiny_config):
-    now = continued(former, tiny_config)
+def test_pixels_that_are_contradicted_are_not_replayed(prior, tiny_config):
+    now = continued(prior, tiny_config)
     before = now.replay(10**9)
     look_around(now, Room((BOX,)))
     after = now.replay(10**9)
@@ -89,13 +89,13 @@ def test_pixels_that_are_contradicted_are_not_replayed(former, tiny_config):
     assert 0.5 * count < len(old) < 0.99 * count
 
 
-def test_a_few_views_change_what_many_have_found(former, tiny_config):
-    now = continued(former, tiny_config)
+def test_a_few_views_change_what_many_have_found(prior, tiny_config):
+    now = continued(prior, tiny_config)
     top = np.array([[3.0, 1.2, 0.7]])
-    assert now.observed.state_at(top) == OCCUPIED
+    assert now.occupancy.by_depth.state_at(top) == OCCUPIED
     for _ in range(6):
         now.integrate(Room(()).observe(1.5, 1.4, 0.0))
-    assert now.observed.state_at(top) == FREE
+    assert now.occupancy.by_depth.state_at(top) == FREE
 
 
 def grid(state, version=1):
@@ -106,44 +106,44 @@ def grid(state, version=1):
 def test_a_surface_that_falls_into_the_next_voxel_is_no_change():
     state = np.full((16, 32, 32), FREE, np.int8)
     state[5] = OCCUPIED
-    former = PriorSurface(state, np.zeros(3, np.int64), 0.05, NOTHING, 0)
+    prior = PriorSurface(grid(state), np.zeros(3, np.int64), NOTHING)
     moved = np.full_like(state, FREE)
     moved[6] = OCCUPIED
-    assert former.changes(moved, np.zeros(3, np.int64)) == ()
+    assert prior.changes(moved, moved, np.zeros(3, np.int64)) == ()
     moved[6], moved[8] = FREE, OCCUPIED
-    assert [change.kind for change in former.changes(moved, np.zeros(3, np.int64))] == ["gone", "new"]
+    assert [change.kind for change in prior.changes(moved, moved, np.zeros(3, np.int64))] == ["gone", "new"]
 
 
 def test_small_and_unseen_changes_are_not_told():
     state = np.full((16, 32, 32), FREE, np.int8)
     state[:, :, 20:] = UNKNOWN
-    former = PriorSurface(state, np.zeros(3, np.int64), 0.05, NOTHING, 0)
+    prior = PriorSurface(grid(state), np.zeros(3, np.int64), NOTHING)
     now = state.copy()
     now[:, :, 24:] = OCCUPIED
     now[4, 4, : MIN_VOXELS - 1] = OCCUPIED
-    assert former.changes(now, np.zeros(3, np.int64)) == ()
+    assert prior.changes(now, now, np.zeros(3, np.int64)) == ()
     now[4, 4, :MIN_VOXELS] = OCCUPIED
-    (change,) = former.changes(now, np.zeros(3, np.int64))
+    (change,) = prior.changes(now, now, np.zeros(3, np.int64))
     assert change.kind == "new"
     np.testing.assert_allclose(change.box_m, [[-0.025, 0.175, 0.175], [0.05 * MIN_VOXELS - 0.025, 0.225, 0.225]])
     store = KeyframeStore(1_000_000, 1.0)
-    former.forget_contradicted(store, grid(now), np.zeros(3, np.int64))
+    prior.forget_contradicted(store, grid(now), np.zeros(3, np.int64))
     assert len(store) == 0
 
 
 def test_the_grid_may_grow_to_all_sides():
     state = np.full((16, 16, 16), FREE, np.int8)
-    former = PriorSurface(state, np.array([16, 0, -16]), 0.05, NOTHING, 0)
+    prior = PriorSurface(grid(state), np.array([16, 0, -16]), NOTHING)
     grown = np.full((32, 32, 48), UNKNOWN, np.int8)
     grown[16:, 16:, 16:32] = FREE
     grown[20:24, 20:24, 20:24] = OCCUPIED
-    (change,) = former.changes(grown, np.array([0, -16, -32]))
+    (change,) = prior.changes(grown, grown, np.array([0, -16, -32]))
     np.testing.assert_allclose(change.box_m[0], [0.05 * 20 - 0.025, 0.05 * 4 - 0.025, 0.05 * -12 - 0.025])
 
 
 @pytest.mark.parametrize("spoil", ["pixels", "num_pixels", "cameras", "type", "nan", "huge"])
-def test_damaged_keyframes_are_refused(former, spoil):
-    arrays = dict(np.load(former / "replay.npz"))
+def test_damaged_keyframes_are_refused(prior, spoil):
+    arrays = dict(np.load(prior / "replay.npz"))
     if spoil == "type":
         arrays["pixels"] = arrays["pixels"].astype(np.int16)
     elif spoil == "nan":

@@ -19,7 +19,7 @@ def view(room):
 def all_occupied(view) -> DepthOccupancy:
     grid = DepthOccupancy(OccupancyConfig())
     grid.integrate(view.depth_m, view.intrinsics, view.T_world_camera)
-    grid.set_state({**grid.get_state(), "state": np.full_like(grid.grid.state, OCCUPIED)})
+    grid.set_arrays({**grid.arrays(), "state": np.full_like(grid.grid.state, OCCUPIED)})
     return grid
 
 

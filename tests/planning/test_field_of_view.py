@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.region_finder import RegionFinder
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_policy import Gvg
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
-from anm_mj.planning.policies.gvg.policy import Gvg
-from anm_mj.planning.regions import RegionFinder
 from anm_mj.planning.scan_grid import ScanGrid
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, VoxelGrid
 from tests.box_room import CAMERA, ROOM_HIGH_M, camera_pose, room_depth
-from tests.planning.worlds import room
+from tests.planning.worlds import room, topdown_map
 
 BODY = Footprint(0.18, 0.05, 1.35)
 HERE = Pose2(0.2, 0.1, 0.4)
@@ -93,7 +93,9 @@ def test_the_start_is_free_as_far_as_the_camera_is_blind(caplog):
 
     def free_radius_m(seen):
         mapper = TopDownMapper(PlanningConfig(), BODY)
-        topdown = mapper.update(unknown, lambda p: np.full(len(p), 0.1, np.float32), seen.pose, FieldOfView.of(seen))
+        topdown = topdown_map(
+            mapper, unknown, lambda p: np.full(len(p), 0.1, np.float32), seen.pose, FieldOfView.of(seen)
+        )
         return math.sqrt(np.count_nonzero(topdown.state == FREE) * 0.05**2 / math.pi)
 
     at = Pose2(0.0, 0.0, 0.0)

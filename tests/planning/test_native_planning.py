@@ -7,22 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.geometry.connected_components import connected_components, scipy_connected_components
-from anm_mj.planning.distance_transform import capped_distance_cells, numpy_capped_distance_cells
-from anm_mj.planning.enclosed_holes import enclosed_holes, scipy_enclosed_holes
-from anm_mj.planning.policies.gvg import pooling, ray_casting, unmeasured
+from anm_mj.geometry.connected_components import connected_components
+from anm_mj.planning.distance_transform import capped_distance_cells
+from anm_mj.planning.enclosed_holes import enclosed_holes
+from anm_mj.planning.policies.gvg import ray_casting, unmeasured
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.planning.policies.gvg.pooling import KNOWN, PooledPart, numpy_pool, pool
+from anm_mj.planning.policies.gvg.pooling import KNOWN, PooledPart, pool
 from anm_mj.planning.policies.gvg.ray_casting import GainRule, Rays
 from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredView
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN
-from anm_mj.utils.native_functions import native_function
-
-if native_function("pool_window") is None:
-    pytest.skip("the native engine was not built", allow_module_level=True)
+from tests.planning import numpy_planning as reference
 
 SEEDS = st.integers(0, 1 << 30)
-BUILT_LATER = ("pool_window", "cast_rays", "ray_gains", "first_closed", "capped_distances", "connected_components")
 
 
 def drawn(rng, states, shape, share):
@@ -44,7 +40,9 @@ def check_cells_are_pooled_the_same(seed, share):
     before = drawn(rng, (UNKNOWN, FREE, OCCUPIED, KNOWN), (11, 23, 19), share)
     counted = [np.array([(layer == value).sum() for layer in before]) for value in (FREE, OCCUPIED)]
     found = [(before.copy(), *(count.copy() for count in counted)) for _ in range(2)]
-    changed = [kernel(state, part, *to_write) for kernel, to_write in zip((pool, numpy_pool), found, strict=True)]
+    changed = [
+        kernel(state, part, *to_write) for kernel, to_write in zip((pool, reference.numpy_pool), found, strict=True)
+    ]
     assert changed[0] == changed[1]
     assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
     cells, num_free, num_surface = found[0]
@@ -81,7 +79,7 @@ def check_rays_end_in_the_same_cells_with_the_same_gains(seed, share):
     for _ in range(3):
         rows = rng.integers(0, len(start), 6).astype(np.int32)
         ray_casting.cast_again(cells, offset, start, rows, found)
-        ray_casting.numpy_cast_again(cells, offset, start, rows, expected)
+        reference.numpy_cast_again(cells, offset, start, rows, expected)
         for name in vars(found):
             assert np.array_equal(getattr(found, name), getattr(expected, name)), name
         cells[rng.random(cells.shape) < 0.1] = rng.choice((FREE, UNKNOWN, OCCUPIED))
@@ -90,7 +88,7 @@ def check_rays_end_in_the_same_cells_with_the_same_gains(seed, share):
     shares = rng.random(len(cells)).astype(np.float32)
     rule = GainRule(0.1, 0.3, 2.5, 0.7, 0.03)
     gains = ray_casting.unknown_gains(expected, distance_m, shares, tried_m, rule)
-    assert gains.tobytes() == ray_casting.numpy_unknown_gains(expected, distance_m, shares, tried_m, rule).tobytes()
+    assert gains.tobytes() == reference.numpy_unknown_gains(expected, distance_m, shares, tried_m, rule).tobytes()
 
 
 @settings(max_examples=40, deadline=None)
@@ -120,7 +118,7 @@ def check_rays_without_a_measurement_end_the_same(seed, share):
     view = UnmeasuredView(rng.uniform(-0.5, 0.5, 3), direction)
     distance_m = np.arange(0.25, 3.3, 0.1)
     found = unmeasured.first_closed(occupancy, view, distance_m)
-    expected = unmeasured.numpy_first_closed(occupancy, view, distance_m)
+    expected = reference.numpy_first_closed(occupancy, view, distance_m)
     assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
 
 
@@ -134,34 +132,23 @@ def test_rays_without_a_measurement_end_the_same(seed, share):
 @given(SEEDS, st.integers(0, 60), st.integers(1, 90), st.integers(0, 40), st.floats(0.3, 1.0))
 def test_distances_are_the_same_bits(seed, rows, cols, cap, share):
     free = np.random.default_rng(seed).random((rows, cols)) < share**0.1
-    assert capped_distance_cells(free, cap).tobytes() == numpy_capped_distance_cells(free, cap).tobytes()
+    assert capped_distance_cells(free, cap).tobytes() == reference.numpy_capped_distance_cells(free, cap).tobytes()
 
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS, st.integers(0, 40), st.integers(1, 50), st.floats(0.1, 0.9), st.sampled_from([0.0, 3.0, 12.5, 400.0]))
 def test_holes_are_the_same(seed, rows, cols, share, max_cells):
     unknown = np.random.default_rng(seed).random((rows, cols)) < share
-    assert np.array_equal(enclosed_holes(unknown, max_cells), scipy_enclosed_holes(unknown, max_cells))
+    assert np.array_equal(enclosed_holes(unknown, max_cells), reference.scipy_enclosed_holes(unknown, max_cells))
 
 
 @settings(max_examples=40, deadline=None)
 @given(SEEDS, st.integers(1, 60), st.integers(0, 90))
 def test_components_have_the_same_numbers(seed, num, num_links):
     links = np.random.default_rng(seed).integers(0, num, (num_links, 2))
-    assert np.array_equal(connected_components(links, num), scipy_connected_components(links, num))
+    assert np.array_equal(connected_components(links, num), reference.scipy_connected_components(links, num))
 
 
 def test_links_to_nodes_that_are_not_there_are_refused():
     with pytest.raises(ValueError, match="no such node"):
         connected_components(np.array([[0, 3]]), 3)
-
-
-@pytest.mark.parametrize("module", [pooling, ray_casting, unmeasured], ids=lambda module: module.__name__)
-def test_an_engine_without_these_is_enough(module, monkeypatch):
-    calls = []
-    monkeypatch.setattr(module, "native_function", lambda name: calls.append(name))
-    check_cells_are_pooled_the_same(0, 0.5)
-    check_rays_end_in_the_same_cells_with_the_same_gains(0, 0.5)
-    check_rays_without_a_measurement_end_the_same(0, 0.5)
-    assert calls
-    assert set(calls) <= set(BUILT_LATER)

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import (
     clearance_at,
     path_steps,
@@ -12,17 +11,18 @@ from anm_mj.planning.paths import (
     segments_clear,
     shortest_paths,
 )
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import TURN_STEP_RAD, Footprint, Pose2
-from tests.planning.worlds import room
+from tests.planning.worlds import room, topdown_map
 
 SAFE_M = 0.22
 CONFIG = PlanningConfig(horizon_m=20.0)
 
 
 def situation(world, pose):
-    topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, pose)
+    topdown = topdown_map(TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)), world.occupancy, world.sdf, pose)
     return voronoi_graph(topdown, pose.xy_m, CONFIG, SAFE_M), topdown
 
 

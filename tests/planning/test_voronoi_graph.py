@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.contracted_edges import components
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.policies.anm_s.contracted_edges import components
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, Footprint, Pose2, TopDownMap
-from tests.planning.worlds import BoxWorld, room, see
+from tests.planning.worlds import BoxWorld, room, see, topdown_map
 
 SAFE_M = 0.22
 CONFIG = PlanningConfig(horizon_m=20.0)
@@ -148,7 +148,9 @@ def test_border_without_a_vertex_gives_an_empty_graph(border):
 def test_coarse_far_field_keeps_the_graph_connected():
     walls = [(x, 0.2, x + 0.1, 2.2) for x in (6.0, 12.0, 18.0, 24.0)]
     world = room(30, 4, boxes=walls)
-    topdown = TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, Pose2(1, 1, 0))
+    topdown = topdown_map(
+        TopDownMapper(CONFIG, Footprint(0.18, 0.05, 1.35)), world.occupancy, world.sdf, Pose2(1, 1, 0)
+    )
     config = PlanningConfig()
     fine, rough = (voronoi_graph(topdown, np.ones(2), config, SAFE_M, coarse_far_field=thin) for thin in (False, True))
     assert len(rough.vertex_xy_m) < 0.8 * len(fine.vertex_xy_m)

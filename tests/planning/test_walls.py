@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from anm_mj.planning.clear_edges import clear_edges
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.paths import clearance_at, shortest_paths
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, OCCUPIED, Footprint, Pose2, TopDownMap, VoxelGrid
+from tests.planning.worlds import topdown_map
 
 CELL_M = 0.05
 FOOTPRINT = Footprint(0.18, 0.05, 0.25)
@@ -55,7 +56,7 @@ def reached(grid, *, coarse_far_field):
     def sdf(points_m):
         return np.full(len(points_m), 0.1, np.float32)
 
-    topdown = TopDownMapper(CONFIG, FOOTPRINT).update(grid, sdf, POSE)
+    topdown = topdown_map(TopDownMapper(CONFIG, FOOTPRINT), grid, sdf, POSE)
     graph = voronoi_graph(topdown, POSE.xy_m, CONFIG, SAFE_M, coarse_far_field=coarse_far_field)
     distance_m = shortest_paths(graph, topdown, POSE, SAFE_M).distance_m
     return graph.vertex_xy_m[np.isfinite(distance_m)], graph.vertex_xy_m

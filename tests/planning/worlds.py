@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 
-from anm_mj.planning.config import PlanningConfig
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, MapUpdate, Observation, Pose2, SurfacePoints, VoxelGrid
 
+CAMERA = FieldOfView(tan_left=0.0, tan_right=0.0, tan_up=1e3, tan_down=1e3, pitch_rad=0.0, height_m=1.0)
+"""Sees all heights everywhere ahead."""
 RESOLUTION_M = 0.05
+TRUNCATION_M = 0.1
 HEIGHT_M = 2.0
 
 
@@ -27,6 +33,7 @@ class BoxWorld:
         seen = np.where(state == OCCUPIED, np.float32(1.0), np.float32(np.inf))
         self.boxes = np.array(boxes, float).reshape(-1, 4)
         self.occupancy = VoxelGrid(state, seen, np.zeros(3), RESOLUTION_M)
+        self.truncation_m = TRUNCATION_M
 
     def integrate(self, observation: Observation) -> MapUpdate:
         return MapUpdate(0.0, 0, 0)
@@ -37,12 +44,12 @@ class BoxWorld:
         q = np.abs(points_m[:, None, :2] - centre) - half
         outside = np.linalg.norm(np.maximum(q, 0), axis=-1)
         distance = (outside + np.minimum(q.max(axis=-1), 0)).min(axis=1)
-        return np.clip(distance, -0.1, 0.1).astype(np.float32)
+        return np.clip(distance, -TRUNCATION_M, TRUNCATION_M).astype(np.float32)
 
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
-    def occupancy_about(self, centre_xy_m, radius_m) -> VoxelGrid:
+    def occupancy_grid(self, centre_xy_m=None, radius_m=np.inf) -> VoxelGrid:
         return self.occupancy
 
     def surface(self, centre_xy_m, radius_m, max_height_m=np.inf) -> SurfacePoints:
@@ -56,8 +63,15 @@ def room(width_m, height_m, wall_m=0.2, boxes=(), unknown=()):
     return BoxWorld((w, h), [*walls, *boxes], unknown)
 
 
+def topdown_map(mapper, grid, sdf, pose, camera=CAMERA):
+    """The top-down map that a mapper makes of an occupancy grid and a signed-distance function."""
+    return mapper.update(Mock(occupancy_grid=lambda: grid, sdf=sdf, truncation_m=TRUNCATION_M), pose, camera)[0]
+
+
 def see(world, x, y, safe_m=0.22):
     """The graph and the top-down map of a world, with everything in the local horizon of a robot at (x, y)."""
     config = PlanningConfig(horizon_m=100.0)
-    topdown = TopDownMapper(config, Footprint(0.18, 0.05, 1.35)).update(world.occupancy, world.sdf, Pose2(x, y, 0.0))
+    topdown = topdown_map(
+        TopDownMapper(config, Footprint(0.18, 0.05, 1.35)), world.occupancy, world.sdf, Pose2(x, y, 0.0)
+    )
     return voronoi_graph(topdown, np.array([x, y]), config, safe_m), topdown

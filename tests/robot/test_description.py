@@ -11,10 +11,10 @@ import pytest
 from anm_mj.errors import RobotError
 from anm_mj.frames import T_GL_CV, move_pose, pose_matrix
 from anm_mj.robot.base_joints import SimulatedBase
-from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.description import describe_robot
 from anm_mj.robot.kinematics import RobotKinematics
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_config import RobotConfig
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.types import Action, Pose2, Twist

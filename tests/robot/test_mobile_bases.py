@@ -9,8 +9,8 @@ import pytest
 
 from anm_mj.errors import RobotError
 from anm_mj.robot.camera_search import tilt_deg
-from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.description import describe_robot
+from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.sim.drives.kinematic_drive import KinematicDrive
 from anm_mj.sim.drives.physics_drive import PhysicsDrive
 from anm_mj.types import Action, Pose2, StopReason

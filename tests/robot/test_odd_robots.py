@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import RobotError
-from anm_mj.robot.config import RobotConfig
 from anm_mj.robot.description import describe_robot
+from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.sim.drives.drive_trial import drive_over_a_floor
 
 WHEEL = (

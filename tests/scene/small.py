@@ -6,7 +6,7 @@ import shapely
 
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.generation.building import Building, Passage, PlanRoom
-from anm_mj.scene.generation.scene import write_building
+from anm_mj.scene.generation.generate_scene import write_building
 from anm_mj.scene.writer import SceneInfo
 
 

@@ -7,7 +7,7 @@ import trimesh
 from anm_mj.scene.check import check_scene, disable_backface_culling
 from anm_mj.scene.folder import read_scene_folder
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, navigable_area
-from anm_mj.scene.rooms import find_rooms
+from anm_mj.scene.room_segmentation import segment_rooms
 from anm_mj.scene.submesh import Submesh
 from anm_mj.scene.writer import SceneInfo, write_scene
 from anm_mj.types import Pose2
@@ -16,7 +16,7 @@ from tests.scene.shapes import box, room, table, two_rooms
 
 def _plan(mesh: trimesh.Trimesh):
     triangles = np.asarray(mesh.triangles)
-    return find_rooms(triangles, navigable_area(triangles, DEFAULT_FOOTPRINT))
+    return segment_rooms(triangles, navigable_area(triangles, DEFAULT_FOOTPRINT))
 
 
 def _scene(mesh: trimesh.Trimesh, folder, starts=None, **info):

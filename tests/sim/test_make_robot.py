@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from anm_mj.errors import RobotError, SceneError
+from anm_mj.errors import ConfigError, RobotError, SceneError
 from anm_mj.frames import back_project
-from anm_mj.robot.presets import robot_path
+from anm_mj.robot.robot_presets import robot_path
 from anm_mj.scene.folder import Scene, load_scene
 from anm_mj.scene.importing.import_scene import import_scene
-from anm_mj.sim.make_robot import DRIVES, FOOTPRINT, make_robot
+from anm_mj.sim.make_robot import FOOTPRINT, make_robot
+from anm_mj.sim.simulation_config import DRIVES
 from anm_mj.types import Action, Pose2
 from tests.robots import ROVER_XML
 
@@ -97,19 +98,19 @@ def test_start_outside_the_scene(room):
 
 
 def test_unknown_drive(room):
-    with pytest.raises(RobotError, match="choose one of kinematic, physics"):
+    with pytest.raises(ConfigError, match="choose one of kinematic, physics"):
         make_robot(room, drive="magic")
 
 
 def test_unknown_robot_or_pose_source(room):
     with pytest.raises(RobotError, match="a name: diff_drive"):
         make_robot(room, robot="r2d2")
-    with pytest.raises(RobotError, match="choose one of true, odometry"):
+    with pytest.raises(ConfigError, match="choose one of true, odometry"):
         make_robot(room, pose="guess")
 
 
 def test_camera_of_the_rover(room):
-    with make_robot(room, start=Pose2(-1.5, 0.0, 0.0), robot=ROVER_XML, image_px=32) as rover:
+    with make_robot(room, start=Pose2(-1.5, 0.0, 0.0), robot=str(ROVER_XML), image_px=32) as rover:
         observation = rover.observe()
         assert rover.footprint.radius_m == pytest.approx(0.216, abs=1e-3)
         assert len(rover.robot_hash) == 64

@@ -2,7 +2,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from anm_mj.utils.settings import check_settings, moved_from, setting
+from anm_mj.utils.settings import check_settings, setting
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,3 @@ def test_a_value_beyond_the_limits_is_named_with_them(value, said):
 def test_a_limit_may_be_reached_where_it_is_included():
     check_settings(Example(share=0.0), "example", ValueError)
     check_settings(Example(share=1.0), "example", ValueError)
-
-
-def test_settings_that_moved_keep_their_names():
-    assert moved_from("old", "a", "b") == {"old.a": "a", "old.b": "b"}

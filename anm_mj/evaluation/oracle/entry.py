@@ -2,4 +2,6 @@
 
 from anm_mj.planning.policies.registry import PolicyEntry
 
-ORACLE = PolicyEntry("anm_mj.evaluation.oracle.policy:Oracle", "knows the scene", needs_truth=True, asks_map=False)
+ORACLE = PolicyEntry(
+    "anm_mj.evaluation.oracle.oracle_policy:Oracle", "knows the scene", needs_truth=True, asks_map=False
+)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int, Int8, Int32, UInt64
 
-from anm_mj.evaluation.oracle.discretize import CLEARANCE_COST_STEPS, CLEARANCE_M, TOLERANCE_M, discretize, turn
+from anm_mj import _native
+from anm_mj.evaluation.oracle.discretize import CLEARANCE_COST_STEPS, CLEARANCE_M, TOLERANCE_M, turn
 from anm_mj.evaluation.oracle.roadmap import CLEARANCE_M as EDGE_CLEARANCE_M
 from anm_mj.evaluation.oracle.roadmap import SAMPLE_M, Roadmap
 from anm_mj.geometry.polyline import NUM_HEADINGS
 from anm_mj.types import FORWARD_STEP_M, TURN_STEP_RAD
-from anm_mj.utils.native_functions import native_function
 
 NO_YAW = -1
 """Stands for no yaw."""
@@ -77,28 +77,13 @@ class Segments:
         return number, first, last
 
     def _path(self, a: int, b: int) -> tuple[int, int, int, UInt64[np.ndarray, " words"]]:
-        """Steps, first and last yaw, and what the frames of a path cover.
-
-        In C++ (``native/roadmap_path.h``) where the engine was built, else in NumPy, which gives the same.
-        """
-        native = native_function("roadmap_path")
-        if native is None:
-            return self.numpy_path(a, b)
+        """Steps, first and last yaw, and what the frames of a path cover (``native/roadmap_path.h``)."""
         covers = np.zeros(self.bits.shape[2], np.uint64)
         roadmap = self._roadmap
         frame = np.array([*roadmap.origin_xy_m, roadmap.resolution_m, self._yaw_rad])
         grid = roadmap.clearance_m, roadmap.nearest_place, frame, PATH_RULE
-        return *native(np.array([a, b]), roadmap.before[a], roadmap.places_m, *grid, self.bits, covers), covers
-
-    def numpy_path(self, a: int, b: int) -> tuple[int, int, int, UInt64[np.ndarray, " words"]]:
-        """The reference of :meth:`_path`."""
-        start_m = self._roadmap.places_m[a]
-        path = discretize(start_m, None, self._roadmap.path_m(a, b), self._roadmap, self._yaw_rad)
-        if not path.yaws:
-            return 0, NO_YAW, NO_YAW, np.zeros(self.bits.shape[2], np.uint64)
-        xy_m, yaws = path.frames(start_m, path.yaws[0], self._yaw_rad)
-        covers = np.bitwise_or.reduce(self.bits[self._roadmap.nearest(xy_m), yaws], axis=0)
-        return len(yaws), path.yaws[0], path.yaws[-1], covers
+        before, places_m = roadmap.before[a], roadmap.places_m
+        return *_native.roadmap_path(np.array([a, b]), before, places_m, *grid, self.bits, covers), covers
 
     def _add(
         self, covers: UInt64[np.ndarray, " words"], steps: int, first_yaw: int = NO_YAW, last_yaw: int = NO_YAW

@@ -1,4 +1,4 @@
-"""A relaxation, which estimates what no tour exceeds: the time to see many things is left out, the way to each is not.
+"""Estimated upper bound on coverage: a relaxation leaves out the time to see many things, but not the path to each.
 
 A sample counts from the first step at which the robot could see it if it drove straight to where it is seen from and
 turned to it by the shorter side. So the bound at a step is the number of samples that some pose within so many actions

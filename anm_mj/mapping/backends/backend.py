@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
+from anm_mj.errors import MapError
+from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.rays import RayBatch
 
@@ -114,6 +116,16 @@ class MapperBackend(ABC):
     @abstractmethod
     def render(self, origin_m: Vectors, direction: Vectors, z_m: SampleDepths) -> RenderedRays:
         """Rendered colour in [0, 1] and planar depth [m] of rays, from samples at the given depths (Eq. 1)."""
+
+    def align(
+        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
+    ) -> NormalEquations:
+        """Normal equations of a frame's distances to the surface, and of its colours, at a camera pose.
+
+        Raises:
+            MapError: The engine cannot.
+        """
+        raise MapError(f"Engine '{self.name}' cannot localise; use mapping.engine=native.")
 
     @abstractmethod
     def parameters(self) -> Parameters:

@@ -13,6 +13,7 @@ from jaxtyping import Float, Float32
 
 from anm_mj import _native
 from anm_mj.errors import MapError
+from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters, RenderedRays, SampleDepths, StepLosses, Vectors
 from anm_mj.mapping.backends.grid_layout import bins_per_m, cells_per_m, index_factors
 from anm_mj.mapping.backends.parameters import (
@@ -145,6 +146,27 @@ class NativeBackend(MapperBackend):
     def render(self, origin_m: Vectors, direction: Vectors, z_m: SampleDepths) -> RenderedRays:
         """Rendered colour and planar depth of rays; see the base class."""
         return self._engine.render(_floats(origin_m), _floats(direction), _floats(z_m))
+
+    def align(
+        self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], settings: AlignSettings
+    ) -> NormalEquations:
+        """Normal equations of a frame at a camera pose (``native/frame_to_field.h``); see the base class."""
+        return NormalEquations(
+            *self._engine.align(
+                points.camera_m,
+                points.rgb,
+                points.variance_m2,
+                points.trust,
+                _floats(T_world_camera[:3, :3]),
+                _floats(T_world_camera[:3, 3]),
+                settings.levels or self.config.field.num_levels,
+                (settings.saturation, settings.least_slope, settings.most_slope),
+                settings.field_deviation_m**2,
+                settings.kernel,
+                settings.color_deviation,
+                settings.color_kernel,
+            )
+        )
 
     def parameters(self) -> Parameters:
         """Copies of all parameters by name."""

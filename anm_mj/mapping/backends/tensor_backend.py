@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.backends.adam import Adam
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.mapping_config import MappingConfig
 

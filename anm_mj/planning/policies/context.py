@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from anm_mj.errors import PlanError
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.types import Footprint
 from anm_mj.utils.settings import check_settings
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies import registry
 from anm_mj.planning.policies.context import DEFAULT_GOAL, PolicyContext
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, default_settings

@@ -52,15 +52,17 @@ class PolicyEntry:
 
 
 _OWN: Mapping[str, PolicyEntry] = {
-    "gvg": PolicyEntry("anm_mj.planning.policies.gvg.policy:Gvg", "ours"),
-    "anm-s": PolicyEntry("anm_mj.planning.policies.anm_s.policy:AnmS", "the paper's", uncertainty_preset="paper"),
-    "anm": PolicyEntry("anm_mj.planning.policies.anm.policy:Anm", "with a map of its own kind", mapping_preset="anm"),
-    "upen": PolicyEntry("anm_mj.planning.policies.upen.policy:Upen", asks_map=False),
-    "frontier": PolicyEntry("anm_mj.planning.policies.frontier.policy:Frontier", asks_map=False),
-    "frontier-full": PolicyEntry(
-        "anm_mj.planning.policies.frontier.policy:Frontier", defaults={"range_m": 10.0}, asks_map=False
+    "gvg": PolicyEntry("anm_mj.planning.policies.gvg.gvg_policy:Gvg", "ours"),
+    "anm-s": PolicyEntry("anm_mj.planning.policies.anm_s.anm_s_policy:AnmS", "the paper's", uncertainty_preset="paper"),
+    "anm": PolicyEntry(
+        "anm_mj.planning.policies.anm.anm_policy:Anm", "with a map of its own kind", mapping_preset="anm"
     ),
-    "random": PolicyEntry("anm_mj.planning.policies.random_walk.policy:RandomWalk", asks_map=False),
+    "upen": PolicyEntry("anm_mj.planning.policies.upen.upen_policy:Upen", asks_map=False),
+    "frontier": PolicyEntry("anm_mj.planning.policies.frontier.frontier_policy:Frontier", asks_map=False),
+    "frontier-full": PolicyEntry(
+        "anm_mj.planning.policies.frontier.frontier_policy:Frontier", defaults={"range_m": 10.0}, asks_map=False
+    ),
+    "random": PolicyEntry("anm_mj.planning.policies.random_walk:RandomWalk", asks_map=False),
 }
 
 

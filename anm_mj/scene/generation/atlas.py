@@ -20,13 +20,11 @@ from anm_mj.scene.submesh import Submesh
 _MARGIN_PX = 1
 _INSET_M = 0.012
 """Light is looked up at least this far inside a quad: its very edge often lies inside a neighbour."""
-
-
 _TEXELS_TOGETHER = 1 << 19
 """Texels that are painted at a time."""
 
-Cuts = dict[int, Float64[np.ndarray, "k 3 2"]]
-"""Triangles that stand for a quad, by the quad's index: corners as shares (s, t) of the quad's sides."""
+Cut = Float64[np.ndarray, "k 3 2"]
+"""Triangles that stand for a quad: corners as shares (s, t) of the quad's sides."""
 
 
 def paint(
@@ -34,8 +32,8 @@ def paint(
     surface: Quads,
     lighting: VoxelLighting,
     light_spacing_m: float,
-    cuts: Cuts | None = None,
-    shades: int = 256,
+    cuts: dict[int, Cut],
+    shades: int,
 ) -> Submesh:
     """One textured submesh.
 
@@ -44,7 +42,7 @@ def paint(
         surface: What to paint.
         lighting: Light in the whole scene.
         light_spacing_m: Distance between the points that light is worked out for; between them it is interpolated.
-        cuts: Quads of which only some triangles are there, as of a floor with slanting sides.
+        cuts: By index, quads of which only some triangles are there, as of a floor with slanting sides.
         shades: Number of values per colour channel: fewer make a smaller file.
     """
     texel_m = np.array([material.texel_m for material in surface.materials])
@@ -63,7 +61,7 @@ def paint(
         colour = to_srgb(to_linear(colour) * _between(sizes, light, quad, s, t))
         shade = np.rint(colour * (shades - 1)) * (255.0 / (shades - 1))
         image[corner_px[quad, 1] + row, corner_px[quad, 0] + col] = np.rint(shade).astype(np.uint8)
-    return _submesh(name, surface, corner_px, size_px, image, cuts or {})
+    return _submesh(name, surface, corner_px, size_px, image, cuts)
 
 
 def points_on(surface: Quads, spacing_m: float) -> Float64[np.ndarray, "n 3"]:
@@ -183,7 +181,7 @@ def _submesh(
     corner_px: Int64[np.ndarray, "n 2"],
     size_px: Int64[np.ndarray, "n 2"],
     image: UInt8[np.ndarray, "h w 3"],
-    cuts: Cuts,
+    cuts: dict[int, Cut],
 ) -> Submesh:
     """The quads as triangles, with texture coordinates at the centres of their corner texels."""
     ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])

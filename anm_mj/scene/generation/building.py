@@ -89,7 +89,7 @@ class Building:
 
     rooms: tuple[PlanRoom, ...]
     passages: tuple[Passage, ...]
-    style: str = "apartment"
+    kind: str = "apartment"
     """"apartment" or "office": what the furniture is like."""
     ceiling_m: float = 2.6
     door_height_m: float = 2.05

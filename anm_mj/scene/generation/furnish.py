@@ -8,10 +8,10 @@ import numpy as np
 
 from anm_mj.scene.generation.building import Building, PlanRoom, RoomWall
 from anm_mj.scene.generation.furniture_catalogue.home import curtains
-from anm_mj.scene.generation.piece import Piece, Placed
+from anm_mj.scene.generation.piece import Placed
 from anm_mj.scene.generation.placement import RoomSpace
+from anm_mj.scene.generation.room_style import RoomStyle, draw_style
 from anm_mj.scene.generation.room_templates import pieces_for
-from anm_mj.scene.generation.style import Style, draw_style
 from anm_mj.scene.generation.traversability import RoomGrid
 from anm_mj.scene.generation.windows import with_given_windows, with_windows
 
@@ -24,7 +24,7 @@ class FurnishedRoom:
 
     room: PlanRoom
     walls: tuple[RoomWall, ...]
-    style: Style
+    style: RoomStyle
     placed: tuple[Placed, ...]
     grid: RoomGrid
 
@@ -59,14 +59,13 @@ def _furnish_room(building: Building, index: int, seed: int, furniture: bool) ->
     if not furniture:
         return FurnishedRoom(room, walls, style, (), grid)
     space = RoomSpace(room.floor, walls, rng)
-    room_type = "office corridor" if room.room_type == "corridor" and building.style == "office" else room.room_type
+    room_type = "office corridor" if room.room_type == "corridor" and building.kind == "office" else room.room_type
     area_m2 = float(room.floor.area)
     placed: list[Placed] = []
     # What is large is made from several rooms' worth of furniture.
     for _ in range(max(1, min(4, round(area_m2 / 45.0)))):
-        for choice in pieces_for(room_type, area_m2, style, rng):
-            alternatives = (choice,) if isinstance(choice, Piece) else choice
-            # Asked one after the other: what fits is taken, and nothing smaller is tried.
+        for alternatives in pieces_for(room_type, area_m2, style, rng):
+            # Once one fits, no smaller one is tried.
             put = next((put for piece in alternatives if (put := space.put(piece)) is not None), None)
             placed += [put] if put is not None else []
     if room.room_type in _CURTAINED and rng.random() < 0.7:

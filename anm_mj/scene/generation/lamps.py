@@ -34,7 +34,7 @@ def lamp_places(floor: shapely.Polygon) -> list[tuple[float, float]]:
 def lamps(building: Building, furnished: FurnishedRoom) -> list[Quads]:
     """The lamps themselves: round in homes, long panels in offices."""
     places = lamp_places(furnished.room.floor)
-    if building.style == "apartment":
+    if building.kind == "apartment":
         return [ceiling_lamp(building.ceiling_m, rgb("fff4d6")).placed(x, y) for x, y in places]
     low, high = (-0.6, -0.15, building.ceiling_m - 0.05), (0.6, 0.15, building.ceiling_m)
     return [box(low, high, glow(rgb("fbfdff")), "+z").placed(x, y) for x, y in places]

@@ -9,10 +9,10 @@ import shapely
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.generation.building import Building, Passage, PlanRoom, named_rooms
-from anm_mj.scene.generation.cells import Cell, cluster, wings
+from anm_mj.scene.generation.room_arrangement import Cell, cluster, wings
 from anm_mj.scene.generation.room_types import ROOM_TYPES, choose_room_types
 
-Style = Literal["apartment", "office"]
+BuildingKind = Literal["apartment", "office"]
 
 MIN_ROOMS, MAX_ROOMS = 1, 60
 WALL_M = 0.12
@@ -27,7 +27,7 @@ _DOOR_MARGIN_M = 0.2
 _MAX_ATTEMPTS = 20
 
 
-def plan_building(rooms: int, seed: int, style: Style = "apartment") -> Building:
+def plan_building(rooms: int, seed: int, kind: BuildingKind = "apartment") -> Building:
     """The rooms and doors of a building; the same for the same arguments.
 
     All rooms can be reached; from five rooms on there is at least one loop.
@@ -35,7 +35,7 @@ def plan_building(rooms: int, seed: int, style: Style = "apartment") -> Building
     Args:
         rooms: Number of rooms, corridors counted; 1 to 60.
         seed: Which of the buildings of this size; 0 or more.
-        style: What it is for.
+        kind: What it is for.
 
     Raises:
         SceneError: if an argument is out of its range.
@@ -44,21 +44,21 @@ def plan_building(rooms: int, seed: int, style: Style = "apartment") -> Building
         raise SceneError(f"A building of {rooms} rooms cannot be generated: give {MIN_ROOMS} to {MAX_ROOMS}.")
     if seed < 0:
         raise SceneError(f"A seed of {seed} cannot be used: give 0 or more.")
-    if style not in ("apartment", "office"):
-        raise SceneError(f"There is no kind of building {style!r}: give apartment or office.")
+    if kind not in ("apartment", "office"):
+        raise SceneError(f"There is no kind of building {kind!r}: give apartment or office.")
     for attempt in range(_MAX_ATTEMPTS):
-        rng = np.random.default_rng([seed, rooms, ("apartment", "office").index(style), attempt])
-        building = _attempt(rooms, style, rng)
+        rng = np.random.default_rng([seed, rooms, ("apartment", "office").index(kind), attempt])
+        building = _attempt(rooms, kind, rng)
         if building is not None:
             return building
     raise SceneError(f"No building of {rooms} rooms was found for seed {seed}: give another seed.")
 
 
-def _attempt(num: int, style: Style, rng: np.random.Generator) -> Building | None:
+def _attempt(num: int, kind: BuildingKind, rng: np.random.Generator) -> Building | None:
     """One try; None if two rooms that should be joined share too short a wall."""
-    room_types = choose_room_types(num, style, rng)
-    clustered = num < 4 or (num <= 8 and rng.random() < (0.45 if style == "apartment" else 0.25))
-    cells = cluster(room_types, rng) if clustered else wings(num, style, room_types, rng)
+    room_types = choose_room_types(num, kind, rng)
+    clustered = num < 4 or (num <= 8 and rng.random() < (0.45 if kind == "apartment" else 0.25))
+    cells = cluster(room_types, rng) if clustered else wings(num, kind, room_types, rng)
     if len(cells) != num or min(min(np.subtract(cell.high_m, cell.low_m)) for cell in cells) < 1.2:
         return None
     pairs = _adjacent(cells)
@@ -71,7 +71,7 @@ def _attempt(num: int, style: Style, rng: np.random.Generator) -> Building | Non
     if num >= 5 and not loops:
         return None
     passages = tuple(_passage(cells, pair, pairs[pair], rng) for pair in sorted([*joined, *loops]))
-    return Building(_rooms(cells), passages, style)
+    return Building(_rooms(cells), passages, kind)
 
 
 def _rooms(cells: list[Cell]) -> tuple[PlanRoom, ...]:

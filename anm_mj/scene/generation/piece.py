@@ -1,18 +1,19 @@
-"""Pieces of furniture: an outline on the floor, and a function that builds the geometry.
+"""Pieces of furniture: an outline on the floor, and geometry that is built on demand.
 
-Building is lazy: top-down maps, made by the thousand for training, need outlines only.
+Top-down maps, made by the thousand for training, need outlines only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+import functools
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal, ParamSpec, cast
 
 import numpy as np
 from jaxtyping import Float64
 
-from anm_mj.scene.generation.quads import Quads
+from anm_mj.scene.generation.quads import Quads, join
 
 GAP_M = 0.015
 """Between the back of a piece and the wall: the skirting [m]."""
@@ -35,11 +36,19 @@ class Piece:
     placement: Placement
     solids_m: tuple[Box, ...]
     """What the robot cannot pass, seen from above; the first box counts for all when there is only one."""
-    make: Callable[[], Quads]
     front_m: float = 0.6
     """Floor that stays clear before it."""
     height_m: float = 1.0
-    """What is higher than a window's sill does not stand before one."""
+    """Pieces higher than a window's sill do not stand before one."""
+    gap_m: float = 0.0
+    """Distance of the parts from the wall, beside that which they keep themselves [m]."""
+    parts: Iterable[Quads] = ()
+    """What it is made of; consumed by :attr:`quads`."""
+
+    @functools.cached_property
+    def quads(self) -> Quads:
+        """Its geometry, built at the first use."""
+        return join(*self.parts).placed(0.0, -self.gap_m)
 
     @property
     def outline_m(self) -> Box:
@@ -47,6 +56,11 @@ class Piece:
         boxes = np.array(self.solids_m)
         low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+Design = Iterator[Piece | Quads]
+"""The outline of a piece, then its parts."""
+_Arguments = ParamSpec("_Arguments")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +74,23 @@ class Placed:
 
     def quads(self) -> Quads:
         """The piece in the world."""
-        return self.piece.make().placed(self.x_m, self.y_m, self.yaw_deg)
+        return self.piece.quads.placed(self.x_m, self.y_m, self.yaw_deg)
 
     def corners_m(self) -> Float64[np.ndarray, "n 4 2"]:
         """Corners of its solids in the world, counter-clockwise."""
         return np.stack([box_corners(box, self.x_m, self.y_m, self.yaw_deg) for box in self.piece.solids_m])
+
+
+def furniture(design: Callable[_Arguments, Design]) -> Callable[_Arguments, Piece]:
+    """Decorates a generator that draws sizes, yields the outline, then the parts: the call returns the piece."""
+
+    @functools.wraps(design)
+    def make(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Piece:
+        parts = design(*args, **kwargs)
+        outline = cast(Piece, next(parts))
+        return replace(outline, parts=cast(Iterator[Quads], parts))
+
+    return make
 
 
 def box_corners(box: Box, x_m: float, y_m: float, yaw_deg: float) -> Float64[np.ndarray, "4 2"]:
@@ -75,26 +101,17 @@ def box_corners(box: Box, x_m: float, y_m: float, yaw_deg: float) -> Float64[np.
     return local @ np.array([[c, s], [-s, c]]) + (x_m, y_m)
 
 
-def against_wall(
-    name: str, width_m: float, depth_m: float, height_m: float, make: Callable[[], Quads], front_m: float = 0.6
-) -> Piece:
-    """A piece that fills a box before a wall, moved off the wall by the skirting."""
+def against_wall(name: str, width_m: float, depth_m: float, height_m: float, front_m: float = 0.6) -> Piece:
+    """The outline of a piece that fills a box before a wall, moved off the wall by the skirting."""
     solid = (-width_m / 2, -depth_m - GAP_M, width_m / 2, -GAP_M)
-    return Piece(name, "wall", (solid,), lambda: make().placed(0.0, -GAP_M), front_m, height_m)
+    return Piece(name, "wall", (solid,), front_m, height_m, GAP_M)
 
 
-def in_corner(
-    name: str,
-    half_m: float,
-    depth_m: tuple[float, float],
-    height_m: float,
-    make: Callable[[], Quads],
-    front_m: float = 0.0,
-) -> Piece:
-    """A piece that stands in corners: half its width, and how near to and far from the wall it reaches."""
-    return Piece(name, "corner", ((-half_m, -depth_m[1], half_m, -depth_m[0]),), make, front_m, height_m)
+def in_corner(name: str, half_m: float, depth_m: tuple[float, float], height_m: float, front_m: float = 0.0) -> Piece:
+    """The outline of a piece for corners: half its width, and how near to and far from the wall it reaches."""
+    return Piece(name, "corner", ((-half_m, -depth_m[1], half_m, -depth_m[0]),), front_m, height_m)
 
 
-def on_wall(name: str, half_m: float, depth_m: float, height_m: float, make: Callable[[], Quads]) -> Piece:
-    """A piece that hangs on a wall: half its width, how far it stands out, and its top."""
-    return Piece(name, "hang", ((-half_m, -depth_m, half_m, 0.0),), make, 0.0, height_m)
+def on_wall(name: str, half_m: float, depth_m: float, height_m: float) -> Piece:
+    """The outline of a piece that hangs on a wall: half its width, how far it stands out, and its top."""
+    return Piece(name, "hang", ((-half_m, -depth_m, half_m, 0.0),), 0.0, height_m)

@@ -18,13 +18,12 @@ from jaxtyping import Float64
 class Material:
     """How a surface looks."""
 
-    name: str
     colour: Callable[[Float64[np.ndarray, "n 2"]], Float64[np.ndarray, "n 3"]]
     """sRGB in 0..1 at surface coordinates [m]."""
     texel_m: float = 0.015
     """Size of a texel: as small as the finest thing to be seen in it, and never so small that the scene grows heavy."""
     glows: bool = False
-    """True for what is seen by its own light (window panes, lamp shades): no light or shadow falls on it."""
+    """Whether it is seen by its own light (window panes, lamp shades): no light or shadow falls on it."""
 
 
 @dataclass(frozen=True)

@@ -2,199 +2,116 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
 from anm_mj.scene.generation.furniture_catalogue import home, office
+from anm_mj.scene.generation.furniture_catalogue import kitchen_and_bath as wet
 from anm_mj.scene.generation.piece import Piece
-from anm_mj.scene.generation.style import Style
+from anm_mj.scene.generation.room_style import RoomStyle
 
-Choice = Piece | tuple[Piece, ...]
-"""A piece, or several of which the first that fits is taken."""
-Choices = list[Choice]
+_Draw = Callable[[RoomStyle, np.random.Generator], Piece]
 
-
-def pieces_for(room_type: str, area_m2: float, style: Style, rng: np.random.Generator) -> Choices:
-    """Pieces for a room, the most important first; a type without a template is furnished like a lounge."""
-    return _TEMPLATES.get(room_type, _lounge)(area_m2, style, rng)
-
-
-def _living(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [_sofa(s, rng), home.television(s, rng), home.bookcase(s, rng)]
-    if area > 20:
-        pieces += [_table(s, rng, 4), home.armchair(s, rng)]
-    pieces += [home.drawers(s, rng), home.plant(s, rng), home.floor_lamp(), home.bookcase(s, rng, high=False)]
-    return [*pieces, home.basket(s, rng), *_pictures(3, s, rng)]
+_SOFA = (partial(home.sofa_group, width_m=2.1), partial(home.sofa_group, width_m=1.6), home.armchair)
+_TABLE_2 = (partial(home.dining, seats=2),)
+_TABLE_4 = (partial(home.dining, seats=4), *_TABLE_2)
+_TABLE_6 = (partial(home.dining, seats=6), *_TABLE_4)
+_BED = (partial(home.bed, width_m=1.6), partial(home.bed, width_m=1.0), home.couch_bed)
+_CHILD_BED = (partial(home.bed, width_m=0.95), home.couch_bed)
+_COUNTER = (
+    *(partial(wet.kitchen_counter, width_m=width) for width in (2.4, 1.8, 1.2)),
+    *(partial(wet.worktop, width_m=width) for width in (2.4, 1.5, 1.0)),
+)
+"""A row with a fridge, or one that fits below a window."""
 
 
-def _kitchen(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [*_cooking(s, rng), _table(s, rng, 4), home.bookcase(s, rng)]
-    if area > 14:
-        pieces.append(home.drawers(s, rng))
-    return [*pieces, home.plant(s, rng), home.basket(s, rng), home.cartons(rng), *_pictures(2, s, rng)]
+def pieces_for(room_type: str, area_m2: float, style: RoomStyle, rng: np.random.Generator) -> list[tuple[Piece, ...]]:
+    """Pieces for a room, the most important first; of each tuple, the first that fits is taken.
 
-
-def _cooking(s: Style, rng: np.random.Generator) -> Choices:
-    """What makes a room a kitchen: a row with a fridge, or one that fits below a window."""
-    rows = tuple(home.kitchen_counter(s, rng, width) for width in (2.4, 1.8, 1.2))
-    return [(*rows, home.worktop(s, rng, 2.4), home.worktop(s, rng, 1.5), home.worktop(s, rng, 1.0))]
-
-
-def _table(s: Style, rng: np.random.Generator, seats: int) -> tuple[Piece, ...]:
-    """A table for so many, or for fewer."""
-    return tuple(home.dining(s, rng, num) for num in range(seats, 1, -2))
-
-
-def _sofa(s: Style, rng: np.random.Generator) -> tuple[Piece, ...]:
-    """A sofa as long as there is room for, or an armchair."""
-    return home.sofa_group(2.1, s, rng), home.sofa_group(1.6, s, rng), home.armchair(s, rng)
-
-
-def _dining(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [_table(s, rng, 6), home.drawers(s, rng), home.bookcase(s, rng, high=False)]
-    return [*pieces, home.plant(s, rng), home.floor_lamp(), home.chair(s), *_pictures(3, s, rng)]
-
-
-def _bedroom(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [
-        (home.bed(s, rng, 1.6), home.bed(s, rng, 1.0), home.couch_bed(s)),
-        home.wardrobe(s, rng),
-        home.drawers(s, rng),
+    A type without a template is furnished like a lounge.
+    """
+    return [
+        tuple(draw(style, rng) for draw in (choice if isinstance(choice, tuple) else (choice,)))
+        for choice in _template(room_type, area_m2, rng)
     ]
-    if area > 15:
-        pieces.append(home.desk(s, rng))
-    return [*pieces, home.plant(s, rng), home.stool(s), home.basket(s, rng), home.shoes(s), *_pictures(2, s, rng)]
 
 
-def _child(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [(home.bed(s, rng, 0.95), home.couch_bed(s)), home.cubbies(s, rng), home.toys(s, rng), home.beanbag(s)]
-    pieces += [home.desk(s, rng)] if area > 11 else []
-    return [*pieces, home.wardrobe(s, rng), home.stool(s), home.rug(s, (1.3, 1.3)), *_pictures(2, s, rng)]
-
-
-def _study(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [home.desk(s, rng), home.bookcase(s, rng), home.bookcase(s, rng, high=False)]
-    pieces += [home.armchair(s, rng), home.plant(s, rng), home.basket(s, rng), home.cartons(rng)]
-    return [*pieces, home.rug(s, (1.5, 1.1)), *_pictures(2, s, rng)]
-
-
-def _library(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [home.armchair(s, rng), *(home.bookcase(s, rng) for _ in range(4)), _sofa(s, rng)]
-    return [*pieces, home.floor_lamp(), home.plant(s, rng), *_pictures(1, s, rng)]
-
-
-def _hobby(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [_table(s, rng, 2), home.desk(s, rng), office.racks(s, rng), home.cubbies(s, rng)]
-    return [*pieces, home.cartons(rng), home.cartons(rng), home.beanbag(s), home.stool(s), *_pictures(2, s, rng)]
-
-
-def _bathroom(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [home.toilet(), home.basin(s), home.bathtub(s, rng), home.washing_machine(), home.towels(s)]
-    return [*pieces, home.basket(s, rng), home.porcelain_shelf(), home.rug(s, (0.8, 0.5))]
-
-
-def _washroom(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [home.toilet(), home.basin(s), home.toilet(), home.basin(s), home.towels(s), home.basket(s, rng)]
-    return [*pieces, home.porcelain_shelf()]
-
-
-def _storage(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [office.racks(s, rng), home.washing_machine(), home.wardrobe(s, rng), office.racks(s, rng)]
-    return [*pieces, home.cartons(rng), home.cartons(rng), home.basket(s, rng), home.stool(s)]
-
-
-def _corridor(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [home.coat_rack(s, rng), home.hall_table(s, rng), home.shoes(s), home.shoes(s), home.plant(s, rng)]
-    return [*pieces, *_pictures(min(8, 2 + int(area / 8)), s, rng)]
-
-
-def _office_corridor(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [office.water_dispenser(), office.filing(s, rng), home.chair(s), home.plant(s, rng), home.plant(s, rng)]
-    return [*pieces, home.basket(s, rng), *_pictures(min(8, 2 + int(area / 8)), s, rng)]
-
-
-def _office(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    one_island = area > 13 and rng.random() < 0.5
-    first = [office.desk_island(s, rng, 1)] if one_island else [home.desk(s, rng), home.desk(s, rng)]
-    pieces = [*first, home.bookcase(s, rng), office.filing(s, rng), office.whiteboard(rng), home.plant(s, rng)]
-    return [*pieces, home.chair(s), home.basket(s, rng), home.cartons(rng), *_pictures(1, s, rng)]
-
-
-def _open_office(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    islands = [
-        tuple(office.desk_island(s, rng, num) for num in range(int(rng.integers(1, 4)), 0, -1))
-        for _ in range(max(1, round(area / 14)))
-    ]
-    pieces = [*islands, office.filing(s, rng), office.whiteboard(rng), home.bookcase(s, rng), office.copier()]
-    pieces += [home.plant(s, rng), home.plant(s, rng), home.basket(s, rng), home.desk(s, rng), home.cartons(rng)]
-    return [*pieces, *_pictures(2, s, rng)]
-
-
-def _meeting(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    seats = 8 if area > 17 else 6
-    pieces = [
-        (office.meeting_table(s, rng, seats), office.meeting_table(s, rng, 4)),
-        office.whiteboard(rng),
-        home.television(s, rng),
-        home.drawers(s, rng),
-    ]
-    return [*pieces, home.plant(s, rng), home.basket(s, rng), *_pictures(2, s, rng)]
-
-
-def _break_room(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [*_cooking(s, rng), _table(s, rng, 4), _table(s, rng, 2), _sofa(s, rng)]
-    return [*pieces, office.water_dispenser(), home.plant(s, rng), home.basket(s, rng), *_pictures(2, s, rng)]
-
-
-def _reception(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [office.reception_desk(s, rng), _sofa(s, rng), home.armchair(s, rng), home.plant(s, rng)]
-    return [*pieces, home.plant(s, rng), office.water_dispenser(), home.chair(s), *_pictures(3, s, rng)]
-
-
-def _laboratory(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [office.laboratory_island(s, rng), office.laboratory_bench(s, rng), office.laboratory_bench(s, rng)]
-    rest = [office.lockers(s), office.racks(s, rng), office.whiteboard(rng), home.cartons(rng), home.basket(s, rng)]
-    return [*pieces, *rest]
-
-
-def _archive(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [*(office.racks(s, rng) for _ in range(3)), office.filing(s, rng), office.lockers(s)]
-    return [*pieces, home.cartons(rng), home.cartons(rng), home.stool(s)]
-
-
-def _lounge(area: float, s: Style, rng: np.random.Generator) -> Choices:
-    pieces = [_sofa(s, rng), home.armchair(s, rng), _table(s, rng, 2), home.bookcase(s, rng)]
-    if area > 40:
-        pieces += [_sofa(s, rng), _table(s, rng, 4), office.desk_island(s, rng, 2), _table(s, rng, 4)]
-    pieces += [home.plant(s, rng), home.plant(s, rng), home.floor_lamp(), home.television(s, rng), home.drawers(s, rng)]
-    return [*pieces, *_pictures(3, s, rng)]
-
-
-def _pictures(num: int, s: Style, rng: np.random.Generator) -> list[Piece]:
-    return [home.picture(s, rng) for _ in range(num)]
-
-
-_TEMPLATES: dict[str, Callable[[float, Style, np.random.Generator], Choices]] = {
-    "living": _living,
-    "kitchen": _kitchen,
-    "dining": _dining,
-    "bedroom": _bedroom,
-    "child": _child,
-    "study": _study,
-    "library": _library,
-    "hobby": _hobby,
-    "bathroom": _bathroom,
-    "washroom": _washroom,
-    "storage": _storage,
-    "corridor": _corridor,
-    "office corridor": _office_corridor,
-    "office": _office,
-    "open office": _open_office,
-    "meeting": _meeting,
-    "break room": _break_room,
-    "reception": _reception,
-    "laboratory": _laboratory,
-    "archive": _archive,
-    "lounge": _lounge,
-}
+def _template(room_type: str, area_m2: float, rng: np.random.Generator) -> Iterator[_Draw | tuple[_Draw, ...]]:
+    match room_type:
+        case "living":
+            yield from (_SOFA, home.television, home.bookcase)
+            yield from (_TABLE_4, home.armchair) if area_m2 > 20 else ()
+            yield from (home.drawers, home.plant, home.floor_lamp, home.low_bookcase, home.basket)
+            yield from 3 * (home.picture,)
+        case "kitchen":
+            yield from (_COUNTER, _TABLE_4, home.bookcase)
+            yield from (home.drawers,) if area_m2 > 14 else ()
+            yield from (home.plant, home.basket, home.cartons, home.picture, home.picture)
+        case "dining":
+            yield from (_TABLE_6, home.drawers, home.low_bookcase, home.plant, home.floor_lamp, home.chair)
+            yield from 3 * (home.picture,)
+        case "bedroom":
+            yield from (_BED, home.wardrobe, home.drawers)
+            yield from (home.desk,) if area_m2 > 15 else ()
+            yield from (home.plant, home.stool, home.basket, home.shoes, home.picture, home.picture)
+        case "child":
+            yield from (_CHILD_BED, home.cubbies, home.toys, home.beanbag)
+            yield from (home.desk,) if area_m2 > 11 else ()
+            yield from (home.wardrobe, home.stool, partial(home.rug, width_m=1.3, depth_m=1.3))
+            yield from 2 * (home.picture,)
+        case "study":
+            yield from (home.desk, home.bookcase, home.low_bookcase, home.armchair, home.plant, home.basket)
+            yield from (home.cartons, partial(home.rug, width_m=1.5, depth_m=1.1), home.picture, home.picture)
+        case "library":
+            yield from (home.armchair, *4 * (home.bookcase,), _SOFA, home.floor_lamp, home.plant, home.picture)
+        case "hobby":
+            yield from (_TABLE_2, home.desk, office.racks, home.cubbies, home.cartons, home.cartons, home.beanbag)
+            yield from (home.stool, home.picture, home.picture)
+        case "bathroom":
+            yield from (wet.toilet, wet.basin, wet.bathtub, wet.washing_machine, wet.towels, home.basket)
+            yield from (wet.bottle_shelf, partial(home.rug, width_m=0.8, depth_m=0.5))
+        case "washroom":
+            yield from (wet.toilet, wet.basin, wet.toilet, wet.basin, wet.towels, home.basket, wet.bottle_shelf)
+        case "storage":
+            yield from (office.racks, wet.washing_machine, home.wardrobe, office.racks, home.cartons, home.cartons)
+            yield from (home.basket, home.stool)
+        case "corridor":
+            yield from (home.coat_rack, home.hall_table, home.shoes, home.shoes, home.plant)
+            yield from min(8, 2 + int(area_m2 / 8)) * (home.picture,)
+        case "office corridor":
+            yield from (office.water_dispenser, office.filing, home.chair, home.plant, home.plant, home.basket)
+            yield from min(8, 2 + int(area_m2 / 8)) * (home.picture,)
+        case "office":
+            one_island = area_m2 > 13 and rng.random() < 0.5
+            yield from (partial(office.desk_island, per_side=1),) if one_island else (home.desk, home.desk)
+            yield from (home.bookcase, office.filing, office.whiteboard, home.plant, home.chair, home.basket)
+            yield from (home.cartons, home.picture)
+        case "open office":
+            for _ in range(max(1, round(area_m2 / 14))):
+                most = int(rng.integers(1, 4))
+                yield tuple(partial(office.desk_island, per_side=num) for num in range(most, 0, -1))
+            yield from (office.filing, office.whiteboard, home.bookcase, office.copier, home.plant, home.plant)
+            yield from (home.basket, home.desk, home.cartons, home.picture, home.picture)
+        case "meeting":
+            yield tuple(partial(office.meeting_table, seats=seats) for seats in (8 if area_m2 > 17 else 6, 4))
+            yield from (office.whiteboard, home.television, home.drawers, home.plant, home.basket)
+            yield from 2 * (home.picture,)
+        case "break room":
+            yield from (_COUNTER, _TABLE_4, _TABLE_2, _SOFA, office.water_dispenser, home.plant, home.basket)
+            yield from 2 * (home.picture,)
+        case "reception":
+            yield from (office.reception_desk, _SOFA, home.armchair, home.plant, home.plant, office.water_dispenser)
+            yield from (home.chair, *3 * (home.picture,))
+        case "laboratory":
+            yield from (office.laboratory_island, office.laboratory_bench, office.laboratory_bench, office.lockers)
+            yield from (office.racks, office.whiteboard, home.cartons, home.basket)
+        case "archive":
+            yield from (office.racks, office.racks, office.racks, office.filing, office.lockers)
+            yield from (home.cartons, home.cartons, home.stool)
+        case _:
+            yield from (_SOFA, home.armchair, _TABLE_2, home.bookcase)
+            yield from (_SOFA, _TABLE_4, partial(office.desk_island, per_side=2), _TABLE_4) if area_m2 > 40 else ()
+            yield from (home.plant, home.plant, home.floor_lamp, home.television, home.drawers)
+            yield from 3 * (home.picture,)

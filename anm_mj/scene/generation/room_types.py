@@ -49,9 +49,9 @@ _OFFICE = ("open office", "office", "meeting", "break room", "office", "washroom
 _OFFICE_MORE = ("office", "office", "meeting", "laboratory", "office", "lounge", "open office", "office", "washroom")
 
 
-def choose_room_types(num: int, style: str, rng: np.random.Generator) -> list[str]:
+def choose_room_types(num: int, kind: str, rng: np.random.Generator) -> list[str]:
     """Types of ``num`` rooms, corridors apart: first what every home or office has, then more in no fixed order."""
-    base, more = (_APARTMENT, _APARTMENT_MORE) if style == "apartment" else (_OFFICE, _OFFICE_MORE)
+    base, more = (_APARTMENT, _APARTMENT_MORE) if kind == "apartment" else (_OFFICE, _OFFICE_MORE)
     room_types: list[str] = list(base[:num])
     while len(room_types) < num:
         room_types += [more[k] for k in rng.permutation(len(more))[: num - len(room_types)]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 import mapbox_earcut
@@ -10,11 +11,11 @@ import shapely
 from jaxtyping import Float64
 from shapely.geometry.polygon import orient
 
-from anm_mj.scene.generation.atlas import Cuts
+from anm_mj.scene.generation.atlas import Cut
 from anm_mj.scene.generation.building import Building, Passage, RoomWall
 from anm_mj.scene.generation.furnish import FurnishedRoom
 from anm_mj.scene.generation.quads import Material, Quads, join, rectangle
-from anm_mj.scene.generation.style import CEILING
+from anm_mj.scene.generation.room_style import CEILING
 from anm_mj.scene.generation.textures import view_outside
 from anm_mj.scene.generation.wall import (
     CASING_WIDTH_M,
@@ -30,46 +31,47 @@ _TILE_M = 3.0
 """Floors that are no rectangle are painted in tiles, so that little is painted in vain [m]."""
 
 
+Patch = tuple[Quads, Cut | None]
+"""Quads, or one quad of which only the triangles of a cut are there."""
+
+
 class Surface:
-    """Quads gathered one after the other, some of them cut."""
+    """The quads of patches, in order."""
 
-    def __init__(self) -> None:
-        """Nothing yet."""
-        self._pieces: list[Quads] = []
-        self._num = 0
-        self.cuts: Cuts = {}
-
-    def add(self, piece: Quads, cut: Float64[np.ndarray, "k 3 2"] | None = None) -> None:
-        """Append quads; a cut belongs to a piece of one quad."""
-        if cut is not None:
-            self.cuts[self._num] = cut
-        self._pieces.append(piece)
-        self._num += len(piece.corners_m)
-
-    def quads(self) -> Quads:
-        """Everything so far."""
-        return join(*self._pieces)
+    def __init__(self, patches: Iterable[Patch]) -> None:
+        """Join the patches."""
+        pieces: list[Quads] = []
+        self.cuts: dict[int, Cut] = {}
+        """By the index of the quad."""
+        num = 0
+        for piece, cut in patches:
+            if cut is not None:
+                self.cuts[num] = cut
+            pieces.append(piece)
+            num += len(piece.corners_m)
+        self.quads = join(*pieces)
 
 
-def add_room_shell(surface: Surface, building: Building, furnished: FurnishedRoom, seed: int) -> None:
-    """Append all that a room has when it is empty."""
+def room_shell(building: Building, furnished: FurnishedRoom, seed: int) -> Iterator[Patch]:
+    """All that a room has when it is empty."""
     style, ceiling_m = furnished.style, building.ceiling_m
-    add_level(surface, furnished.room.floor, 0.0, style.floor, up=True)
-    add_level(surface, furnished.room.floor, ceiling_m, CEILING, up=False)
+    yield from _level(furnished.room.floor, 0.0, style.floor, up=True)
+    yield from _level(furnished.room.floor, ceiling_m, CEILING, up=False)
     for index, wall in enumerate(furnished.walls):
-        _add_wall(surface, wall, building, style.wall, style.trim, seed + 10 * index)
+        for piece in _wall(wall, building, style.wall, style.trim, seed + 10 * index):
+            yield piece, None
 
 
-def add_passage(surface: Surface, building: Building, passage: Passage, floor: Material, trim: Material) -> None:
-    """Append threshold, lintel and sides of an opening."""
-    add_level(surface, passage.floor, 0.0, floor, up=True)
-    add_level(surface, passage.floor, building.door_height_m, trim, up=False)
+def passage_shell(building: Building, passage: Passage, floor: Material, trim: Material) -> Iterator[Patch]:
+    """Threshold, lintel and sides of an opening."""
+    yield from _level(passage.floor, 0.0, floor, up=True)
+    yield from _level(passage.floor, building.door_height_m, trim, up=False)
     for jamb in building.jambs(passage):
-        surface.add(jamb.upright(0.0, jamb.length_m, 0.0, building.door_height_m, trim))
+        yield jamb.upright(0.0, jamb.length_m, 0.0, building.door_height_m, trim), None
 
 
-def add_level(surface: Surface, outline: shapely.Polygon, z_m: float, material: Material, up: bool) -> None:
-    """Append a level surface that is seen from above (a floor) or below (a ceiling)."""
+def _level(outline: shapely.Polygon, z_m: float, material: Material, up: bool) -> Iterator[Patch]:
+    """A level surface that is seen from above (a floor) or below (a ceiling)."""
     for tile in _tiles(outline):
         x0, y0, x1, y1 = tile.bounds
         along_x, along_y = (x1 - x0, 0.0, 0.0), (0.0, y1 - y0, 0.0)
@@ -77,11 +79,11 @@ def add_level(surface: Surface, outline: shapely.Polygon, z_m: float, material: 
         # Surface coordinates are world coordinates, so that the pattern runs on from tile to tile.
         piece = rectangle((x0, y0, z_m), first, second, material, (x0, y0) if up else (y0, x0))
         if tile.area > 0.9999 * (x1 - x0) * (y1 - y0):
-            surface.add(piece)
+            yield piece, None
             continue
         triangles = (_triangulated(tile) - (x0, y0)) / (x1 - x0, y1 - y0)
         # Seen from below, s runs along y, which turns the triangles round: they are turned back.
-        surface.add(piece, triangles if up else triangles[:, ::-1, ::-1])
+        yield piece, triangles if up else triangles[:, ::-1, ::-1]
 
 
 def _tiles(outline: shapely.Polygon) -> list[shapely.Polygon]:
@@ -113,20 +115,17 @@ def _triangulated(polygon: shapely.Polygon) -> Float64[np.ndarray, "k 3 2"]:
     return triangles
 
 
-def _add_wall(
-    surface: Surface, room_wall: RoomWall, building: Building, material: Material, trim: Material, seed: int
-) -> None:
-    """Append one wall with everything that belongs to it."""
+def _wall(room_wall: RoomWall, building: Building, material: Material, trim: Material, seed: int) -> Iterator[Quads]:
+    """One wall with everything that belongs to it."""
     wall, ceiling_m = room_wall.wall, building.ceiling_m
     doors = [Hole(a, b, 0.0, building.door_height_m) for a, b, door in room_wall.gaps if door]
     wide = [Hole(a, b, 0.0, ceiling_m) for a, b, door in room_wall.gaps if not door]
     for start, end, low, high in around_holes(wall.length_m, [*doors, *wide, *room_wall.windows], ceiling_m):
         if end - start > 1e-6 and high - low > 1e-6:
-            surface.add(wall.upright(start, end, low, high, material))
+            yield wall.upright(start, end, low, high, material)
     framed = [door for door in doors if door.start_m >= CASING_WIDTH_M and door.end_m <= wall.length_m - CASING_WIDTH_M]
     for door in framed:
-        for piece in casing(wall, door, trim):
-            surface.add(piece)
+        yield from casing(wall, door, trim)
     ends = [0.0]
     for hole in sorted([*doors, *wide], key=lambda hole: hole.start_m):
         margin = CASING_WIDTH_M if hole in framed else 0.0
@@ -134,8 +133,7 @@ def _add_wall(
     ends.append(wall.length_m)
     for start, end in zip(ends[::2], ends[1::2], strict=True):
         if end - start > 1e-6:
-            surface.add(wall.block(start, end, 0.0, SKIRTING_HEIGHT_M, SKIRTING_DEPTH_M, trim, "-z +y"))
+            yield wall.block(start, end, 0.0, SKIRTING_HEIGHT_M, SKIRTING_DEPTH_M, trim, "-z +y")
     for k, hole in enumerate(room_wall.windows):
         pane = view_outside(seed + k, hole.end_m - hole.start_m, hole.z_high_m - hole.z_low_m)
-        for piece in niche(wall, hole, pane, trim):
-            surface.add(piece)
+        yield from niche(wall, hole, pane, trim)

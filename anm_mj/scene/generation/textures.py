@@ -1,12 +1,14 @@
 """Patterns drawn by arithmetic: wood, tiles, wallpaper, plaster, fabric, pictures.
 
-Every function returns a :class:`Material`, whose colour is a function of surface coordinates in metres. Randomness
-comes from hashed lattice coordinates, so a pattern is the same whenever and in whatever order it is evaluated.
+Randomness comes from hashed lattice coordinates, so a pattern is the same in whatever order it is evaluated.
 """
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
+from typing import Concatenate, ParamSpec
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -15,6 +17,28 @@ from anm_mj.scene.generation.quads import Material
 
 Colour = tuple[float, float, float]
 """sRGB in 0..1."""
+_Places = Float64[np.ndarray, "n 2"]
+"""Surface coordinates u, v [m]."""
+_Colours = Float64[np.ndarray, "n 3"]
+"""sRGB in 0..1."""
+_Parameters = ParamSpec("_Parameters")
+
+
+def _pattern(
+    texel_m: float = 0.015, glows: bool = False
+) -> Callable[[Callable[Concatenate[_Places, _Parameters], _Colours]], Callable[_Parameters, Material]]:
+    """Turns a function for the colours at places into one that takes its other arguments and returns the material."""
+
+    def decorate(
+        colours: Callable[Concatenate[_Places, _Parameters], _Colours],
+    ) -> Callable[_Parameters, Material]:
+        @functools.wraps(colours)
+        def material(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> Material:
+            return Material(lambda uv: colours(uv, *args, **kwargs), texel_m, glows)
+
+        return material
+
+    return decorate
 
 
 def rgb(code: str) -> Colour:
@@ -22,134 +46,107 @@ def rgb(code: str) -> Colour:
     return int(code[:2], 16) / 255, int(code[2:4], 16) / 255, int(code[4:], 16) / 255
 
 
-def plain(colour: Colour, roughness: float = 0.02) -> Material:
+@_pattern()
+def plain(uv: _Places, colour: Colour, roughness: float = 0.02) -> _Colours:
     """One colour with a little mottle."""
-    return Material("plain", lambda uv: _tint(colour, 1.0 + roughness * (noise(uv * 18.0) - 0.5)))
+    return _tint(colour, 1.0 + roughness * (noise(uv * 18.0) - 0.5))
 
 
-def glow(colour: Colour) -> Material:
+@_pattern(texel_m=0.05, glows=True)
+def glow(uv: _Places, colour: Colour) -> _Colours:
     """One colour that shines by itself."""
-    return Material("glow", lambda uv: np.tile(colour, (len(uv), 1)).astype(float), texel_m=0.05, glows=True)
+    return np.tile(colour, (len(uv), 1)).astype(float)
 
 
-def plaster(colour: Colour, roughness: float = 0.05, texel_m: float = 0.02) -> Material:
+@_pattern(texel_m=0.03)
+def plaster(uv: _Places, colour: Colour, roughness: float = 0.05) -> _Colours:
     """A painted wall: faint clouds and grain."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        return _tint(colour, 1.0 + roughness * (0.6 * noise(uv * 2.5) + 0.4 * noise(uv * 25.0, 1) - 0.5))
-
-    return Material("plaster", paint, texel_m)
+    return _tint(colour, 1.0 + roughness * (0.6 * noise(uv * 2.5) + 0.4 * noise(uv * 25.0, 1) - 0.5))
 
 
-def wood(colour: Colour, contrast: float = 0.25) -> Material:
+@_pattern()
+def wood(uv: _Places, colour: Colour, contrast: float = 0.25) -> _Colours:
     """Solid wood with its grain along u."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        return _tint(colour, 1.0 + contrast * (_grain(uv, np.zeros(len(uv), np.int64)) - 0.5))
-
-    return Material("wood", paint)
+    return _tint(colour, 1.0 + contrast * (_grain(uv, np.zeros(len(uv), np.int64)) - 0.5))
 
 
-def planks(colour: Colour, width_m: float = 0.14, length_m: float = 1.3, contrast: float = 0.35) -> Material:
+@_pattern(texel_m=0.0125)
+def planks(uv: _Places, colour: Colour, width_m: float, length_m: float, contrast: float) -> _Colours:
     """A floor of boards along u, every board of its own shade."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        row = np.floor(uv[:, 1] / width_m).astype(np.int64)
-        along = uv[:, 0] / length_m + hashed(row, np.zeros_like(row), 5)
-        board = np.floor(along).astype(np.int64)
-        shade = 1.0 + contrast * (hashed(row, board, 6) - 0.5) + 0.5 * contrast * (_grain(uv, row * 31 + board) - 0.5)
-        gap = (_edge(uv[:, 1], width_m) < 0.006) | (_edge(along, 1.0) * length_m < 0.004)
-        return _tint(colour, np.where(gap, 0.55, shade))
-
-    return Material("planks", paint, 0.0125)
+    row = np.floor(uv[:, 1] / width_m).astype(np.int64)
+    along = uv[:, 0] / length_m + hashed(row, np.zeros_like(row), 5)
+    board = np.floor(along).astype(np.int64)
+    shade = 1.0 + contrast * (hashed(row, board, 6) - 0.5) + 0.5 * contrast * (_grain(uv, row * 31 + board) - 0.5)
+    gap = (_edge(uv[:, 1], width_m) < 0.006) | (_edge(along, 1.0) * length_m < 0.004)
+    return _tint(colour, np.where(gap, 0.55, shade))
 
 
-def tiles(first: Colour, second: Colour, size_m: float, grout: Colour, shade: float = 0.08) -> Material:
+@_pattern(texel_m=0.0125)
+def tiles(uv: _Places, first: Colour, second: Colour, size_m: float, grout: Colour, shade: float = 0.08) -> _Colours:
     """A chequerboard of square tiles; give the same colour twice for a plain one."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        cell = np.floor(uv / size_m).astype(np.int64)
-        even = (cell.sum(axis=1) % 2 == 0)[:, None]
-        colours = np.where(even, first, second) * (1.0 + shade * (hashed(cell[:, 0], cell[:, 1], 7) - 0.5))[:, None]
-        colours = colours * (1.0 + 0.04 * (noise(uv * 30.0) - 0.5))[:, None]
-        joint = np.minimum(_edge(uv[:, 0], size_m), _edge(uv[:, 1], size_m)) < 0.007
-        return np.clip(np.where(joint[:, None], grout, colours), 0.0, 1.0)
-
-    return Material("tiles", paint, 0.0125)
+    cell = np.floor(uv / size_m).astype(np.int64)
+    even = (cell.sum(axis=1) % 2 == 0)[:, None]
+    colours = np.where(even, first, second) * (1.0 + shade * (hashed(cell[:, 0], cell[:, 1], 7) - 0.5))[:, None]
+    colours = colours * (1.0 + 0.04 * (noise(uv * 30.0) - 0.5))[:, None]
+    joint = np.minimum(_edge(uv[:, 0], size_m), _edge(uv[:, 1], size_m)) < 0.007
+    return np.clip(np.where(joint[:, None], grout, colours), 0.0, 1.0)
 
 
-def stripes(first: Colour, second: Colour, period_m: float = 0.2, share: float = 0.5) -> Material:
+@_pattern()
+def stripes(uv: _Places, first: Colour, second: Colour, period_m: float = 0.2, share: float = 0.5) -> _Colours:
     """Wallpaper or cloth with stripes along v."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        across = uv[:, 0] % period_m
-        on = _inside(np.minimum(across, share * period_m - across)) + _inside(across - period_m)
-        return _mix(second, first, on) * (0.98 + 0.04 * noise(uv * 40.0))[:, None]
-
-    return Material("stripes", paint)
+    across = uv[:, 0] % period_m
+    on = _inside(np.minimum(across, share * period_m - across)) + _inside(across - period_m)
+    return _mix(second, first, on) * (0.98 + 0.04 * noise(uv * 40.0))[:, None]
 
 
-def dots(ground: Colour, dot: Colour, period_m: float = 0.22, radius_m: float = 0.035) -> Material:
+@_pattern()
+def dots(uv: _Places, ground: Colour, dot: Colour, period_m: float = 0.22, radius_m: float = 0.035) -> _Colours:
     """Wallpaper or cloth with staggered dots."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        row = np.floor(uv[:, 1] / period_m)
-        u = uv[:, 0] + 0.5 * period_m * (row % 2)
-        distance = np.hypot((u % period_m) - period_m / 2, (uv[:, 1] % period_m) - period_m / 2)
-        return _mix(ground, dot, _inside(radius_m - distance)) * (0.98 + 0.04 * noise(uv * 40.0))[:, None]
-
-    return Material("dots", paint)
+    row = np.floor(uv[:, 1] / period_m)
+    u = uv[:, 0] + 0.5 * period_m * (row % 2)
+    distance = np.hypot((u % period_m) - period_m / 2, (uv[:, 1] % period_m) - period_m / 2)
+    return _mix(ground, dot, _inside(radius_m - distance)) * (0.98 + 0.04 * noise(uv * 40.0))[:, None]
 
 
-def leaves(ground: Colour, leaf: Colour, period_m: float = 0.3) -> Material:
+@_pattern()
+def leaves(uv: _Places, ground: Colour, leaf: Colour, period_m: float = 0.3) -> _Colours:
     """Wallpaper with a twining pattern."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        x, y = uv[:, 0] / period_m * math.tau, uv[:, 1] / period_m * math.tau
-        # Near their outlines these grow by about one per 5 cm.
-        stem = 0.10 - np.abs(np.sin(x / 2 + 0.9 * np.sin(y / 2)))
-        blade = 0.5 * (np.sin(x + 1.8 * np.sin(y / 2)) * np.sin(y) - 0.62)
-        return _mix(ground, leaf, _inside(0.1 * np.maximum(stem, blade))) * (0.98 + 0.04 * noise(uv * 40.0))[:, None]
-
-    return Material("leaves", paint)
+    x, y = uv[:, 0] / period_m * math.tau, uv[:, 1] / period_m * math.tau
+    # Near their outlines these grow by about one per 5 cm.
+    stem = 0.10 - np.abs(np.sin(x / 2 + 0.9 * np.sin(y / 2)))
+    blade = 0.5 * (np.sin(x + 1.8 * np.sin(y / 2)) * np.sin(y) - 0.62)
+    return _mix(ground, leaf, _inside(0.1 * np.maximum(stem, blade))) * (0.98 + 0.04 * noise(uv * 40.0))[:, None]
 
 
-def fabric(colour: Colour, contrast: float = 0.16) -> Material:
+@_pattern()
+def fabric(uv: _Places, colour: Colour, contrast: float = 0.16) -> _Colours:
     """Woven cloth."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        weave = 0.6 * noise(uv * (140.0, 30.0)) + 0.4 * noise(uv * (30.0, 140.0), 1)
-        return _tint(colour, 1.0 + contrast * (weave - 0.5))
-
-    return Material("fabric", paint)
+    weave = 0.6 * noise(uv * (140.0, 30.0)) + 0.4 * noise(uv * (30.0, 140.0), 1)
+    return _tint(colour, 1.0 + contrast * (weave - 0.5))
 
 
-def rug(ground: Colour, border: Colour, motif: Colour, size_m: tuple[float, float]) -> Material:
+@_pattern(texel_m=0.0125)
+def rug(uv: _Places, ground: Colour, border: Colour, motif: Colour, size_m: tuple[float, float]) -> _Colours:
     """A carpet centred on u = v = 0 with a border and a field of diamonds."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        inset = np.minimum(size_m[0] / 2 - np.abs(uv[:, 0]), size_m[1] / 2 - np.abs(uv[:, 1]))
-        diamond = np.abs(np.abs(uv) % 0.4 - 0.2).sum(axis=1)
-        colours = _mix(ground, motif, _inside(np.minimum(0.12 - diamond, diamond - 0.05)))
-        colours += _inside(np.minimum(0.14 - inset, inset - 0.05))[:, None] * (np.array(border) - colours)
-        colours += _inside(0.02 - inset)[:, None] * (np.array(motif) - colours)
-        return colours * (0.9 + 0.2 * noise(uv * 60.0))[:, None]
-
-    return Material("rug", paint, 0.0125)
+    inset = np.minimum(size_m[0] / 2 - np.abs(uv[:, 0]), size_m[1] / 2 - np.abs(uv[:, 1]))
+    diamond = np.abs(np.abs(uv) % 0.4 - 0.2).sum(axis=1)
+    colours = _mix(ground, motif, _inside(np.minimum(0.12 - diamond, diamond - 0.05)))
+    colours += _inside(np.minimum(0.14 - inset, inset - 0.05))[:, None] * (np.array(border) - colours)
+    colours += _inside(0.02 - inset)[:, None] * (np.array(motif) - colours)
+    return colours * (0.9 + 0.2 * noise(uv * 60.0))[:, None]
 
 
-def stone(colour: Colour, vein: Colour) -> Material:
+@_pattern()
+def stone(uv: _Places, colour: Colour, vein: Colour) -> _Colours:
     """A polished slab with veins."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        bent = uv * 3.0 + 1.2 * np.stack([noise(uv * 4.0), noise(uv * 4.0, 1)], axis=-1)
-        line = np.exp(-14.0 * np.abs(noise(bent, 2) - 0.5))
-        return np.array(colour) + line[:, None] * 0.5 * (np.array(vein) - colour)
-
-    return Material("stone", paint)
+    bent = uv * 3.0 + 1.2 * np.stack([noise(uv * 4.0), noise(uv * 4.0, 1)], axis=-1)
+    line = np.exp(-14.0 * np.abs(noise(bent, 2) - 0.5))
+    return np.array(colour) + line[:, None] * 0.5 * (np.array(vein) - colour)
 
 
-def landscape(seed: int, width_m: float, height_m: float) -> Material:
+@_pattern(texel_m=0.01)
+def landscape(uv: _Places, seed: int, width_m: float, height_m: float) -> _Colours:
     """A painting of hills under a sky, on u in 0..width and v in 0..height."""
     sky, sun, hills = [
         ((0.55, 0.75, 0.92), (0.98, 0.93, 0.75), (0.30, 0.48, 0.30)),
@@ -157,56 +154,43 @@ def landscape(seed: int, width_m: float, height_m: float) -> Material:
         ((0.70, 0.86, 0.88), (0.98, 0.98, 0.95), (0.20, 0.40, 0.55)),
         ((0.93, 0.85, 0.70), (0.85, 0.35, 0.25), (0.55, 0.42, 0.28)),
     ][seed % 4]
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        x, y = uv[:, 0] / width_m, uv[:, 1] / height_m
-        colours = np.array(sky) + (0.25 * (1.0 - y))[:, None] * (1.0 - np.array(sky))
-        disc = np.hypot((x - 0.7) * width_m, (y - 0.75) * height_m) < 0.11 * height_m
-        colours = np.where(disc[:, None], sun, colours)
-        for ridge in range(4):
-            line = 0.55 - 0.13 * ridge + 0.16 * (noise(np.stack([x * 3.0, x * 0.0], axis=-1), seed * 9 + ridge) - 0.5)
-            colours = np.where((y < line)[:, None], np.array(hills) * (1.25 - 0.22 * ridge), colours)
-        return np.clip(colours, 0.0, 1.0)
-
-    return Material("landscape", paint, 0.01)
+    x, y = uv[:, 0] / width_m, uv[:, 1] / height_m
+    colours = np.array(sky) + (0.25 * (1.0 - y))[:, None] * (1.0 - np.array(sky))
+    disc = np.hypot((x - 0.7) * width_m, (y - 0.75) * height_m) < 0.11 * height_m
+    colours = np.where(disc[:, None], sun, colours)
+    for ridge in range(4):
+        line = 0.55 - 0.13 * ridge + 0.16 * (noise(np.stack([x * 3.0, x * 0.0], axis=-1), seed * 9 + ridge) - 0.5)
+        colours = np.where((y < line)[:, None], np.array(hills) * (1.25 - 0.22 * ridge), colours)
+    return np.clip(colours, 0.0, 1.0)
 
 
-def abstract(seed: int, width_m: float, height_m: float) -> Material:
+@_pattern(texel_m=0.01)
+def abstract(uv: _Places, seed: int, width_m: float, height_m: float) -> _Colours:
     """A painting of coloured fields, on u in 0..width and v in 0..height."""
     palette = np.array([rgb(code) for code in ("d1495b", "edae49", "00798c", "30638e", "f4f1de", "3d405b")])
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        scaled = uv / (width_m, height_m) * (3.0, 4.0)
-        cell = np.floor(scaled + 0.25 * np.sin(scaled[:, ::-1] * 2.0 + seed)).astype(np.int64)
-        pick = (hashed(cell[:, 0], cell[:, 1], seed) * len(palette)).astype(np.int64)
-        return palette[pick]
-
-    return Material("abstract", paint, 0.01)
+    scaled = uv / (width_m, height_m) * (3.0, 4.0)
+    cell = np.floor(scaled + 0.25 * np.sin(scaled[:, ::-1] * 2.0 + seed)).astype(np.int64)
+    pick = (hashed(cell[:, 0], cell[:, 1], seed) * len(palette)).astype(np.int64)
+    return palette[pick]
 
 
-def view_outside(seed: int, width_m: float, height_m: float) -> Material:
+@_pattern(texel_m=0.0125, glows=True)
+def view_outside(uv: _Places, seed: int, width_m: float, height_m: float) -> _Colours:
     """What a window pane shows: sky, trees, a lawn; on u in 0..width and v in 0..height."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        x, y = uv[:, 0] / width_m, uv[:, 1] / height_m
-        cloud = np.clip(noise(uv * (1.8, 4.0), seed) + noise(uv * (5.0, 9.0), seed + 1) - 0.85, 0.0, 0.5)
-        colours = np.array(rgb("9fcbf0")) + (0.35 * (1.0 - y) + cloud)[:, None] * (1.0 - np.array(rgb("9fcbf0")))
-        crown = 0.38 + 0.22 * noise(np.stack([x * width_m * 2.2, x * 0.0], axis=-1), seed + 2)
-        leafage = 0.8 + 0.4 * noise(uv * 14.0, seed + 3)
-        colours = np.where((y < crown)[:, None], np.array(rgb("7fa874")) * leafage[:, None], colours)
-        colours = np.where((y < 0.22)[:, None], np.array(rgb("a9c77f")) * (0.95 + 0.1 * leafage[:, None]), colours)
-        return np.clip(colours, 0.0, 1.0)
-
-    return Material("view", paint, 0.0125, glows=True)
+    x, y = uv[:, 0] / width_m, uv[:, 1] / height_m
+    cloud = np.clip(noise(uv * (1.8, 4.0), seed) + noise(uv * (5.0, 9.0), seed + 1) - 0.85, 0.0, 0.5)
+    colours = np.array(rgb("9fcbf0")) + (0.35 * (1.0 - y) + cloud)[:, None] * (1.0 - np.array(rgb("9fcbf0")))
+    crown = 0.38 + 0.22 * noise(np.stack([x * width_m * 2.2, x * 0.0], axis=-1), seed + 2)
+    leafage = 0.8 + 0.4 * noise(uv * 14.0, seed + 3)
+    colours = np.where((y < crown)[:, None], np.array(rgb("7fa874")) * leafage[:, None], colours)
+    colours = np.where((y < 0.22)[:, None], np.array(rgb("a9c77f")) * (0.95 + 0.1 * leafage[:, None]), colours)
+    return np.clip(colours, 0.0, 1.0)
 
 
-def spots(ground: Colour, spot: Colour, share: float = 0.35, scale: float = 9.0) -> Material:
+@_pattern()
+def spots(uv: _Places, ground: Colour, spot: Colour, share: float = 0.35, scale: float = 9.0) -> _Colours:
     """Irregular spots: soil, a cow hide, a cork board."""
-
-    def paint(uv: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n 3"]:
-        return _mix(ground, spot, _inside((share - noise(uv * scale, 3)) / scale))
-
-    return Material("spots", paint)
+    return _mix(ground, spot, _inside((share - noise(uv * scale, 3)) / scale))
 
 
 def hashed(i: Int64[np.ndarray, " n"], j: Int64[np.ndarray, " n"], seed: int = 0) -> Float64[np.ndarray, " n"]:

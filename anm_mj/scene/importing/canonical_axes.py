@@ -125,7 +125,6 @@ def levels(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Level]:
 
 
 def _weighted_median(values: Float[np.ndarray, " n"], weights: Float64[np.ndarray, " n"]) -> float:
-    """Weighted median."""
     order = np.argsort(values)
     share = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(share, share[-1] / 2.0)])

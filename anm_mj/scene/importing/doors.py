@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Float64
 
-from anm_mj.scene.importing.joints import Joint
-from anm_mj.scene.importing.parts import part_of
+from anm_mj.scene.importing.choose_parts import part_of
+from anm_mj.scene.importing.readers.import_report import some
+from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.submesh import Submesh, is_within, transformed
+
+_logger = logging.getLogger(__name__)
 
 Doors = Literal["as-is", "open", "closed"]
 
@@ -45,14 +49,12 @@ class Leaf:
         return self.joint is None or abs(self.joint.value - _closed_value(self.joint)) < _SHUT
 
 
-def find_leaves(submeshes: Sequence[Submesh], joints: Mapping[str, Joint], up_is_z: bool = True) -> list[Leaf]:
+def find_leaves(submeshes: Sequence[Submesh], joints: Mapping[str, Joint]) -> list[Leaf]:
     """The leaves of doors among the parts of a scene in the world (z up) [m].
 
     A leaf is upright and thin, as wide and high as a door, and hangs on a vertical hinge or slides level; without a
     joint its name must say that it is a door.
     """
-    if not up_is_z:
-        return []
     groups: dict[str, list[Float[np.ndarray, "v 3"]]] = {}
     for submesh in submeshes:
         if not len(submesh.faces):
@@ -72,7 +74,6 @@ def find_leaves(submeshes: Sequence[Submesh], joints: Mapping[str, Joint], up_is
 
 
 def _may_be_leaf(part: str, joint: Joint | None) -> bool:
-    """Whether name and joint allow that a part is a leaf."""
     name = part.lower()
     if _NO_DOOR.search(name) or _NO_LEAF.search(name.rpartition("/")[2]):
         return False
@@ -83,16 +84,15 @@ def _may_be_leaf(part: str, joint: Joint | None) -> bool:
 
 
 def _is_door_sized(points_m: Float[np.ndarray, "n 3"]) -> bool:
-    """Whether the box about points is that of a leaf."""
     from shapely import MultiPoint, Polygon
 
     height_m = float(np.ptp(points_m[:, 2]))
     if not _HEIGHT_M[0] <= height_m <= _HEIGHT_M[1] or float(np.ptp(points_m[:, :2], axis=0).max()) > 2 * _WIDTH_M[1]:
         return False
-    around = np.asarray(MultiPoint(points_m[:, :2]).minimum_rotated_rectangle.envelope.bounds)
     outline = MultiPoint(points_m[:, :2]).minimum_rotated_rectangle
     if not isinstance(outline, Polygon):
-        return bool(_WIDTH_M[0] <= math.hypot(*(around[2:] - around[:2])) <= _WIDTH_M[1])
+        x_min, y_min, x_max, y_max = outline.bounds
+        return _WIDTH_M[0] <= math.hypot(x_max - x_min, y_max - y_min) <= _WIDTH_M[1]
     corners = np.asarray(outline.exterior.coords)
     sides = sorted(float(length) for length in np.linalg.norm(np.diff(corners[:3], axis=0), axis=1))
     return sides[0] <= _DEPTH_M and _WIDTH_M[0] <= sides[1] <= _WIDTH_M[1]
@@ -113,34 +113,23 @@ def _open_value(joint: Joint) -> float:
     return closed + max(-reach, min(reach, end - closed))
 
 
-@dataclass(frozen=True)
-class LeafMotion:
-    """What happens to the submeshes of a leaf."""
-
-    part: str
-    motion: tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]] | None
-    """Rotation and shift; None to take the leaf out."""
-
-
-def door_motions(leaves: Sequence[Leaf], doors: Doors) -> list[LeafMotion]:
-    """How leaves move so that all doors are open or closed; those without a joint are taken out to be open."""
-    motions = []
-    for leaf in leaves if doors != "as-is" else ():
+def with_doors(world: ParsedScene, leaves: Sequence[Leaf], doors: Doors) -> ParsedScene:
+    """The scene with all doors open or closed, as the log says; leaves without a joint are taken out to be open."""
+    if doors == "as-is":
+        return world
+    motions: dict[str, tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]] = {}
+    for leaf in leaves:
         if leaf.joint is not None:
             to = _open_value(leaf.joint) if doors == "open" else _closed_value(leaf.joint)
-            motions.append(LeafMotion(leaf.part, leaf.joint.motion(to)))
-        elif doors == "open":
-            motions.append(LeafMotion(leaf.part, None))
-    return motions
+            motions[leaf.part] = leaf.joint.motion(to)
+    gone = [leaf.part for leaf in leaves if leaf.joint is None and doors == "open"]
+    word = "opened" if doors == "open" else "closed"
+    said = [f"{word} {len(motions)} ({some(motions, 6)})"] if motions else []
+    said += [f"took out {len(gone)} without a hinge ({some(gone, 6)})"] if gone else []
+    _logger.info("doors: %s", ", ".join(said) or "no part of the source looks like the leaf of a door")
 
+    def move(submesh: Submesh) -> Submesh | None:
+        own = next((part for part in (*motions, *gone) if is_within(part_of(submesh), [part])), None)
+        return submesh if own is None else transformed(submesh, *motions[own]) if own in motions else None
 
-def with_motions(submeshes: Sequence[Submesh], motions: Sequence[LeafMotion]) -> list[Submesh]:
-    """Submeshes with the leaves moved or taken out."""
-    moved = []
-    for submesh in submeshes:
-        own = next((motion for motion in motions if is_within(part_of(submesh), [motion.part])), None)
-        if own is None:
-            moved.append(submesh)
-        elif own.motion is not None:
-            moved.append(replace(transformed(submesh, *own.motion)))
-    return moved
+    return world.changed(move)

@@ -13,15 +13,15 @@ from pathlib import Path
 from anm_mj.errors import SceneError
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.importing.canonical_axes import UNITS
-from anm_mj.scene.importing.datasets import find_named, is_name
 from anm_mj.scene.importing.doors import Doors
-from anm_mj.scene.importing.floorplan import import_floorplan, is_floorplan
+from anm_mj.scene.importing.import_floorplan import import_floorplan, is_floorplan
+from anm_mj.scene.importing.named_scenes import find_named, is_name
 from anm_mj.scene.importing.placing import Choice, UpAxis, place
-from anm_mj.scene.importing.reach import report_reach
-from anm_mj.scene.importing.readers.formats import find_format
+from anm_mj.scene.importing.readers.import_limits import check_triangles
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import check_triangles
-from anm_mj.scene.importing.readers.mjcf.read import DRAWN_GROUPS, read_mjcf
+from anm_mj.scene.importing.readers.mjcf.read_world import DRAWN_GROUPS, read_mjcf
+from anm_mj.scene.importing.readers.source_formats import find_format
+from anm_mj.scene.importing.report_reach import report_reach
 from anm_mj.scene.writer import check_destination, write_scene
 
 _logger = logging.getLogger(__name__)
@@ -57,8 +57,8 @@ def import_scene(
     Args:
         src: The file, the folder of a scene of a known layout, or a name such as "molmospaces:procthor-10k-val/12".
         out: The folder to make; a scene folder already there is replaced in one step.
-        source_format: A name in :data:`anm_mj.scene.importing.readers.formats.FORMATS`, "floorplan", or "auto" to
-            find it.
+        source_format: A name in :data:`anm_mj.scene.importing.readers.source_formats.FORMATS`, "floorplan", or
+            "auto" to find it.
         up: The source's up axis, or "auto" to find it.
         scale: Metres per unit of the source, or None to find it: fixed by the format, or among m, cm and mm by size.
         name: Name of the scene; the name of ``out`` by default.

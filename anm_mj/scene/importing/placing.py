@@ -14,14 +14,14 @@ from jaxtyping import Float, Float64
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.canonical_axes import find_floor, find_scale, find_up, rotation_to_z_up
-from anm_mj.scene.importing.doors import Doors, Leaf, door_motions, find_leaves, with_motions
-from anm_mj.scene.importing.joints import Joint
-from anm_mj.scene.importing.parts import chosen, some
-from anm_mj.scene.importing.readers.limits import check_spread
-from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.choose_parts import chosen, part_of
+from anm_mj.scene.importing.doors import Doors, Leaf, find_leaves, with_doors
+from anm_mj.scene.importing.readers.import_limits import check_spread
+from anm_mj.scene.importing.readers.import_report import some
+from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
 from anm_mj.scene.importing.readers.texture_limit import limit_textures
-from anm_mj.scene.importing.storeys import Storey, cut_to_storey, find_storeys, pick_storey
-from anm_mj.scene.importing.stray import split_stray
+from anm_mj.scene.importing.storeys import Storey, clip_submesh, find_storeys, pick_storey
+from anm_mj.scene.importing.stray_parts import split_stray
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh, merge_alike, merge_geometry
 from anm_mj.scene.writer import SceneInfo, with_area
@@ -33,6 +33,8 @@ _FLOOR_AT_ZERO_M = 0.01
 _MAX_EXTENT_M = 500.0
 """Larger extents mostly mean misread units [m]."""
 _MIN_EXTENT_M = 0.1
+_ONE_STOREY_M = 4.5
+"""What is no higher has one storey [m]."""
 _FAR_M = 1000.0
 """Farther from the origin, single precision is coarser than a tenth of a millimetre [m]."""
 
@@ -74,12 +76,11 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
     parsed = chosen(parsed, choice.only, choice.leave_out)
     if not any(len(submesh.faces) for submesh in parsed.submeshes):
         raise SceneError(f"{src} holds no triangles: give a file with a surface.")
-    vertices, faces = merge_geometry(parsed.submeshes)
     scale_how, up_how = ("given" if scale is not None else "found"), ("given" if up != "auto" else "found")
     if scale is None and parsed.scale is not None:
         scale, scale_how = parsed.scale, "known"
     if scale is None:
-        scale = find_scale(np.ptp(vertices[faces].reshape(-1, 3), axis=0))
+        scale = find_scale(np.ptp(_triangles(parsed.submeshes).reshape(-1, 3), axis=0))
     parsed = _without_stray(parsed, scale)
     triangles = _triangles(parsed.submeshes) * scale
     _check_extent(triangles, src, scale)
@@ -94,10 +95,11 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
     # Only a source whose axes are known has joints.
     world = _turned(parsed, rotation, scale, np.array([-origin[0], -origin[1], 0.0]))
     leaves = find_leaves(world.submeshes, world.joints)
-    world = _with_doors(world, leaves, choice.doors)
+    world = with_doors(world, leaves, choice.doors)
     if choice.doors != "as-is" or origin.any():
         triangles = _triangles(world.submeshes)
-    storeys = find_storeys(triangles) if choice.storey is not None or _may_have_storeys(triangles) else []
+    is_high = float(np.ptp(triangles[:, :, 2])) > _ONE_STOREY_M
+    storeys = find_storeys(triangles) if choice.storey is not None or is_high else []
     if choice.storey is not None:
         storey = pick_storey(storeys, choice.storey)
         world = _with_storey(world, storey, storeys)
@@ -126,13 +128,13 @@ def place(parsed: ParsedScene, src: Path, up: UpAxis, scale: float | None, choic
         world.obstacles,
         world.movables,
         tuple(leaves),
-        tuple(_lowered_storey(storey, floor_m) for storey in storeys),
+        tuple(storey.lowered(floor_m) for storey in storeys),
         choice.storey is not None,
     )
 
 
-def _triangles(submeshes: Sequence[Submesh]) -> Float[np.ndarray, "f 3 3"]:
-    vertices, faces = merge_geometry(list(submeshes))
+def _triangles(submeshes: list[Submesh]) -> Float[np.ndarray, "f 3 3"]:
+    vertices, faces = merge_geometry(submeshes)
     return vertices[faces]
 
 
@@ -143,16 +145,15 @@ def _without_stray(parsed: ParsedScene, scale: float) -> ParsedScene:
         return parsed
     named = [f"{name} ({away_m:.0f} m away)" for name, away_m in sorted(stray.items(), key=lambda item: -item[1])]
     _logger.warning("Left out, because they lie far from everything else: %s.", some(named, 8))
-    gone = set(stray) - {submesh.part or submesh.name for submesh in kept}
+    gone = set(stray) - {part_of(submesh) for submesh in kept}
     obstacles = parsed.obstacles
     if obstacles is not None:
-        obstacles, _ = split_stray([own for own in obstacles if (own.part or own.name) not in gone], scale)
+        obstacles, _ = split_stray([own for own in obstacles if part_of(own) not in gone], scale)
     movables = tuple(movable for movable in parsed.movables if movable.part not in gone)
     return replace(parsed, submeshes=kept, obstacles=obstacles, movables=movables)
 
 
 def _check_extent(triangles_m: Float[np.ndarray, "f 3 3"], src: Path, scale: float) -> None:
-    """Refuse what is too large for a building, or too small for a thing."""
     largest_m = float(np.ptp(triangles_m.reshape(-1, 3), axis=0).max())
     if 0.0 < largest_m < _MIN_EXTENT_M:
         raise SceneError(
@@ -178,8 +179,6 @@ def _origin(triangles_m: Float[np.ndarray, "f 3 3"]) -> Float64[np.ndarray, "2"]
 def _turned(
     parsed: ParsedScene, rotation: Float64[np.ndarray, "3 3"], scale: float, shift_m: Float64[np.ndarray, "3"]
 ) -> ParsedScene:
-    """The scene in metres with z up."""
-
     def turn(submesh: Submesh) -> Submesh:
         moved = submesh.vertices_m * scale @ rotation.T
         return replace(submesh, vertices_m=moved + shift_m if shift_m.any() else moved)
@@ -199,63 +198,27 @@ def _turned(
         raise SceneError(
             f"Objects that can be pushed have no mass at {scale:g} m per unit: leave --scale or --movable out."
         )
-    return replace(
-        parsed,
-        submeshes=[turn(submesh) for submesh in parsed.submeshes],
-        obstacles=None if parsed.obstacles is None else [turn(submesh) for submesh in parsed.obstacles],
-        joints={part: turn_joint(joint) for part, joint in parsed.joints.items()},
-        movables=tuple(movable.moved(rotation, shift_m) for movable in parsed.movables),
-    )
-
-
-def _with_doors(world: ParsedScene, leaves: list[Leaf], doors: Doors) -> ParsedScene:
-    """The scene with all doors open or closed."""
-    motions = door_motions(leaves, doors)
-    if doors != "as-is":
-        moved = [motion.part for motion in motions if motion.motion is not None]
-        gone = [motion.part for motion in motions if motion.motion is None]
-        word = "opened" if doors == "open" else "closed"
-        said = [f"{word} {len(moved)} ({some(moved, 6)})"] if moved else []
-        said += [f"took out {len(gone)} without a hinge ({some(gone, 6)})"] if gone else []
-        _logger.info("doors: %s", ", ".join(said) or "no part of the source looks like the leaf of a door")
-    if not motions:
-        return world
-    obstacles = None if world.obstacles is None else with_motions(world.obstacles, motions)
-    return replace(world, submeshes=with_motions(world.submeshes, motions), obstacles=obstacles)
+    joints = {part: turn_joint(joint) for part, joint in parsed.joints.items()}
+    return replace(parsed.changed(turn, lambda movable: movable.moved(rotation, shift_m)), joints=joints)
 
 
 def _with_storey(world: ParsedScene, storey: Storey, storeys: Sequence[Storey]) -> ParsedScene:
-    """The scene with one storey only."""
     others = [f"{own.floor_m:.2f} m ({own.walkable_m2:.0f} m2)" for own in storeys if own is not storey]
     if others:
         _logger.info("storeys: took the one at %.2f m, left out those at %s", storey.floor_m, ", ".join(others))
-    submeshes = cut_to_storey(world.submeshes, storey)
-    if not submeshes:
+    cut = world.changed(
+        lambda submesh: clip_submesh(submesh, storey.low_m, storey.high_m),
+        lambda movable: movable if storey.low_m <= movable.T_world_object[2, 3] <= storey.high_m else None,
+    )
+    if not cut.submeshes:
         raise SceneError(f"Nothing is left of the storey at {storey.floor_m:.2f} m.")
-    obstacles = None if world.obstacles is None else cut_to_storey(world.obstacles, storey)
-    inside = [m for m in world.movables if storey.low_m <= m.T_world_object[2, 3] <= storey.high_m]
-    return replace(world, submeshes=submeshes, obstacles=obstacles, movables=tuple(inside))
-
-
-def _may_have_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> bool:
-    """Whether a scene is high enough for two storeys."""
-    return float(np.ptp(triangles_m[:, :, 2])) > 4.5
+    return cut
 
 
 def _lowered(world: ParsedScene, floor_m: float) -> ParsedScene:
     """The scene with its floor at z = 0, in single precision."""
     shift = np.array([0.0, 0.0, floor_m])
-
-    def lower(submesh: Submesh) -> Submesh:
-        return replace(submesh, vertices_m=(submesh.vertices_m - shift).astype(np.float32))
-
-    return replace(
-        world,
-        submeshes=[lower(submesh) for submesh in world.submeshes],
-        obstacles=None if world.obstacles is None else [lower(submesh) for submesh in world.obstacles],
-        movables=tuple(movable.moved(np.eye(3), -shift) for movable in world.movables),
+    return world.changed(
+        lambda submesh: replace(submesh, vertices_m=(submesh.vertices_m - shift).astype(np.float32)),
+        lambda movable: movable.moved(np.eye(3), -shift),
     )
-
-
-def _lowered_storey(storey: Storey, floor_m: float) -> Storey:
-    return Storey(storey.floor_m - floor_m, storey.walkable_m2, storey.low_m - floor_m, storey.high_m - floor_m)

@@ -39,6 +39,10 @@ class Storey:
     high_m: float
     """Highest height that belongs to it; infinite for the uppermost storey [m]."""
 
+    def lowered(self, by_m: float) -> Storey:
+        """The storey in a world whose z = 0 lies higher by ``by_m``."""
+        return Storey(self.floor_m - by_m, self.walkable_m2, self.low_m - by_m, self.high_m - by_m)
+
 
 def find_storeys(triangles_m: Float[np.ndarray, "f 3 3"]) -> list[Storey]:
     """The storeys of triangles with z up, from the lowest to the highest; at most eight."""
@@ -101,14 +105,8 @@ def pick_storey(storeys: Sequence[Storey], wanted: str) -> Storey:
     return min(near, key=lambda storey: abs(storey.floor_m - z_m))
 
 
-def cut_to_storey(submeshes: Sequence[Submesh], storey: Storey) -> list[Submesh]:
-    """What of submeshes lies within a storey; triangles that reach beyond are cut."""
-    cut = [clip_submesh(submesh, storey.low_m, storey.high_m) for submesh in submeshes]
-    return [submesh for submesh in cut if submesh is not None]
-
-
 def clip_submesh(submesh: Submesh, low_m: float, high_m: float) -> Submesh | None:
-    """The part of a submesh with low <= z <= high, texture included; None if there is none."""
+    """The part of a submesh with low <= z <= high, texture included, triangles cut; None if there is none."""
     z = submesh.vertices_m[:, 2]
     if len(z) and z.min() >= low_m and z.max() <= high_m:
         return submesh

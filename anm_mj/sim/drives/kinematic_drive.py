@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from anm_mj.control.motion import MotionLimits, action_motion, action_profile
+from anm_mj.control.action_motion import MotionLimits, action_motion, action_profile
 from anm_mj.frames import move_pose
 from anm_mj.geometry.clearance import Clearance
 from anm_mj.localisation.odometry import Odometer
 from anm_mj.robot.base_joints import PlanarBase, SimulatedBase, simulated_base
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import PlanarKinematics
-from anm_mj.sim.drives.drive import STILL, WheelDrive, require_motion
 from anm_mj.sim.drives.traction import TractionMonitor
+from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _LOOK_PERIOD_S = 0.02

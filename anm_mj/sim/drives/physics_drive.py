@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from anm_mj.control.action_motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.clearance_limit import static_obstacles
-from anm_mj.control.motion import MotionLimits, action_motion, action_profile
 from anm_mj.control.robot_limits import limits_of
 from anm_mj.control.wheel_servo import PlanarServo, WheelServo
 from anm_mj.errors import RobotError
@@ -19,8 +19,8 @@ from anm_mj.localisation.odometry import Odometer
 from anm_mj.robot.base_joints import element_id
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.kinematics import RobotKinematics
-from anm_mj.sim.drives.drive import STILL, WheelDrive, require_motion
 from anm_mj.sim.drives.traction import TractionMonitor
+from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _STANDING = Twist(0.0, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import pose_matrix
-from anm_mj.sim.sensors.config import SensorConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Observation, Pose2
 
 OUTLIERS_M = 0.2, 10.0

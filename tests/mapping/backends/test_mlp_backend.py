@@ -48,7 +48,7 @@ def test_the_same_seed_trains_the_same_network(config, rays):
         backend = MlpBackend(config, seed=3, device="cpu")
         for k in range(3):
             backend.step(rays, k)
-        states.append(backend.get_state())
+        states.append(backend.parameters())
 
     assert all(np.array_equal(states[0][name], states[1][name]) for name in states[0])
 
@@ -69,7 +69,7 @@ def test_the_sensitivity_is_the_norm_of_the_gradient_by_all_weights(config, rays
 def test_weights_without_noise_answer_as_the_network_does(config, rays):
     backend = MlpBackend(config, seed=0, device="cpu")
     points = rays.origin_m + rays.depth_m[:, None] * rays.direction
-    weights = np.concatenate([values.ravel() for values in backend.get_state().values()])
+    weights = np.concatenate([values.ravel() for values in backend.parameters().values()])
 
     s, _ = backend.query_perturbed(points, weights[None])
 
@@ -94,9 +94,9 @@ def test_evidence_is_refused_because_it_needs_the_decoders():
 
 def test_a_batch_without_any_depth_teaches_nothing(config, rays):
     backend = MlpBackend(config, seed=0, device="cpu")
-    before = backend.get_state()
+    before = backend.parameters()
 
     losses = backend.step(replace(rays, depth_m=np.full_like(rays.depth_m, np.nan)), 0)
 
     assert losses.total == 0.0
-    assert all(np.array_equal(value, before[name]) for name, value in backend.get_state().items())
+    assert all(np.array_equal(value, before[name]) for name, value in backend.parameters().items())

@@ -67,7 +67,7 @@ def trained_pair(config: MappingConfig, rays: RayBatch, kernel: str = "", steps:
     for seed in range(steps):
         native.step(rays, seed, corner(config))
     reference = TorchBackend(config, seed=1, device="cpu")
-    reference.set_state(native.get_state())
+    reference.set_parameters(native.parameters())
     return native, reference
 
 
@@ -127,7 +127,7 @@ def test_queries_answer_as_the_torch_engine_does(config, kernel, rays):
     np.testing.assert_allclose(native.query_hidden(points), reference.query_hidden(points), atol=2e-5)
     for ours, theirs in zip(native.query_sensitivity(points), reference.query_sensitivity(points), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-3)
-    state = native.get_state()
+    state = native.parameters()
     weights = np.concatenate([state[name].ravel() for name in DECODER_NAMES])
     decoders = weights + 0.02 * rng.standard_normal((3, weights.size)).astype(np.float32)
     pairs = zip(native.query_perturbed(points, decoders), reference.query_perturbed(points, decoders), strict=True)
@@ -145,7 +145,7 @@ def test_any_number_of_threads_gives_the_same_bytes(config, rays):
     for num_threads in (1, 2, 5):
         backend = NativeBackend(config, seed=0, num_threads=num_threads)
         losses = [backend.step(rays, seed, corner(config)) for seed in range(8)]
-        states.append(backend.get_state())
+        states.append(backend.parameters())
         answers.append((losses, backend.query_sdf(rays.origin_m).tolist()))
     assert answers[0] == answers[1] == answers[2]
     for state in states[1:]:
@@ -165,8 +165,8 @@ def test_steps_that_overlap_give_the_same_bytes_as_one_after_another(config, ker
         together = NativeBackend(config, seed=0, num_threads=num_threads, kernel=kernel)
         assert together.steps(batches[:5], draws[:5]) + together.steps(iter(batches[5:]), draws[5:]) == expected
         assert together.steps([], []) == []
-        for name, value in (together.get_state() | together.get_optimizer()).items():
-            np.testing.assert_array_equal(value, (one.get_state() | one.get_optimizer())[name])
+        for name, value in together.get_state().items():
+            np.testing.assert_array_equal(value, one.get_state()[name])
 
 
 def test_nothing_is_trained_after_a_loss_that_is_not_finite(rays):
@@ -179,19 +179,19 @@ def test_nothing_is_trained_after_a_loss_that_is_not_finite(rays):
         assert [math.isfinite(each.total) for each in losses] == [True, False]
         for batch, draw in zip(batches[:2], draws, strict=False):
             reference.step(batch, *draw)
-        for name, value in backend.get_state().items():
-            np.testing.assert_array_equal(value, reference.get_state()[name])
+        for name, value in backend.parameters().items():
+            np.testing.assert_array_equal(value, reference.parameters()[name])
 
 
 def test_checkpoints_move_both_ways(rays):
     config = CONFIGS["default"]
     native, reference = trained_pair(config, rays)
-    state = reference.get_state()
+    state = reference.parameters()
     back = NativeBackend(config, seed=5)
-    back.set_state(state)
-    for name, value in native.get_state().items():
+    back.set_parameters(state)
+    for name, value in native.parameters().items():
         np.testing.assert_array_equal(value, state[name])
-        np.testing.assert_array_equal(value, back.get_state()[name])
+        np.testing.assert_array_equal(value, back.parameters()[name])
     # The optimiser starts afresh on both sides, so the next steps agree too.
     ours, theirs = back.step(rays, 1), reference.step(rays, 1)
     np.testing.assert_allclose(ours, theirs, rtol=1e-5)
@@ -199,14 +199,14 @@ def test_checkpoints_move_both_ways(rays):
 
 
 def test_start_values_are_those_of_the_torch_engine():
-    ours = NativeBackend(CONFIGS["default"], seed=3).get_state()
-    for name, value in TorchBackend(CONFIGS["default"], seed=3, device="cpu").get_state().items():
+    ours = NativeBackend(CONFIGS["default"], seed=3).parameters()
+    for name, value in TorchBackend(CONFIGS["default"], seed=3, device="cpu").parameters().items():
         np.testing.assert_array_equal(ours[name], value)
 
 
 def test_a_state_of_another_shape_is_refused():
     with pytest.raises(MapError, match="lacks 'table'"):
-        NativeBackend(CONFIGS["default"], seed=0).set_state({})
+        NativeBackend(CONFIGS["default"], seed=0).set_parameters({})
 
 
 def test_a_layer_beyond_the_engines_buffers_is_refused():

@@ -43,14 +43,14 @@ def test_unknown_names():
 
 def test_engine_name(tiny_config):
     neural_map = NeuralMap(replace(tiny_config, engine="torch"), seed=0, device="cpu")
-    assert neural_map.engine_name == "torch"
+    assert neural_map.backend.name == "torch"
 
 
 @pytest.mark.parametrize("engine", ["native", "torch"])
 def test_an_engine_starts_from_given_parameters(tiny_config, engine):
     config = replace(tiny_config, engine=engine)
-    given = make_backend(config, seed=1, device="cpu").get_state()
-    state = make_backend(config, seed=0, device="cpu", state=given).get_state()
-    own = make_backend(config, seed=0, device="cpu").get_state()
+    given = make_backend(config, seed=1, device="cpu").parameters()
+    state = make_backend(config, seed=0, device="cpu", parameters=given).parameters()
+    own = make_backend(config, seed=0, device="cpu").parameters()
     assert all(np.array_equal(state[name], array) for name, array in given.items())
     assert not all(np.array_equal(own[name], array) for name, array in given.items())

@@ -71,10 +71,10 @@ def test_the_same_seed_gives_the_same_parameters_bit_for_bit(tiny_config, rays):
         backend = _backend(tiny_config)
         for k in range(5):
             backend.step(rays, k)
-        states.append(backend.get_state())
+        states.append(backend.parameters())
     for name in states[0]:
         np.testing.assert_array_equal(states[0][name], states[1][name])
-    other = _backend(tiny_config, seed=1).get_state()
+    other = _backend(tiny_config, seed=1).parameters()
     assert (other["sdf_out"] != states[0]["sdf_out"]).any()
 
 
@@ -82,7 +82,7 @@ def test_state_moves_to_another_engine_and_answers_the_same(tiny_config, rays, r
     backend = _backend(tiny_config)
     backend.step(rays, 0)
     other = _backend(tiny_config, seed=9)
-    other.set_state(backend.get_state())
+    other.set_parameters(backend.parameters())
     points = np.random.default_rng(0).uniform(0.0, 2.0, (100, 3))
     np.testing.assert_array_equal(other.query_sdf(points), backend.query_sdf(points))
     np.testing.assert_array_equal(other.query_rgb(points), backend.query_rgb(points))
@@ -90,13 +90,13 @@ def test_state_moves_to_another_engine_and_answers_the_same(tiny_config, rays, r
 
 def test_a_state_of_another_shape_is_refused(tiny_config):
     backend = _backend(tiny_config)
-    state = backend.get_state()
+    state = backend.parameters()
     state["table"] = state["table"][:10]
     with pytest.raises(MapError, match=r"'table' has shape \(10, 2\)"):
-        backend.set_state(state)
+        backend.set_parameters(state)
     del state["table"]
     with pytest.raises(MapError, match="lacks 'table'"):
-        backend.set_state(state)
+        backend.set_parameters(state)
 
 
 def test_an_unknown_device_is_refused(tiny_config):
@@ -135,7 +135,7 @@ def test_sensitivity_is_the_squared_norm_of_the_decoders_gradient(tiny_config, r
 
 def test_unperturbed_weights_answer_like_the_plain_query(tiny_config):
     backend = _backend(tiny_config)
-    state = backend.get_state()
+    state = backend.parameters()
     decoders = np.concatenate([state[name].ravel() for name in decoder_shapes(tiny_config.field)])[None]
     points = np.random.default_rng(0).uniform(0.0, 2.0, (20, 3))
     s, rgb = backend.query_perturbed(points, decoders)

@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import PlanError
-from anm_mj.planning.config import PlanningConfig
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround, is_known_place, remembered
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import default_settings, make_policy, needs_truth, policies
 from anm_mj.planning.scan_grid import ScanGrid
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.protocols import Continues
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, FormerRun, Plan, Pose2, StopReason, VoxelGrid
 from tests.box_room import observe
+from tests.planning.worlds import topdown_map
 
 BODY = Footprint(0.18, 0.05, 1.35)
 POSES = np.array([[0.5, 0.5, 0.0], [1.0, 0.5, 0.0], [1.0, 0.5, 1.5]])
@@ -44,7 +45,7 @@ def test_what_a_policy_remembers_is_what_it_begins_with(name):
     if not isinstance(first, Continues):
         assert not hasattr(first, "memory")
         return
-    mapper = Mock(occupancy=room_grid())
+    mapper = Mock(occupancy_grid=room_grid)
     first.observe(observe(0, Pose2(0.5, 0.5, 0.0)))
     memory = {key: value.copy() for key, value in first.memory().items()}
     second = make_policy(name, PolicyContext(BODY, default_settings(name)))
@@ -90,7 +91,7 @@ def test_the_floor_of_a_former_run_is_free_unless_something_stands_there_now():
     mapper = TopDownMapper(PlanningConfig(), BODY)
     mapper.continue_from(np.array([[0.5, 0.5], [2.05, 0.5], [3.4, 0.5]]))
     mapper.visit(np.array([0.5, 2.0]))
-    topdown = mapper.update(grid, far_sdf, Pose2(0.5, 2.0, 0.0))
+    topdown = topdown_map(mapper, grid, far_sdf, Pose2(0.5, 2.0, 0.0))
 
     def at(x, y):
         col, row = np.floor((np.array([x, y]) - topdown.origin_xy_m) / topdown.resolution_m).astype(int)

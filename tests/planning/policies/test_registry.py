@@ -21,10 +21,10 @@ PACKAGE = Path(anm_mj.__file__).parent
 OTHER_MEANINGS = {
     ("mapping/config.py", "anm"),  # A mapping preset.
     ("evaluation/oracle/planner.py", "oracle"),  # A folder of the cache.
-    ("planning/policies/anm_s/config.py", "random"),  # A way to choose a target.
-    ("planning/policies/anm_s/candidates.py", "random"),
+    ("planning/policies/anm_s/anm_s_config.py", "random"),  # A way to choose a target.
+    ("planning/policies/anm_s/candidate_vertices.py", "random"),
     ("planning/policies/anm_s/ordering.py", "random"),
-    ("planning/policies/anm_s/policy.py", "random"),
+    ("planning/policies/anm_s/anm_s_policy.py", "random"),
 }
 BODY = Footprint(0.18, 0.05, 1.35)
 

@@ -4,7 +4,7 @@ import pytest
 
 from anm_mj.cli.main import main
 from anm_mj.scene.folder import load_scene
-from anm_mj.scene.importing.readers.formats import format_names
+from anm_mj.scene.importing.readers.source_formats import format_names
 from tests.cli.test_cli import fails
 from tests.scene.furnished import furnished, write_glb
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from anm_mj.control.motion import action_motion
+from anm_mj.control.action_motion import action_motion
 from anm_mj.errors import RobotError
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.sim.drives.physics_drive import PhysicsDrive, PhysicsDriveConfig

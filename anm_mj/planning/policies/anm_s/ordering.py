@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from anm_mj.planning.policies.anm_s.candidates import Candidates
+from anm_mj.planning.policies.anm_s.candidate_vertices import Candidates
+from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
-from anm_mj.planning.stages import PlanningState
 
 
 def best_first(
-    now: PlanningState, candidates: Candidates, targets: Targets, target: str, rng: np.random.Generator
+    now: RegionState, candidates: Candidates, targets: Targets, target: str, rng: np.random.Generator
 ) -> Int[np.ndarray, " n"]:
     """The candidates from best to worst, the present target before all others.
 
@@ -36,13 +36,13 @@ def best_first(
     return np.lexsort((distance, ~candidates.unvisited, -most[candidates.vertex], failures, other))
 
 
-def own_room(now: PlanningState) -> int:
+def own_room(now: RegionState) -> int:
     """The robot's room: that of the vertex that it reaches first; -1 for none."""
     distance_m = now.paths.distance_m
     return int(now.room[np.argmin(distance_m)]) if np.isfinite(distance_m).any() else -1
 
 
-def room_name(now: PlanningState, vertex: int) -> str:
+def room_name(now: RegionState, vertex: int) -> str:
     """What to call the room of a vertex."""
     room = int(now.room[vertex])
     if room < 0:
@@ -50,7 +50,7 @@ def room_name(now: PlanningState, vertex: int) -> str:
     return "the rest of the room" if room == own_room(now) else f"room {room}"
 
 
-def room_distance(now: PlanningState, vertices: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def room_distance(now: RegionState, vertices: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """How far the room of each vertex is: 0 for the robot's own, else to the nearest of these vertices in it [m]."""
     room, distance_m = now.room[vertices], now.paths.distance_m[vertices]
     nearest = np.full(len(now.room) + 1, np.inf)

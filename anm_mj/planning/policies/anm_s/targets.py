@@ -7,7 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.visited import num_within
 from anm_mj.types import NEAR_TARGET_M, Pose2, Region
 

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import KDTree
 
 from anm_mj.frames import world_to_cell
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
-from anm_mj.planning.traversable_frontier import BORDER_WIDTH_M, borders_unknown
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
+from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
 from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
 
 _AROUND = np.arange(-1, 2)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from anm_mj.frames import wrap_angle
 from anm_mj.planning.paths import remaining_path
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.views import Viewpoint, signed_turns
 from anm_mj.types import ARRIVED_M, NEAR_TARGET_M, TURN_STEP_RAD, Plan, Pose2, TopDownMap
 

@@ -8,7 +8,7 @@ and ends the run after several poor targets in a row.
 from __future__ import annotations
 
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.types import Pose2
 
 

@@ -24,8 +24,8 @@ from jaxtyping import Float, Float32, Int
 
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window
-from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_cache import GainCache
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.pooling import POOL

@@ -13,18 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64, Int, Int64
 
+from anm_mj import _native
 from anm_mj.frames import pixel_directions
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.sensing.lost_pixels import BLOCK_PX, lost_squares
-from anm_mj.types import FREE, Observation
-from anm_mj.utils.native_functions import native_function
+from anm_mj.types import Observation
 
 NEAREST_M = 0.25
 """Rays begin at this horizontal distance from the camera [m]: the robot's own body is free."""
 MAX_WAITING = 40
 """Views kept until the next decision at most; a full rotation takes 36."""
-SAMPLES_AT_ONCE = 12
-"""NumPy follows rays by so many samples at a time."""
 
 
 @dataclass(frozen=True)
@@ -85,43 +83,17 @@ def first_closed(
 ) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
     """The first cell along each ray that is not free, as a flat index, and its sample; -1 where all are free.
 
-    In C++ (``native/gain_rays.h``) where the engine was built, else in NumPy, which gives the same. Steep rays end in
-    the lowest or in the highest layer, as those of the gain do.
+    Steep rays end in the lowest or in the highest layer, as those of the gain do.
 
     Args:
         occupancy: the map.
         rays: of one view.
         distance_m: horizontal distance of the samples [m].
     """
-    native = native_function("first_closed")
-    if native is None:
-        return numpy_first_closed(occupancy, rays, distance_m)
     cell, sample = (np.empty(len(rays.direction), np.int64) for _ in range(2))
-    frame = np.array([*occupancy.origin_m, occupancy.cell_m, *_lowest_and_highest_m(occupancy)])
-    native(occupancy.state, frame, rays.origin_m, rays.direction, distance_m, cell, sample)
+    low_m, cell_m = float(occupancy.origin_m[2]), occupancy.cell_m
+    # The middle of the lowest layer and of the highest one.
+    ends_m = low_m + 0.5 * cell_m, low_m + len(occupancy.state) * cell_m - 0.5 * cell_m
+    frame = np.array([*occupancy.origin_m, cell_m, *ends_m])
+    _native.first_closed(occupancy.state, frame, rays.origin_m, rays.direction, distance_m, cell, sample)
     return cell, sample
-
-
-def numpy_first_closed(
-    occupancy: PooledOccupancy, rays: UnmeasuredView, distance_m: Float64[np.ndarray, " samples"]
-) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
-    """The reference of :func:`first_closed`."""
-    cell, sample = np.full((2, len(rays.direction)), -1)
-    # Most rays end early, and their ends are not looked at.
-    left = np.arange(len(rays.direction))
-    for begin in range(0, len(distance_m), SAMPLES_AT_ONCE):
-        here_m = distance_m[begin : begin + SAMPLES_AT_ONCE]
-        x, y, z = (rays.origin_m[axis] + np.multiply.outer(rays.direction[left, axis], here_m) for axis in range(3))
-        index = occupancy.flat_index_of(x, y, z.clip(*_lowest_and_highest_m(occupancy)))
-        closed = occupancy.state.reshape(-1)[index] != FREE
-        first, ends = closed.argmax(axis=1), closed.any(axis=1)
-        cell[left[ends]] = index[ends, first[ends]]
-        sample[left[ends]] = begin + first[ends]
-        left = left[~ends]
-    return cell, sample
-
-
-def _lowest_and_highest_m(occupancy: PooledOccupancy) -> tuple[float, float]:
-    """Middle of the lowest layer and of the highest one [m]."""
-    low, high = occupancy.origin_m[2], occupancy.origin_m[2] + len(occupancy.state) * occupancy.cell_m
-    return float(low + 0.5 * occupancy.cell_m), float(high - 0.5 * occupancy.cell_m)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -45,11 +46,11 @@ class CellPlan:
         if not isinstance(merged, shapely.Polygon):
             raise ValueError("a room falls into several pieces")
         # Whole numbers until here, so that the same corner of two rooms comes out the same.
-        rings = [
+        outer, *holes = (
             self.origin_m + np.asarray(ring.coords)[:, :2] * self.cell_m
             for ring in (merged.exterior, *merged.interiors)
-        ]
-        return shapely.Polygon(rings[0], rings[1:])
+        )
+        return shapely.Polygon(outer, holes)
 
 
 def grid_axes(
@@ -71,6 +72,13 @@ def grid_axes(
             f"{_MAX_CELLS * cell_m**2:g} m2"
         )
     return origin, origin[0] + (np.arange(cols) + 0.5) * cell_m, origin[1] + (np.arange(rows) + 0.5) * cell_m
+
+
+def cells_within(region: Any, xs: Float64[np.ndarray, " cols"], ys: Float64[np.ndarray, " rows"]) -> np.ndarray:
+    """Whether the centre of each cell lies in a region of shapely: (rows, cols), of bool."""
+    # Without this every point is held against every edge.
+    shapely.prepare(region)
+    return np.asarray(shapely.contains_xy(region, *np.meshgrid(xs, ys)), dtype=bool)
 
 
 def fill_nearest(

@@ -1,7 +1,7 @@
 """Plans of HouseExpo (Li et al., "HouseExpo", IROS 2020): one outline of all free floor, interior walls folded in.
 
-It lists no rooms and no doors. Room segmentation finds them (:func:`anm_mj.scene.rooms.segment_floor`), and the boxes
-of ``room_category`` name the rooms.
+It lists no rooms and no doors. Segmentation finds them (:func:`anm_mj.scene.room_segmentation.segment_floor`), and the
+boxes of ``room_category`` name the rooms.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from anm_mj.scene.generation.building import Building, named_rooms
-from anm_mj.scene.importing.floorplans.cells import CellPlan, grid_axes, take_passages, whole_rooms
+from anm_mj.scene.importing.floorplans.cells import CellPlan, cells_within, grid_axes, take_passages, whole_rooms
 from anm_mj.scene.importing.floorplans.room_types import room_type_of_word
-from anm_mj.scene.rooms import segment_floor
+from anm_mj.scene.room_segmentation import segment_floor
 
 _CELL_M = 0.05
 _PASSAGE_M = 0.1
@@ -40,9 +40,7 @@ def read_houseexpo(plan: Any) -> Building:
     if floor.is_empty:
         raise ValueError("verts enclose no floor")
     origin, xs, ys = grid_axes(np.array(floor.bounds), _CELL_M)
-    shapely.prepare(floor)
-    free = np.asarray(shapely.contains_xy(floor, *np.meshgrid(xs, ys)), dtype=bool)
-    labels = whole_rooms(segment_floor(free, _CELL_M)[0] - 1)
+    labels = whole_rooms(segment_floor(cells_within(floor, xs, ys), _CELL_M)[0] - 1)
     plan_cells = CellPlan(labels, origin, _CELL_M)
     cells, passages = take_passages(plan_cells, _borders(plan_cells), _PASSAGE_M)
     outlines = cells.outlines()
@@ -51,7 +49,6 @@ def read_houseexpo(plan: Any) -> Building:
 
 
 def _borders(plan: CellPlan) -> Float64[np.ndarray, "n 2 2"]:
-    """Borders between two rooms, as segments."""
     labels, found = plan.labels, []
     for axis in (0, 1):
         a, b = (labels[:-1], labels[1:]) if axis == 0 else (labels[:, :-1], labels[:, 1:])

@@ -8,8 +8,15 @@ import numpy as np
 import shapely
 
 from anm_mj.scene.generation.building import Building, named_rooms
-from anm_mj.scene.importing.floorplans.cells import CellPlan, fill_nearest, grid_axes, take_passages, whole_rooms
-from anm_mj.scene.importing.floorplans.room_types import doors_of, office_room_type
+from anm_mj.scene.importing.floorplans.cells import (
+    CellPlan,
+    cells_within,
+    fill_nearest,
+    grid_axes,
+    take_passages,
+    whole_rooms,
+)
+from anm_mj.scene.importing.floorplans.room_types import office_room_type
 
 _CELL_M = 0.0625
 """Plans are drawn on this grid: walls follow it exactly [m]."""
@@ -30,14 +37,13 @@ def read_plan1(plan: Any) -> Building:
     """
     floors = [_polygon(room) for room in plan["rooms"]]
     origin, xs, ys = grid_axes(shapely.total_bounds(floors), _CELL_M)
-    grid = tuple(np.meshgrid(xs, ys))
     labels = np.full((len(ys), len(xs)), -1)
     for index, floor in enumerate(floors):
-        labels[_inside(floor, grid)] = index
+        labels[cells_within(floor, xs, ys)] = index
     walls = shapely.union_all([_polygon(wall) for wall in plan["walls"]])
     # Rooms were simplified one by one: what lies between two of them and in no wall belongs to the nearer.
     near, solid, core = (
-        _inside(region, grid)
+        cells_within(region, xs, ys)
         for region in (shapely.union_all(floors).buffer(2 * _CELL_M), walls, walls.buffer(-0.4 * _CELL_M))
     )
     free = ((labels >= 0) | (near & ~solid)) & ~core
@@ -45,7 +51,7 @@ def read_plan1(plan: Any) -> Building:
     doors = np.array([[door["p0"], door["p1"]] for door in plan["doors"]], dtype=np.float64).reshape(-1, 2, 2)
     cells, passages = take_passages(cells, doors, _PASSAGE_M)
     outlines = cells.outlines()
-    num_doors = doors_of(len(outlines), passages)
+    num_doors = np.bincount([room for passage in passages for room in passage.rooms], minlength=len(outlines))
     room_types = [office_room_type(floor, int(num_doors[k]), k) for k, floor in enumerate(outlines)]
     return Building(
         named_rooms(outlines, room_types),
@@ -54,13 +60,6 @@ def read_plan1(plan: Any) -> Building:
         float(plan.get("wall_height", 2.7)),
         float(plan.get("door_height", 2.1)),
     )
-
-
-def _inside(region: Any, grid: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Which points of a grid lie in a region."""
-    # Without this every point is held against every edge.
-    shapely.prepare(region)
-    return np.asarray(shapely.contains_xy(region, *grid), dtype=bool)
 
 
 def _polygon(entry: dict[str, Any]) -> shapely.Polygon:

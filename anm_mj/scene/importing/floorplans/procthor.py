@@ -83,11 +83,7 @@ def read_procthor(plan: Any) -> Building:
 def _opening(
     entry: Any, walls: dict[str, Float64[np.ndarray, "k 3"]]
 ) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"], float, float]:
-    """Ends of an opening in the world [m], and its lower and upper edge.
-
-    Raises:
-        KeyError, TypeError, ValueError: as :func:`read_procthor`.
-    """
+    """Ends of an opening in the world [m], and its lower and upper edge."""
     corners = walls[entry["wall0"]]
     # The first two corners of a wall are its ends at the floor; holes are measured from the first.
     start, end = corners[0, [0, 2]], corners[1, [0, 2]]

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
 import shapely
-
-from anm_mj.scene.generation.building import Passage
 
 _WORDS = {
     "living": "living", "lounge": "lounge", "kitchen": "kitchen", "dining": "dining", "bed": "bedroom",
@@ -39,8 +36,3 @@ def office_room_type(floor: shapely.Polygon, num_doors: int, index: int) -> str:
     if area < _LARGE_M2:
         return ("meeting", "laboratory", "office", "reception")[index % 4]
     return ("open office", "laboratory", "lounge", "open office")[index % 4]
-
-
-def doors_of(num_rooms: int, passages: list[Passage]) -> np.ndarray:
-    """Number of passages of every room."""
-    return np.bincount([room for passage in passages for room in passage.rooms], minlength=num_rooms)

@@ -9,8 +9,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
+from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB, check_parts, check_triangles
 from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
-from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB, check_parts, check_triangles
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts, damaged
 from anm_mj.utils.read_file import read_bytes
 
@@ -72,7 +72,6 @@ class _Count:
         return parts, triangles
 
     def _show(self, name: str) -> None:
-        """Remember a geometry that should come out."""
         if name in self.shown:
             return
         geometry = self._geometries.get(name)
@@ -86,12 +85,10 @@ class _Count:
 
 
 def _kind(element: ET.Element) -> str:
-    """The tag of an element without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
 def _all(element: ET.Element, kind: str) -> Iterator[ET.Element]:
-    """All elements of a kind in another."""
     return (inner for inner in element.iter() if _kind(inner) == kind)
 
 

@@ -11,7 +11,6 @@ import math
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,22 +18,18 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.joints import Joint
-from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import LimitError, TriangleBudget
-from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
+from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, NO_MESH, NO_SHAPE, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file, world_places
-from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.parsed_scene import Joint, ParsedScene
+from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
+from anm_mj.scene.importing.readers.sdf_include import FOLDER, part_path, read_world
 from anm_mj.scene.importing.readers.sdf_material import Material, MaterialReader, with_material
-from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, pose_of, state_poses
+from anm_mj.scene.importing.readers.sdf_pose import Scope, numbers, state_poses
 from anm_mj.scene.importing.readers.sdf_shape import plane_submesh, shape_submesh
 from anm_mj.scene.raster import clip_to_slab, grid_over, level_mask, rasterise
 from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
-from anm_mj.utils.read_file import read_bytes
 
-_FOLDER = "anm_mj_folder"
-"""Attribute that remembers the folder of the file an element came from; relative paths start there."""
-_MAX_DEPTH = 16
 _FAR_M = 1000.0
 """A saved world may hold objects that have fallen off it; nothing indoors is so far from the origin [m]."""
 _WIDE_M = 20.0
@@ -44,14 +39,6 @@ _SUNK_M = 0.02
 """A ground plane lies so much lower where a floor of the world's own covers most of it, so that the two do not flicker
 through one another [m]."""
 
-_NO_MODEL = (
-    "Not found: the models {names}, which are left out; give the folders that hold them with --model-path, "
-    "or in GZ_SIM_RESOURCE_PATH or GAZEBO_MODEL_PATH."
-)
-_NO_MESH = "Not found: the meshes {names}, which are left out."
-_BAD_MESH = "Left out, because they cannot be read: {names}."
-_NO_WORLD = "Of several worlds the first is taken; left out: {names}."
-_NO_SHAPE = "Left out, because such shapes cannot be imported: {names}."
 _FALLEN = "Left out, because they lie more than 1 km away: {names}."
 _SCALED = "Not applied: the scale in the saved state of {names}."
 
@@ -73,27 +60,22 @@ def read_gazebo(src: Path, model_paths: Sequence[Path], report: ImportReport) ->
     if file is None:
         raise SceneError(f"{src} is no Gazebo model: it holds neither model.config nor model.sdf.")
     reader = _Reader(world_places(file, model_paths), report, TriangleBudget(file))
-    submeshes = reader.read(file)
+    world, used = read_world(file, reader.places, report)
+    submeshes = reader.read(world)
     if not submeshes:
         raise SceneError(f"{file} holds nothing that can be drawn: check where its models are (--model-path).")
-    models = ", ".join(sorted(reader.models))
+    models = ", ".join(sorted(used))
     source = f"Gazebo world {file.name}" + (f" with the models {models}" if models else "")
     return ParsedScene(submeshes, source, up="z", up_certainty=float("inf"), scale=1.0, joints=reader.joints)
 
 
 class _Reader:
-    """Gathers the submeshes of one world."""
-
     def __init__(self, places: Places, report: ImportReport, budget: TriangleBudget) -> None:
-        self.models: set[str] = set()
-        """Names of the model folders that were used."""
         self.joints: dict[str, Joint] = {}
         """How links can move, by the name of their part."""
-        self._file: Path | None = None
-        """The file that is read."""
         self._deleted: set[str] = set()
         """Names of the world's models that its saved state has deleted."""
-        self._places = places
+        self.places = places
         self._report = report
         self._budget = budget
         self._materials = MaterialReader(places, report)
@@ -101,21 +83,9 @@ class _Reader:
         self._submeshes: list[Submesh] = []
         self._grounds: list[tuple[Submesh, Material]] = []
 
-    def read(self, file: Path) -> list[Submesh]:
-        """Everything that can be drawn of a file's world, in world coordinates [m]."""
-        self._file = file
-        root = _parse(file)
-        if root.tag != "sdf":
-            raise SceneError(f"{file} is no SDF file: it begins with <{root.tag}>, not <sdf>.")
-        world = root.find("world")
-        if world is None:
-            world = root
-        for other in root.findall("world")[1:]:
-            self._report.add(_NO_WORLD, other.get("name", "without a name"))
-        world.extend(deepcopy(list(world.findall("state/insertions/model"))))
+    def read(self, world: ET.Element) -> list[Submesh]:
+        """Everything that can be drawn of a world whose includes are in place, in world coordinates [m]."""
         self._deleted = {(name.text or "").strip() for name in world.findall("state/deletions/name")}
-        for child in list(world):
-            self._expand(world, child, file.absolute().parent, 0)
         for scaled in world.findall("state//model"):
             scale = numbers(scaled.find("scale"), 3, (1.0, 1.0, 1.0))
             if scale != (1.0, 1.0, 1.0) and scaled.get("name") not in self._deleted:
@@ -124,61 +94,7 @@ class _Reader:
         self._read_scope(Scope(world, np.eye(4), state_poses(world), ""), "")
         return self._submeshes + [submesh for ground in self._grounds for submesh in self._cut_ground(*ground)]
 
-    def _expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
-        """Put the model that an <include> names in its place, and mark models with the folder they came from."""
-        if depth > _MAX_DEPTH:
-            raise SceneError(
-                f"Models are included in one another more than {_MAX_DEPTH} deep: does one include itself?"
-            )
-        if child.tag == "include":
-            self._include(parent, child, folder, depth)
-        elif child.tag == "model":
-            child.set(_FOLDER, str(folder))
-            for inner in list(child):
-                self._expand(child, inner, folder, depth + 1)
-
-    def _include(self, parent: ET.Element, include: ET.Element, folder: Path, depth: int) -> None:
-        """Replace an <include> by its model, under the name and pose that the <include> gives."""
-        at = list(parent).index(include)
-        parent.remove(include)
-        uri = (include.findtext("uri") or "").strip()
-        name = uri.rstrip("/").rpartition("/")[2] or uri
-        found = find_uri(uri, folder, self._places, self._report)
-        file = None if found is None else model_file(found)
-        # The file may be linked from elsewhere.
-        file = None if file is None else self._places.first([file], folder, self._report)
-        if file is None:
-            if name == "ground_plane":
-                parent.insert(at, _ground_plane())
-            # Gazebo's sun is a light.
-            elif name != "sun":
-                self._report.add(_NO_MODEL, name)
-            return
-        if self._file is not None and file.samefile(self._file):
-            raise SceneError(f"{file} includes itself: remove that <include>.")
-        root = _parse(file)
-        model = next((root.find(tag) for tag in ("model", "world/model") if root.find(tag) is not None), None)
-        if model is None:
-            # A light has no surface.
-            others = [root.tag] if root.tag != "sdf" else [child.tag for child in root if child.tag != "light"]
-            for kind in others:
-                self._report.add(_NO_SHAPE, f"<{kind}> of {file.name}")
-            return
-        self.models.add(file.parent.name)
-        if include.findtext("name"):
-            model.set("name", (include.findtext("name") or "").strip())
-        if include.get("placement_frame") or include.findtext("placement_frame"):
-            model.set("placement_frame", include.get("placement_frame") or include.findtext("placement_frame") or "")
-        pose, stated = include.find("pose"), model.find("pose")
-        if pose is not None:
-            if stated is not None:
-                model.remove(stated)
-            model.append(pose)
-        parent.insert(at, model)
-        self._expand(parent, model, file.absolute().parent, depth + 1)
-
     def _read_scope(self, scope: Scope, part: str) -> None:
-        """Gather the submeshes of a world or model, and of the models in it."""
         for child in scope.element:
             if child.tag == "model":
                 # Poses may still be relative to it.
@@ -188,27 +104,24 @@ class _Reader:
                 if np.abs(inner.T_world_scope[:3, 3]).max() > _FAR_M:
                     self._report.add(_FALLEN, child.get("name", "a model"))
                 else:
-                    self._read_scope(inner, _below(part, child, "model"))
+                    self._read_scope(inner, part_path(part, child, "model"))
             elif child.tag == "link":
-                folder = Path(scope.element.get(_FOLDER, "."))
+                folder = Path(scope.element.get(FOLDER, "."))
                 for visual in child.findall("visual"):
-                    self._read_visual(visual, scope, scope.place(child), folder, _below(part, child, "link"))
+                    self._read_visual(visual, scope, scope.place(child), folder, part_path(part, child, "link"))
             elif child.tag == "joint":
                 self._read_joint(child, scope, part)
             elif child.tag in ("actor", "population", "road"):
-                self._report.add(_NO_SHAPE, f"<{child.tag}> {child.get('name', '')}".strip())
+                self._report.add(NO_SHAPE, f"<{child.tag}> {child.get('name', '')}".strip())
 
     def _read_visual(
         self, visual: ET.Element, scope: Scope, T_world_link: Float64[np.ndarray, "4 4"], folder: Path, part: str
     ) -> None:
-        """Gather the submeshes of one <visual>."""
         shapes = visual.findall("geometry/*")
-        shape = next(iter(shapes), None)
+        shape = shapes[0] if shapes else None
         if shape is None or shape.tag == "empty" or numbers(visual.find("transparency"), 1, (0.0,))[0] >= 1.0:
             return
-        pose = visual.find("pose")
-        relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
-        T_world_visual = (scope.frame(relative_to) if relative_to else T_world_link) @ pose_of(visual)
+        T_world_visual = scope.place_on(visual, T_world_link)
         material = self._materials.read(visual.find("material"), folder)
         name = f"{scope.element.get('name', 'model')}_{visual.get('name', 'visual')}"
 
@@ -232,23 +145,20 @@ class _Reader:
             return
         submesh = shape_submesh(shape, name, [other for other in shapes[1:] if other.tag == "polyline"])
         if submesh is None:
-            self._report.add(_NO_SHAPE, f"<{shape.tag}> of {name}")
+            self._report.add(NO_SHAPE, f"<{shape.tag}> of {name}")
         else:
             self._submeshes.append(stand(with_material(submesh, material)))
 
     def _read_joint(self, joint: ET.Element, scope: Scope, part: str) -> None:
-        """Remember how a link hangs on its model."""
         child = (joint.findtext("child") or "").strip()
         link = next((link for link in scope.element.findall("link") if link.get("name") == child), None)
         axis = joint.find("axis")
         if joint.get("type") not in ("revolute", "prismatic", "continuous") or link is None or axis is None:
             return
-        pose, T_world_link = joint.find("pose"), scope.place(link)
-        relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
-        T_world_joint = (scope.frame(relative_to) if relative_to else T_world_link) @ pose_of(joint)
-        direction = np.array(numbers(axis.find("xyz"), 3, (0.0, 0.0, 1.0)))
-        stated_in = axis.find("xyz")
-        expressed_in = None if stated_in is None else stated_in.get("expressed_in")
+        T_world_joint = scope.place_on(joint, scope.place(link))
+        xyz = axis.find("xyz")
+        direction = np.array(numbers(xyz, 3, (0.0, 0.0, 1.0)))
+        expressed_in = None if xyz is None else xyz.get("expressed_in")
         in_model = (axis.findtext("use_parent_model_frame") or "").strip().lower() in ("1", "true")
         T_world_axis = scope.frame(expressed_in) if expressed_in else scope.T_world_scope if in_model else T_world_joint
         low, high = (numbers(axis.find(f"limit/{end}"), 1, (math.nan,))[0] for end in ("lower", "upper"))
@@ -256,7 +166,7 @@ class _Reader:
         limited = joint.get("type") != "continuous" and -1e3 < low <= high < 1e3
         length = float(np.linalg.norm(direction))
         if length > 0.0:
-            self.joints[_below(part, link, "link")] = Joint(
+            self.joints[part_path(part, link, "link")] = Joint(
                 hinge=joint.get("type") != "prismatic",
                 axis=T_world_axis[:3, :3] @ direction / length,
                 anchor_m=T_world_joint[:3, 3].copy(),
@@ -267,9 +177,9 @@ class _Reader:
     def _mesh_submeshes(self, shape: ET.Element, folder: Path) -> Iterator[Submesh]:
         """The submeshes of a <mesh>, scaled; none, with a note, where they cannot be had."""
         uri = (shape.findtext("uri") or "").strip()
-        path = find_uri(uri, folder, self._places, self._report)
+        path = find_uri(uri, folder, self.places, self._report)
         if path is None or not os.path.isfile(path):
-            self._report.add(_NO_MESH, uri.partition("://")[2] or uri)
+            self._report.add(NO_MESH, uri.partition("://")[2] or uri)
             return
         if path not in self._meshes:
             try:
@@ -277,14 +187,14 @@ class _Reader:
             except LimitError:
                 raise
             except SceneError as err:
-                self._report.add(_BAD_MESH, f"{path.name} ({str(err).removeprefix(str(path)).strip()})")
+                self._report.add(LEFT_OUT, f"{path.name} ({str(err).removeprefix(str(path)).strip()})")
                 self._meshes[path] = []
         submeshes = self._meshes[path]
         wanted = (shape.findtext("submesh/name") or "").strip()
         if wanted:
             submeshes = [submesh for submesh in submeshes if _same_name(submesh.name, wanted)]
             if not submeshes:
-                self._report.add(_NO_MESH, f"{wanted} in {path.name}")
+                self._report.add(NO_MESH, f"{wanted} in {path.name}")
         if submeshes and (shape.findtext("submesh/center") or "").strip().lower() in ("true", "1"):
             vertices, faces = merge_geometry(submeshes)
             low, high = vertices[faces].reshape(-1, 3).min(axis=0), vertices[faces].reshape(-1, 3).max(axis=0)
@@ -310,39 +220,12 @@ class _Reader:
         floor = rasterise(clip_to_slab(triangles[level_mask(triangles)], z_m - _SUNK_M, z_m + _SUNK_M), grid)
         if floor.mean() > _COVERED:
             z_m -= _SUNK_M
-        submesh = plane_submesh(
-            (float(high[0] - low[0]), float(high[1] - low[1])), np.array([0.0, 0.0, 1.0]), ground.name
-        )
-        submesh = replace(submesh, part=ground.part)
-        submesh = transformed(submesh, np.eye(3), np.array([*(low + high) / 2.0, z_m]))
-        share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
+        width, depth = (high - low).tolist()
+        plane = plane_submesh((width, depth), np.array([0.0, 0.0, 1.0]), ground.name)
+        plane = transformed(replace(plane, part=ground.part), np.eye(3), np.array([*(low + high) / 2.0, z_m]))
         # The texture keeps its size on the ground.
-        return [with_material(replace(submesh, uv=None if submesh.uv is None else submesh.uv * share), material)]
-
-
-def _parse(file: Path) -> ET.Element:
-    """The root element of an XML file."""
-    try:
-        # Gazebo reads a file with blank lines before its declaration too.
-        return ET.fromstring(read_bytes(file).lstrip())
-    except ET.ParseError as err:
-        raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
-    except (OSError, ValueError, LookupError) as err:
-        raise SceneError(f"{file} cannot be read ({err}): check its permissions and its encoding.") from err
-
-
-def _below(part: str, element: ET.Element, default: str) -> str:
-    """The part that a model or link is, within another."""
-    name = (element.get("name") or default).replace("/", "_")
-    return f"{part}/{name}" if part else name
-
-
-def _ground_plane() -> ET.Element:
-    """Gazebo's own ground plane, for where Gazebo is not installed."""
-    return ET.fromstring(
-        '<model name="ground_plane"><link name="link"><visual name="visual"><geometry><plane><normal>0 0 1</normal>'
-        "<size>100 100</size></plane></geometry></visual></link></model>"
-    )
+        share = (high - low) / np.maximum(np.ptp(own[:, :2], axis=0), 1e-9)
+        return [with_material(replace(plane, uv=None if plane.uv is None else plane.uv * share), material)]
 
 
 def _same_name(submesh: str, wanted: str) -> bool:

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import LimitError, TriangleBudget
-from anm_mj.scene.importing.readers.mesh import read_mesh
+from anm_mj.scene.importing.readers.import_limits import LimitError, TriangleBudget
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.model_path import places_of
 from anm_mj.scene.importing.readers.parsed_scene import UNKNOWN_LICENCE, ParsedScene
+from anm_mj.scene.importing.readers.read_mesh import read_mesh
 from anm_mj.scene.importing.readers.sdf_pose import quaternion_matrix
 from anm_mj.scene.importing.readers.urdf import read_urdf
 from anm_mj.scene.submesh import Submesh, merge_geometry, transformed
@@ -32,7 +32,6 @@ _TEMPLATE_SUFFIXES = (".stage_config.json", ".object_config.json", ".ao_config.j
 """What a template's file may end with, most telling first."""
 
 _NO_TEMPLATE = "Not found in the dataset's folder: {names}, which are left out."
-_BAD_TEMPLATE = "Left out, because they cannot be read: {names}."
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,6 @@ def read_scene_instance(dataset: Dataset, src: Path, model_paths: Sequence[Path]
 
 
 def _dataset_config(src: Path) -> Path | None:
-    """The configuration of the dataset that a scene lies in."""
     for folder in src.absolute().parents:
         found = sorted(folder.glob(f"*{_DATASET_SUFFIX}"))
         if found:
@@ -111,7 +109,6 @@ def _dataset_config(src: Path) -> Path | None:
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file."""
     try:
         entries = read_json(path)
     except (OSError, ValueError) as err:
@@ -123,8 +120,6 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class _Placement:
-    """One instance of a template."""
-
     template: str
     """The template's name, without folders."""
     rotation: Float64[np.ndarray, "3 3"]
@@ -173,13 +168,11 @@ class _Templates:
         if placement.template not in self._submeshes:
             self._submeshes[placement.template] = self._read(placement.template)
         submeshes = self._submeshes[placement.template]
-        if not submeshes:
-            return []
         for submesh in submeshes:
             self._budget.spend(submesh)
         shift = placement.translation_m
         matrix = placement.rotation * placement.scale
-        if placement.by_centre:
+        if submeshes and placement.by_centre:
             vertices, faces = merge_geometry(submeshes)
             used = vertices[faces].reshape(-1, 3)
             shift = shift - matrix @ (used.min(axis=0) + used.max(axis=0)) / 2.0
@@ -195,25 +188,25 @@ class _Templates:
         if self._places.first([path], path.parent, self._report) is None:
             return []
         try:
+            config = _read_json(path) if path.suffix == ".json" else None
+            if config is not None:
+                asset = config.get("urdf_filepath") or config.get("render_asset") or ""
+                asset_path = self._places.first([path.parent / str(asset)], path.parent, self._report)
+                if not asset or asset_path is None or not os.path.isfile(asset_path):
+                    self._report.add(_NO_TEMPLATE, Path(str(asset)).name or name)
+                    return []
+                path = asset_path
             if path.suffix == ".urdf":
                 return read_urdf(path, self._report, self._folders)
-            if path.suffix != ".json":
+            if config is None:
                 return read_mesh(path, self._report)
-            config = _read_json(path)
-            asset = config.get("urdf_filepath") or config.get("render_asset") or ""
-            asset_path = self._places.first([path.parent / str(asset)], path.parent, self._report)
-            if not asset or asset_path is None or not os.path.isfile(asset_path):
-                self._report.add(_NO_TEMPLATE, Path(str(asset)).name or name)
-                return []
-            if asset_path.suffix == ".urdf":
-                return read_urdf(asset_path, self._report, self._folders)
             turn = _canonical_axes(config) * np.asarray(config.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
             turn = turn * float(config.get("units_to_meters", 1.0))
-            return [transformed(submesh, turn) for submesh in read_mesh(asset_path, self._report)]
+            return [transformed(submesh, turn) for submesh in read_mesh(path, self._report)]
         except LimitError:
             raise
         except (SceneError, TypeError, ValueError) as err:
-            self._report.add(_BAD_TEMPLATE, f"{name} ({err})")
+            self._report.add(LEFT_OUT, f"{name} ({err})")
             return []
 
 
@@ -224,7 +217,8 @@ def _canonical_axes(config: dict[str, Any]) -> Float64[np.ndarray, "3 3"]:
     if up.shape != (3,) or front.shape != (3,) or np.linalg.norm(np.cross(front, up)) < 1e-6:
         raise ValueError("its up and front are no two directions")
     up = up / np.linalg.norm(up)
-    right = np.cross(front, up) / np.linalg.norm(np.cross(front, up))
+    right = np.cross(front, up)
+    right /= np.linalg.norm(right)
     return np.stack([right, up, np.cross(right, up)])
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 
 _logger = logging.getLogger(__name__)
 
-_NAMED = 8
-"""Number of names that are written out; the others are counted."""
-
 LEFT_OUT = "Left out, because they cannot be read: {names}."
+NO_MESH = "Not found: the meshes {names}, which are left out."
+NO_SHAPE = "Left out, because such shapes cannot be imported: {names}."
 
 
 class ImportReport:
@@ -29,14 +29,15 @@ class ImportReport:
 
     def sentences(self) -> list[str]:
         """One sentence per problem, with the names of all that it concerns."""
-        spoken = []
-        for sentence, names in self._names.items():
-            first = ", ".join(list(names)[:_NAMED])
-            rest = len(names) - _NAMED
-            spoken.append(sentence.replace("{names}", first if rest <= 0 else f"{first} and {rest} more"))
-        return spoken
+        return [sentence.replace("{names}", some(names, 8)) for sentence, names in self._names.items()]
 
     def log(self) -> None:
         """Log every sentence as a warning."""
         for sentence in self.sentences():
             _logger.warning("%s", sentence)
+
+
+def some(names: Collection[str], number: int = 12) -> str:
+    """The first names of many, and how many more there are."""
+    first = ", ".join(list(names)[:number])
+    return first if len(names) <= number else f"{first} and {len(names) - number} more"

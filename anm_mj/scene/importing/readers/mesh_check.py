@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.collada_check import check_collada
 from anm_mj.scene.importing.readers.gltf_check import check_gltf
+from anm_mj.scene.importing.readers.import_limits import check_size
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import check_size
 from anm_mj.scene.importing.readers.mesh_facts import MeshFacts
 from anm_mj.scene.importing.readers.obj_check import check_obj
 from anm_mj.utils.read_file import open_regular
@@ -44,15 +45,14 @@ def check_mesh_file(src: Path, report: ImportReport) -> MeshFacts:
     if not size:
         raise SceneError(f"{src} is empty (0 bytes): copy or export it again.")
     check_size(src, size)
-    if src.suffix.lower() in (".glb", ".gltf"):
+    suffix = src.suffix.lower()
+    if suffix in (".glb", ".gltf"):
         return check_gltf(src, size, report)
-    if src.suffix.lower() == ".dae":
-        return check_collada(src, report)
-    if src.suffix.lower() == ".obj":
-        return check_obj(src, report)
-    if src.suffix.lower() == ".ply":
+    if suffix in (".dae", ".obj"):
+        return (check_collada if suffix == ".dae" else check_obj)(src, report)
+    if suffix == ".ply":
         _check_ply(src)
-    if src.suffix.lower() == ".stl":
+    elif suffix == ".stl":
         _check_stl(src, size)
     return MeshFacts()
 
@@ -78,51 +78,57 @@ def _check_stl(src: Path, size: int) -> None:
         )
 
 
+class _PlyElement(NamedTuple):
+    """An element in the header of a PLY file."""
+
+    name: str
+    count: int | None
+    """Stated number of rows; None where it is no number."""
+    properties: list[list[str]]
+    """Words of each property, without the first."""
+
+
 def _check_ply(src: Path) -> None:
     """Refuse a PLY file whose faces name their vertices by a word that nobody knows, or that has too few in a row."""
     with open_regular(src) as file:
         head, _, rest = file.read(_HEAD_BYTES).partition(b"end_header")
-        lines = head.decode("latin-1").splitlines()
-        if any(line.split()[:2] == ["format", "ascii"] for line in lines):
-            _check_ply_rows(src, lines, (rest + file.read()).decode("latin-1").splitlines()[1:])
-    element, lists = "", []
-    for words in (line.split() for line in lines):
-        if words[:1] == ["element"]:
-            element = " ".join(words[1:2])
-            if element == "tristrips":
-                raise SceneError(f"{src} has strips of triangles, which cannot be read: export it with faces.")
-        elif words[:2] == ["property", "list"] and element == "face":
-            lists.append(words[-1])
+        header = [line.split() for line in head.decode("latin-1").splitlines()]
+        elements: list[_PlyElement] = []
+        for words in header:
+            if words[:1] == ["element"]:
+                count = int(words[2]) if len(words) == 3 and words[2].isdecimal() else None
+                elements.append(_PlyElement(" ".join(words[1:2]), count, []))
+            elif words[:1] == ["property"] and elements:
+                elements[-1].properties.append(words[1:])
+        if any(words[:2] == ["format", "ascii"] for words in header):
+            _check_ply_rows(src, elements, (rest + file.read()).decode("latin-1").splitlines()[1:])
+    if any(element.name == "tristrips" for element in elements):
+        raise SceneError(f"{src} has strips of triangles, which cannot be read: export it with faces.")
+    faces = (element for element in elements if element.name == "face")
+    lists = [words[-1] for face in faces for words in face.properties if words[:1] == ["list"]]
     if lists and not {*lists} & {*_PLY_CORNERS}:
         raise SceneError(
             f"{src} has faces with {', '.join(lists)}, but none with {' or '.join(_PLY_CORNERS)}: export it again."
         )
 
 
-def _check_ply_rows(src: Path, header: list[str], rows: list[str]) -> None:
+def _check_ply_rows(src: Path, elements: list[_PlyElement], rows: list[str]) -> None:
     """Refuse an ASCII PLY file with fewer rows than it states, or with faces of fewer corners than a triangle."""
-    at, element = 0, ""
-    stated: dict[str, int] = {}
-    words_of: dict[str, list[list[str]]] = {}
-    for words in (line.split() for line in header):
-        if words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
-            element = words[1]
-            stated[element], words_of[element] = int(words[2]), []
-        elif words[:1] == ["property"] and element:
-            words_of[element].append(words[1:])
-    for element, number in stated.items():
-        if len(rows) < at + number:
+    at = 0
+    for name, count, properties in elements:
+        if count is None:
+            continue
+        if len(rows) < at + count:
             raise SceneError(
-                f"{src} states {number} rows of {element} and holds {max(0, len(rows) - at)}: copy or export it again."
+                f"{src} states {count} rows of {name} and holds {max(0, len(rows) - at)}: copy or export it again."
             )
-        if element == "face":
-            for row in range(at, at + number):
-                if not _is_face(rows[row].split(), words_of[element]):
-                    raise SceneError(
-                        f"{src} has a face that is none ({rows[row][:40]!r}, row {row - at + 1} of its faces): a face "
-                        "has three corners at least, and as many as it states; export it again."
-                    )
-        at += number
+        for row in range(at, at + count) if name == "face" else ():
+            if not _is_face(rows[row].split(), properties):
+                raise SceneError(
+                    f"{src} has a face that is none ({rows[row][:40]!r}, row {row - at + 1} of its faces): a face has "
+                    "three corners at least, and as many as it states; export it again."
+                )
+        at += count
 
 
 def _is_face(row: list[str], properties: list[list[str]]) -> bool:

@@ -23,7 +23,7 @@ class MeshFacts(NamedTuple):
     uneven: bool = False
     """OBJ, glTF: whether it has to be rewritten before it is read
     (:func:`anm_mj.scene.importing.readers.obj_check.even_text`,
-    :func:`anm_mj.scene.importing.readers.gltf_check.even_gltf`)."""
+    :func:`anm_mj.scene.importing.readers.gltf_file.even_gltf`)."""
 
 
 def damaged(src: Path, reason: object) -> SceneError:

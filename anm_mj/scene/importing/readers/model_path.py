@@ -77,7 +77,6 @@ def world_places(world: Path, given: Sequence[Path]) -> Places:
 
 
 def _real(folders: Sequence[Path]) -> list[Path]:
-    """Folders, links followed."""
     return [Path(os.path.realpath(folder)) for folder in folders]
 
 
@@ -158,7 +157,6 @@ def model_file(folder: Path) -> Path | None:
 
 
 def _stays_below(name: str) -> bool:
-    """Whether a path leads to below the folder that it starts from."""
     return not os.path.isabs(name) and os.path.normpath(name).split(os.sep)[0] != os.pardir
 
 

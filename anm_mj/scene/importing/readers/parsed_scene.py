@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from anm_mj.scene.importing.joints import Joint
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
 from anm_mj.scene.movable import Movable
 from anm_mj.scene.submesh import Submesh
 
 UNKNOWN_LICENCE = "unknown"
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A hinge or a slide, in the source's axes."""
+
+    hinge: bool
+    axis: Float64[np.ndarray, "3"]
+    """Direction of length 1."""
+    anchor_m: Float64[np.ndarray, "3"]
+    """A point on a hinge's axis [m]."""
+    value: float
+    """Where the joint stands [rad, m]."""
+    limits: tuple[float, float] | None
+    """Smallest and largest value [rad, m]; None if there are none."""
+
+    def motion(self, to: float) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
+        """Rotation and shift that bring what hangs on the joint from where it stands to another value."""
+        amount = to - self.value
+        if not self.hinge:
+            return np.eye(3), self.axis * amount
+        rotation = Rotation.from_rotvec(self.axis * amount).as_matrix()
+        return rotation, self.anchor_m - rotation @ self.anchor_m
 
 
 @dataclass(frozen=True)
@@ -34,3 +60,17 @@ class ParsedScene:
     """How parts can move, by :attr:`anm_mj.scene.submesh.Submesh.part`."""
     movables: tuple[Movable, ...] = ()
     """Parts that the robot may push, in addition to their submeshes."""
+
+    def changed(
+        self,
+        submesh: Callable[[Submesh], Submesh | None],
+        movable: Callable[[Movable], Movable | None] = lambda own: own,
+    ) -> ParsedScene:
+        """The scene with every submesh, those of obstacles too, and every movable part changed, or left out by None."""
+        movables = tuple(new for own in self.movables if (new := movable(own)) is not None)
+        obstacles = None if self.obstacles is None else _all(submesh, self.obstacles)
+        return replace(self, submeshes=_all(submesh, self.submeshes), obstacles=obstacles, movables=movables)
+
+
+def _all(change: Callable[[Submesh], Submesh | None], submeshes: list[Submesh]) -> list[Submesh]:
+    return [new for submesh in submeshes if (new := change(submesh)) is not None]

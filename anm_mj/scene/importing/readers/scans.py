@@ -13,8 +13,8 @@ from pathlib import Path
 
 from anm_mj.errors import SceneError
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.mesh import read_mesh
 from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.read_mesh import read_mesh
 
 _MATTERPORT_ID = re.compile(r"[A-Za-z0-9]{11}")
 _HM3D_FOLDER = re.compile(r"\d{5}-[A-Za-z0-9]{11}")
@@ -64,7 +64,6 @@ def read_scan(layout: ScanLayout, src: Path, model_paths: Sequence[Path], report
 
 
 def _first(paths: Iterable[Path]) -> Path | None:
-    """The first file that is there."""
     return next((path for path in paths if path.is_file()), None)
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.import_report import LEFT_OUT, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri
 from anm_mj.scene.importing.readers.sdf_pose import numbers
 from anm_mj.scene.importing.readers.texture_file import MISSING, find_texture, read_texture
@@ -25,7 +25,6 @@ from anm_mj.scene.submesh import Submesh
 from anm_mj.utils.read_file import read_bytes
 
 _UNKNOWN_SCRIPT = "Not found: the materials {names}; what is made of them comes out grey."
-_BAD_SCRIPT = "Left out, because they cannot be read: {names}."
 _MAX_SCRIPT_MIB = 16
 """Largest material script [MiB]."""
 _SMALLEST_SCALE = 1e-6
@@ -82,7 +81,6 @@ class MaterialReader:
     """Reads the materials of one world; every script and texture once."""
 
     def __init__(self, places: Places, report: ImportReport) -> None:
-        """MaterialReader that name files in these places."""
         self._places = places
         self._report = report
         self._textures: dict[Path, UInt8[np.ndarray, "h w 3"] | None] = {}
@@ -150,7 +148,7 @@ class MaterialReader:
             try:
                 text = read_bytes(path, _MAX_SCRIPT_MIB).decode("utf-8", errors="replace")
             except (OSError, ValueError) as err:
-                self._report.add(_BAD_SCRIPT, f"{path.name} ({err})")
+                self._report.add(LEFT_OUT, f"{path.name} ({err})")
                 text = ""
             self._scripts[path] = read_script(text)
         return self._scripts[path]
@@ -158,8 +156,6 @@ class MaterialReader:
 
 @dataclass(frozen=True)
 class _Script:
-    """What is used of an OGRE material."""
-
     diffuse: Rgb | None
     texture: str | None
     uv_scale: tuple[float, float]
@@ -223,13 +219,11 @@ def with_material(submesh: Submesh, material: Material) -> Submesh:
 
 
 def _colour(element: ET.Element | None) -> Rgb | None:
-    """The red, green and blue of a colour, in 0..1."""
     if element is None:
         return None
     return _clipped(numbers(element, 3, (0.0, 0.0, 0.0)))
 
 
 def _clipped(values: tuple[float, ...]) -> Rgb:
-    """Red, green and blue in 0..1."""
     red, green, blue = (min(1.0, max(0.0, value)) for value in values)
     return red, green, blue

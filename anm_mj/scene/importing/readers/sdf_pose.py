@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
 
 from anm_mj.errors import SceneError
 
@@ -41,17 +42,14 @@ def numbers(element: ET.Element | None, count: int, default: tuple[float, ...]) 
 
 
 def pose_of(element: ET.Element) -> Transform:
-    """The pose that an element states, as T_frame_element; where it states none, the identity."""
-    return pose_matrix(element.find("pose"))
+    """The <pose> of an element as T_frame_element; where it states none, the identity.
 
-
-def pose_matrix(pose: ET.Element | None) -> Transform:
-    """A <pose>: x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w.
+    It is x y z and roll, pitch, yaw about fixed axes [rad, or degrees], or x y z and a quaternion x y z w.
 
     Raises:
         SceneError: if it states its rotation in another way, or holds no such numbers.
     """
-    matrix = np.eye(4)
+    pose, matrix = element.find("pose"), np.eye(4)
     rotation_format = "euler_rpy" if pose is None else pose.get("rotation_format", "euler_rpy")
     if rotation_format not in ("euler_rpy", "quat_xyzw"):
         raise SceneError(f"A <pose> has the rotation_format {rotation_format!r}: write euler_rpy or quat_xyzw.")
@@ -69,14 +67,7 @@ def pose_matrix(pose: ET.Element | None) -> Transform:
 
 def rpy_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float64[np.ndarray, "3 3"]:
     """Rotation by roll, then pitch, then yaw about the fixed axes x, y, z."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin([roll_rad, pitch_rad, yaw_rad]), np.cos([roll_rad, pitch_rad, yaw_rad])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    return Rotation.from_euler("xyz", [roll_rad, pitch_rad, yaw_rad]).as_matrix()
 
 
 def quaternion_matrix(wxyz: tuple[float, float, float, float]) -> Float64[np.ndarray, "3 3"]:
@@ -88,14 +79,7 @@ def quaternion_matrix(wxyz: tuple[float, float, float, float]) -> Float64[np.nda
     length = math.sqrt(sum(value * value for value in wxyz))
     if not (math.isfinite(length) and length > 1e-9):
         raise SceneError(f"The quaternion {wxyz} is no rotation: fix it in the source.")
-    w, x, y, z = (value / length for value in wxyz)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Rotation.from_quat((*wxyz[1:], wxyz[0])).as_matrix()
 
 
 class Scope:
@@ -130,23 +114,19 @@ class Scope:
         return self._place(child)
 
     def frame(self, name: str) -> Transform:
-        """T_world_frame of a named frame of this scope; ``model::link`` reaches into a model.
-
-        Raises:
-            SceneError: as :meth:`place`.
-        """
+        """T_world_frame of a named frame of this scope; ``model::link`` reaches into a model; raises as ``place``."""
         if name in _OF_SCOPE:
             return self.T_world_scope
         first, _, rest = name.partition("::")
         self._place_chain(first)
         return self.inner(self._named(first)).frame(rest) if rest else self._poses[first]
 
-    def _named(self, name: str) -> ET.Element:
-        """A named element of this scope.
+    def place_on(self, child: ET.Element, T_world_parent: Transform) -> Transform:
+        """T_world_child of an element on the frame its pose names or on its parent; raises as ``place``."""
+        relative_to = _relative_to(child)
+        return (self.frame(relative_to) if relative_to else T_world_parent) @ pose_of(child)
 
-        Raises:
-            SceneError: if there is none.
-        """
+    def _named(self, name: str) -> ET.Element:
         child = self._framed.get(name)
         if child is None:
             raise SceneError(
@@ -155,11 +135,7 @@ class Scope:
         return child
 
     def _place_chain(self, name: str) -> None:
-        """Place a named frame after all that it stands on, one by one: a chain may have thousands of frames.
-
-        Raises:
-            SceneError: as :meth:`place`.
-        """
+        """Place a named frame after all that it stands on, one by one: a chain may have thousands of frames."""
         chain: dict[str, ET.Element] = {}
         while name not in _OF_SCOPE and name not in self._poses:
             if name in chain:
@@ -172,7 +148,7 @@ class Scope:
     def inner(self, model: ET.Element) -> Scope:
         """The scope of a model in this one."""
         T_world_model = self.place(model)
-        path = "::".join(part for part in (self.path, model.get("name", "")) if part)
+        path = self._state_path(model)
         inner = Scope(model, T_world_model, self._states, path)
         placed = model.get("placement_frame")
         if placed and path not in self._states:
@@ -187,23 +163,26 @@ class Scope:
         if state is not None and child.tag in ("model", "link"):
             return state
         relative_to = self._stands_on(child)
-        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_matrix(child.find("pose"))
+        return (self.frame(relative_to) if relative_to else self.T_world_scope) @ pose_of(child)
 
     def _state_path(self, child: ET.Element) -> str:
-        """The path of an element in <state>."""
         return "::".join(part for part in (self.path, child.get("name", "")) if part)
 
     def _stands_on(self, child: ET.Element) -> str:
         """The frame that the pose of an element is relative to; empty where that is the scope's own, or the world's."""
         if child.tag in ("model", "link") and self._state_path(child) in self._states:
             return ""
-        pose = child.find("pose")
-        relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
-        if not relative_to:
-            relative_to = child.get("attached_to") if child.tag == "frame" else None
+        relative_to = _relative_to(child)
+        if not relative_to and child.tag == "frame":
+            relative_to = child.get("attached_to")
         if not relative_to and child.tag == "joint":
             relative_to = (child.findtext("child") or "").strip()
         return relative_to or ""
+
+
+def _relative_to(element: ET.Element) -> str | None:
+    pose = element.find("pose")
+    return None if pose is None else pose.get("relative_to") or pose.get("frame")
 
 
 def state_poses(world: ET.Element) -> dict[str, Transform]:

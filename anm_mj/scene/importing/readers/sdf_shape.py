@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from anm_mj.scene.importing.readers.mjcf.geom_triangles import unit_box
 from anm_mj.scene.importing.readers.sdf_pose import numbers
 from anm_mj.scene.submesh import Submesh
 
 _SECTIONS = 32
 """A round shape gets so many faces around."""
+_SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 _SIZES = {
     "sphere": (("radius", 1),),
     "ellipsoid": (("radii", 3),),
@@ -74,30 +76,21 @@ def shape_submesh(shape: ET.Element, name: str, outlines: Sequence[ET.Element] =
 
 def box_submesh(size_m: tuple[float, float, float], name: str) -> Submesh:
     """A box about the origin, each face with its own corners and texture coordinates from 0 to 1."""
-    square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-    vertices, uv = [], []
-    for axis in range(3):
-        for side in (1.0, -1.0):
-            corners = np.empty((4, 3))
-            corners[:, axis] = 0.5 * side
-            # Seen from outside, the corners go round to the left.
-            corners[:, (axis + 1) % 3], corners[:, (axis + 2) % 3] = side * square[:, 0], square[:, 1]
-            vertices.append(corners)
-            # On every wall u runs to the right and v up.
-            turned = np.column_stack([-side * square[:, 1], side * square[:, 0]])
-            uv.append((turned if axis == 1 else square) + 0.5)
-    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(6)])
-    return Submesh(name, np.concatenate(vertices) * size_m, faces, uv=np.concatenate(uv))
+    box = unit_box()
+    uv = np.tile(_SQUARE, (6, 1))
+    # On every wall u runs to the right and v up; the corners of the faces +y and -y begin elsewhere.
+    for face, side in ((2, 1.0), (3, -1.0)):
+        uv[4 * face : 4 * face + 4] = np.column_stack([-side * _SQUARE[:, 1], side * _SQUARE[:, 0]])
+    return Submesh(name, 0.5 * box.unit * size_m, box.faces, uv=uv + 0.5)
 
 
 def plane_submesh(size_m: tuple[float, float], normal: Float64[np.ndarray, "3"], name: str) -> Submesh:
     """A rectangle about the origin, with texture coordinates from 0 to 1."""
     import trimesh
 
-    square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-    corners = np.column_stack([square * size_m, np.zeros(4)])
+    corners = np.column_stack([_SQUARE * size_m, np.zeros(4)])
     rotation = np.asarray(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal))[:3, :3]
-    return Submesh(name, corners @ rotation.T, np.array([[0, 1, 2], [0, 2, 3]]), uv=square + 0.5)
+    return Submesh(name, corners @ rotation.T, np.array([[0, 1, 2], [0, 2, 3]]), uv=_SQUARE + 0.5)
 
 
 def _extruded(outlines: Sequence[ET.Element], name: str) -> Submesh | None:

@@ -12,8 +12,8 @@ from jaxtyping import UInt8
 from PIL import Image
 from trimesh.resolvers import FilePathResolver
 
+from anm_mj.scene.importing.readers.import_limits import MAX_MESH_MIB
 from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import MAX_MESH_MIB
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import read_bytes
 
@@ -89,7 +89,6 @@ def find_texture(name: str, folder: Path) -> Path | None:
 
 
 def _is_file_below(path: Path, folder: Path) -> bool:
-    """Whether a file is there that lies below a folder, links followed."""
     try:
         return path.is_file() and folder in path.resolve().parents
     except (OSError, RuntimeError, ValueError):

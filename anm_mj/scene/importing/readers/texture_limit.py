@@ -5,9 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-import numpy as np
-from jaxtyping import UInt8
-
 from anm_mj.scene.importing.readers.texture_file import MAX_TEXTURE_PX, resized
 from anm_mj.scene.raster import areas
 from anm_mj.scene.submesh import Submesh
@@ -28,44 +25,31 @@ def limit_textures(submeshes: list[Submesh]) -> list[Submesh]:
     those with a tile per triangle keep their size. The log reports both.
     """
     submeshes = _fewest(submeshes)
+    textured = {id(submesh.texture): submesh for submesh in submeshes}.values()
     side = MAX_TEXTURE_PX
-    while _texels(submeshes, side) > MAX_TEXELS and side > _MIN_SIDE_PX:
+    while sum(_texels(submesh, side) for submesh in textured) > MAX_TEXELS and side > _MIN_SIDE_PX:
         side //= 2
-    if side < MAX_TEXTURE_PX:
-        _logger.warning("the textures are large together: they were reduced to %d px a side", side)
-        small: dict[int, UInt8[np.ndarray, "h w 3"]] = {}
-        for texture in _textures([submesh for submesh in submeshes if not submesh.tiled]).values():
-            small[id(texture)] = resized(texture, side)
-        submeshes = [
-            submesh
-            if submesh.texture is None
-            else replace(submesh, texture=small.get(id(submesh.texture), submesh.texture))
-            for submesh in submeshes
-        ]
-    return submeshes
-
-
-def _textures(submeshes: list[Submesh]) -> dict[int, UInt8[np.ndarray, "h w 3"]]:
-    """Every texture once."""
-    return {id(submesh.texture): submesh.texture for submesh in submeshes if submesh.texture is not None}
-
-
-def _texels(submeshes: list[Submesh], side: int) -> int:
-    """Number of texels if textures that may be reduced were at most ``side`` wide and high."""
-    total = 0
-    sizes = {
-        id(submesh.texture): (submesh.texture.shape, submesh.tiled)
-        for submesh in submeshes
-        if submesh.texture is not None
+    if side == MAX_TEXTURE_PX:
+        return submeshes
+    _logger.warning("the textures are large together: they were reduced to %d px a side", side)
+    small = {
+        id(submesh.texture): resized(submesh.texture, side)
+        for submesh in textured
+        if submesh.texture is not None and not submesh.tiled
     }
-    for shape, tiled in sizes.values():
-        share = 1.0 if tiled else min(1.0, side / max(shape[:2]))
-        total += int(shape[0] * shape[1] * share**2)
-    return total
+    return [replace(submesh, texture=small.get(id(submesh.texture), submesh.texture)) for submesh in submeshes]
+
+
+def _texels(submesh: Submesh, side: int) -> int:
+    """Number of texels of a submesh if its texture, unless it is tiled, were at most ``side`` wide and high."""
+    if submesh.texture is None:
+        return 0
+    height, width, _ = submesh.texture.shape
+    share = 1.0 if submesh.tiled else min(1.0, side / max(height, width))
+    return int(height * width * share**2)
 
 
 def _fewest(submeshes: list[Submesh]) -> list[Submesh]:
-    """Submeshes with at most MAX_TEXTURES materials that need a texture."""
     area_m2: dict[tuple[int, tuple[float, float, float]], float] = {}
     for submesh in submeshes:
         if submesh.texture is not None:

@@ -12,17 +12,15 @@ import numpy as np
 from jaxtyping import Float64
 
 from anm_mj.errors import SceneError
-from anm_mj.scene.importing.readers.import_report import ImportReport
-from anm_mj.scene.importing.readers.limits import TriangleBudget
-from anm_mj.scene.importing.readers.mesh import PLAIN_RGB, read_mesh
+from anm_mj.frames import rigid_transform
+from anm_mj.scene.importing.readers.import_limits import TriangleBudget
+from anm_mj.scene.importing.readers.import_report import NO_MESH, NO_SHAPE, ImportReport
 from anm_mj.scene.importing.readers.model_path import Places, find_uri, places_of
+from anm_mj.scene.importing.readers.read_mesh import PLAIN_RGB, read_mesh
 from anm_mj.scene.importing.readers.sdf_pose import rpy_matrix
 from anm_mj.scene.importing.readers.sdf_shape import box_submesh, shape_submesh
 from anm_mj.scene.submesh import Submesh, transformed
 from anm_mj.utils.read_file import read_bytes
-
-_NO_MESH = "Not found: the meshes {names}, which are left out."
-_NO_SHAPE = "Left out, because such shapes cannot be imported: {names}."
 
 
 def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) -> list[Submesh]:
@@ -57,20 +55,16 @@ def read_urdf(path: Path, report: ImportReport, folders: Sequence[Path] = ()) ->
 
 
 def _named(element: ET.Element, tag: str, attribute: str) -> str:
-    """An attribute of a child element; empty if there is none."""
     child = element.find(tag)
     return "" if child is None else child.get(attribute, "")
 
 
 def _origin(element: ET.Element) -> Float64[np.ndarray, "4 4"]:
-    """The <origin> of a joint or visual."""
     origin = element.find("origin")
-    matrix = np.eye(4)
-    if origin is not None:
-        roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"), 3)
-        matrix[:3, :3] = rpy_matrix(roll, pitch, yaw)
-        matrix[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)
-    return matrix
+    if origin is None:
+        return np.eye(4)
+    rotation = rpy_matrix(*_numbers(origin.get("rpy", "0 0 0")))
+    return rigid_transform(rotation.ravel(), np.array(_numbers(origin.get("xyz", "0 0 0"))))
 
 
 def _visual_submeshes(visual: ET.Element, path: Path, places: Places, report: ImportReport) -> list[Submesh]:
@@ -79,17 +73,16 @@ def _visual_submeshes(visual: ET.Element, path: Path, places: Places, report: Im
     if shape is None:
         return []
     colour = visual.find("material/color")
-    red, green, blue = PLAIN_RGB if colour is None else _numbers(colour.get("rgba", ""), 3)
+    rgb = PLAIN_RGB if colour is None else _numbers(colour.get("rgba", ""))
     if shape.tag == "mesh":
         file = find_uri(shape.get("filename", ""), path.absolute().parent, places, report)
         if file is None or not os.path.isfile(file):
-            report.add(_NO_MESH, shape.get("filename", ""))
+            report.add(NO_MESH, shape.get("filename", ""))
             return []
-        scale = np.diag(_numbers(shape.get("scale", "1 1 1"), 3))
+        scale = np.diag(_numbers(shape.get("scale", "1 1 1")))
         return [transformed(submesh, scale) for submesh in read_mesh(file, report)]
     if shape.tag == "box":
-        x, y, z = _numbers(shape.get("size", ""), 3)
-        submesh = box_submesh((x, y, z), path.stem)
+        submesh = box_submesh(_numbers(shape.get("size", "")), path.stem)
     else:
         # URDF keeps in attributes what SDF keeps in elements.
         as_sdf = ET.Element(shape.tag)
@@ -97,17 +90,16 @@ def _visual_submeshes(visual: ET.Element, path: Path, places: Places, report: Im
             ET.SubElement(as_sdf, key).text = value
         submesh = shape_submesh(as_sdf, path.stem)
     if submesh is None:
-        report.add(_NO_SHAPE, f"<{shape.tag}> of {path.name}")
+        report.add(NO_SHAPE, f"<{shape.tag}> of {path.name}")
         return []
-    return [Submesh(submesh.name, submesh.vertices_m, submesh.faces, (red, green, blue))]
+    return [Submesh(submesh.name, submesh.vertices_m, submesh.faces, rgb)]
 
 
-def _numbers(text: str, count: int) -> tuple[float, ...]:
-    """The first ``count`` numbers of a text."""
+def _numbers(text: str) -> tuple[float, float, float]:
     try:
-        values = tuple(float(word) for word in text.split()[:count])
+        x, y, z = (float(word) for word in text.split()[:3])
     except ValueError:
-        values = ()
-    if len(values) < count or not all(math.isfinite(value) for value in values):
-        raise SceneError(f"{text!r} should be {count} numbers: fix the URDF file.")
-    return values
+        x = y = z = math.nan
+    if not math.isfinite(x + y + z):
+        raise SceneError(f"{text!r} should be 3 numbers: fix the URDF file.")
+    return x, y, z

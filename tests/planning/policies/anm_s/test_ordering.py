@@ -3,7 +3,7 @@ import pytest
 
 from anm_mj.planning.paths import ShortestPathTree
 from anm_mj.planning.policies.anm_s.ordering import own_room, room_distance, room_name
-from anm_mj.planning.stages import PlanningState
+from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.types import Pose2, TopDownMap, VoronoiGraph
 
 
@@ -14,7 +14,11 @@ def situation(room, distance_m):
     topdown = TopDownMap(np.ones((1, 1), np.float32), np.zeros((1, 1), np.int8), 0.05, np.zeros(2))
     pose = Pose2(0.0, 0.0, 0.0)
     paths = ShortestPathTree(np.array(distance_m, float), [], {}, graph, topdown, 0.22, pose)
-    return PlanningState(pose, topdown, graph, paths, (), 1.25, room=np.array(room, np.int64))
+    none = np.zeros(0, np.int64)
+    rooms = np.array(room, np.int64)
+    return RegionState(
+        pose, topdown, graph, paths, regions=(), decisions=none, frontier_xy_m=np.zeros((0, 2)), room=rooms
+    )
 
 
 def test_the_robots_own_room_is_the_one_it_reaches_first_and_no_other_is_nearer():

@@ -1,6 +1,6 @@
 import numpy as np
 
-from anm_mj.planning.policies.anm_s.config import AnmSConfig
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.types import Pose2
 

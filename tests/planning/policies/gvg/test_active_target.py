@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.views import Viewpoint
 from anm_mj.types import Plan, Pose2, TopDownMap
 

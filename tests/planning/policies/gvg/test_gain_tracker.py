@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from anm_mj.planning.policies.gvg.active_target import ActiveTarget
-from anm_mj.planning.policies.gvg.config import GvgConfig
 from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.views import Viewpoint
 from anm_mj.types import Pose2
 

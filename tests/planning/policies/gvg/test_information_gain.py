@@ -6,7 +6,7 @@ import pytest
 from anm_mj.errors import PlanError
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg import ray_cache
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain, view_gains
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, VoxelGrid
 from tests.planning.worlds import RESOLUTION_M, room

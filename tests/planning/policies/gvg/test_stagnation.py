@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
 
 CONFIG = GvgConfig(stagnation_share=0.1)

@@ -1,10 +1,10 @@
-from anm_mj.planning.config import PlanningConfig
 from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
 from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
-from anm_mj.planning.topdown import TopDownMapper
+from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.types import OCCUPIED, UNKNOWN, Footprint, Pose2
-from tests.planning.worlds import room
+from tests.planning.worlds import room, topdown_map
 
 CAMERA = FieldOfView(1.0, 1.0, 1.0, 1.0, 0.0, 1.25)
 
@@ -16,7 +16,7 @@ def left_in(world):
     pose = Pose2(1.0, 1.7, 0.0)
     grid_below = grid.state.copy()
     grid.state[1] = grid_below[5]  # The body's lowest heights are free.
-    topdown = TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)).update(grid, world.sdf, pose)
+    topdown = topdown_map(TopDownMapper(PlanningConfig(), Footprint(0.18, 0.1, 1.35)), grid, world.sdf, pose)
     occupancy = PooledOccupancy(5.5)
     occupancy.update(grid, (slice(0, grid.state.shape[1]), slice(0, grid.state.shape[2])))
     return unexplored_patches(occupancy, topdown, pose, safe_m=0.22, range_m=4.5, camera=CAMERA)

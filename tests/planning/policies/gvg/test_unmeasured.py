@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from anm_mj.planning.field_of_view import FieldOfView
-from anm_mj.planning.policies.gvg.config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
 from anm_mj.types import UNKNOWN, Observation, Pose2

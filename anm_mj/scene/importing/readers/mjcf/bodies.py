@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Int
 
-from anm_mj.scene.importing.joints import Joint
+from anm_mj.scene.importing.readers.parsed_scene import Joint
 
 if TYPE_CHECKING:
     import mujoco
@@ -53,7 +53,6 @@ def robot_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> Bool[np.ndarray,
 
 
 def _driven_bodies(model: mujoco.MjModel, actuator: int) -> set[int]:
-    """The bodies that an actuator moves."""
     import mujoco
 
     kinds, target = mujoco.mjtTrn, int(model.actuator_trnid[actuator, 0])

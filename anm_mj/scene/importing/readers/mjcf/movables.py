@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float64
 
+from anm_mj.frames import rigid_transform
 from anm_mj.scene.movable import Movable, Solid
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def movable_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, part: str)
     """A free body with all that hangs on it, whose own joints are locked as they stand."""
     members = np.flatnonzero(model.body_rootid == model.body_rootid[body])
     members = members[members >= body]
-    T = _pose(data.xmat[body].reshape(3, 3), data.xpos[body])
+    T = rigid_transform(data.xmat[body], data.xpos[body])
     inverse = np.linalg.inv(T)
     mass = float(model.body_mass[members].sum())
     centre = (
@@ -62,7 +63,7 @@ def _solid(model: mujoco.MjModel, data: mujoco.MjData, geom: int, inverse: Float
     if not (model.geom_contype[geom] or model.geom_conaffinity[geom]) or int(model.geom_type[geom]) not in words:
         return None
     kind, sizes = words[int(model.geom_type[geom])]
-    local = inverse @ _pose(data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom])
+    local = inverse @ rigid_transform(data.geom_xmat[geom], data.geom_xpos[geom])
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, local[:3, :3].ravel())
     hull = None
@@ -73,9 +74,3 @@ def _solid(model: mujoco.MjModel, data: mujoco.MjData, geom: int, inverse: Float
     size = tuple(float(value) for value in model.geom_size[geom, :sizes])
     slide, spin, roll = (float(value) for value in model.geom_friction[geom])
     return Solid(kind, size, local[:3, 3].copy(), quaternion, (slide, spin, roll), hull)
-
-
-def _pose(rotation: Float64[np.ndarray, "3 3"], position_m: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "4 4"]:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotation, position_m
-    return T

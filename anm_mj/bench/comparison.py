@@ -1,0 +1,276 @@
+"""A comparison, from its file to its tables; an interrupted one resumes."""
+
+from __future__ import annotations
+
+import fcntl
+import itertools
+import os
+import shlex
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from anm_mj.bench.curve_figure import draw_curves
+from anm_mj.bench.executor import UNFINISHED, run_jobs
+from anm_mj.bench.job import Job
+from anm_mj.bench.overview_figure import draw_overview
+from anm_mj.bench.report_page import BADGE, CARD, badge_svg, data_card, headline, write_page
+from anm_mj.bench.results_table import tidy_rows, write_csv
+from anm_mj.bench.run_result import Result, by_budget, finished, read_result, revision_text
+from anm_mj.bench.scene_figure import draw_scene
+from anm_mj.bench.sweep import BenchError, read_jobs
+from anm_mj.bench.tables import markdown
+from anm_mj.bench.worker import EXPLORE
+from anm_mj.io.manifest import git_revision
+from anm_mj.io.run_folder import refuse_links
+from anm_mj.planning.policies.registry import needs_truth
+from anm_mj.scene.folder import load_scene
+from anm_mj.utils.files import file_name, write_text
+from anm_mj.utils.package_data import checkout
+from anm_mj.utils.read_file import read_text
+from anm_mj.viz.figure_file import KINDS, PICTURE
+
+TABLES_EVERY_S = 60.0
+"""Period of writing tables while runs are made [s]."""
+LOCK = ".lock"
+"""Lock file in the comparison's folder; its writer holds the lock."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Outcome of a comparison."""
+
+    folder: Path
+    jobs: list[Job]
+    """All runs of the file."""
+    skipped: int
+    """Runs that existed already."""
+    failures: list[str]
+    """One sentence for each failed run; the next call tries them again."""
+
+
+def run_bench(
+    file: Path,
+    out: Path,
+    *,
+    num_workers: int = 1,
+    executor: str = "local",
+    command: Sequence[str] = (),
+    function: str = EXPLORE,
+    policies: Sequence[str] = (),
+    one_revision: bool = False,
+    on_run: Callable[[int, int, str], None] = lambda done, total, last: None,
+) -> Comparison:
+    """Make the missing runs, then write tables and pictures of all.
+
+    Writes ``report.html`` (all in one page), ``results.csv`` (a row per run and budget), ``table.md``,
+    ``data_card.md``, ``badge.svg``, ``curves_<scene>`` (PNG, PDF, SVG), ``scene_<scene>.png``, ``overview.png`` and
+    ``command.txt``; the runs lie in ``runs/``. Tables are also written from time to time, to look at while the
+    comparison runs.
+
+    Args:
+        file: The TOML file (see :mod:`anm_mj.bench.sweep`).
+        out: Folder of the comparison; made if missing.
+        num_workers: Runs in parallel.
+        executor: ``local`` or ``ray``.
+        command: The command line, for the record.
+        function: Function that makes a run, as ``module:function`` (see :func:`anm_mj.bench.executor.execute`).
+        policies: Policies beside those of the file, in all sweeps without settings of their own.
+        one_revision: Whether to refuse a folder that holds runs of another revision of this program.
+        on_run: Called after every run with done and total runs and the last one's name or error.
+
+    Raises:
+        BenchError: The file, the executor or the folder cannot be used.
+        SceneError: A scene cannot be found or read.
+    """
+    if num_workers < 1:
+        raise BenchError(f"--workers is {num_workers}; at least 1 is needed.")
+    # Policies of the user's own lie where the command is given, or beside the file.
+    modules = tuple(dict.fromkeys((str(Path.cwd()), str(file.resolve().parent))))
+    sys.path[:0] = [folder for folder in modules if folder not in sys.path]
+    jobs = read_jobs(file, policies)
+    with _only_writer(out):
+        if one_revision:
+            _check_revision(finished(jobs, out / "runs"), out)
+        return _make_missing(jobs, file, out, num_workers, executor, command, function, modules, on_run)
+
+
+def _check_revision(there: Sequence[Job], out: Path) -> None:
+    """Raise unless the runs that a folder holds were made by the program as it is now.
+
+    Raises:
+        BenchError: They were not.
+    """
+    source = checkout()
+    own = revision_text(None if source is None else git_revision(source))
+    other = sorted({read_result(out / "runs" / job.name, job).revision for job in there} - {own})
+    if other:
+        raise BenchError(
+            f"{out} holds runs of revision {', '.join(other)}, and this program is {own}; rows of one table must be "
+            "of one revision. Give another --out, or delete the folder."
+        )
+
+
+@contextmanager
+def _writable(out: Path) -> Iterator[None]:
+    """Say in a sentence which file of a comparison cannot be written within the block.
+
+    Raises:
+        BenchError: One cannot.
+    """
+    try:
+        yield
+    except OSError as err:
+        path = err.filename2 or err.filename or out
+        raise BenchError(
+            f"{path} cannot be written ({err.strerror or err}); remove what is in its place, or give another --out."
+        ) from err
+
+
+@contextmanager
+def _only_writer(out: Path) -> Iterator[None]:
+    """Lock the folder against other comparisons; the system releases the lock however this one ends.
+
+    Raises:
+        BenchError: Another one writes there, or the folder cannot be written.
+    """
+    with _writable(out):
+        out.mkdir(parents=True, exist_ok=True)
+        # Anybody may have made what is there.
+        refuse_links(out.resolve())
+        lock = os.fdopen(os.open(out / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666), "w")
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as err:
+            raise BenchError(
+                f"Another comparison is writing to {out}; wait until it ends, or give another --out."
+            ) from err
+        yield
+
+
+def _make_missing(
+    jobs: list[Job],
+    file: Path,
+    out: Path,
+    num_workers: int,
+    executor: str,
+    command: Sequence[str],
+    function: str,
+    modules: tuple[str, ...],
+    on_run: Callable[[int, int, str], None],
+) -> Comparison:
+    runs = out / "runs"
+    with _writable(out):
+        runs.mkdir(exist_ok=True)
+        for unfinished in runs.glob(".*"):
+            if UNFINISHED.fullmatch(unfinished.name):
+                shutil.rmtree(unfinished, ignore_errors=True)
+        for job in jobs:
+            if (runs / job.name).exists() and not (runs / job.name).is_dir():
+                raise BenchError(f"{runs / job.name} is no folder; remove it, or give another --out.")
+        text = shlex.join(_without_folders(command))
+        write_text(out / "command.txt", f"{text}\n")
+        if file.resolve() != (out / "bench.toml").resolve():
+            write_text(out / "bench.toml", read_text(file))
+    there = {job.name for job in finished(jobs, runs)}
+    missing = [job for job in jobs if job.name not in there]
+    failures = []
+    done, written_s = len(there), time.monotonic()
+    on_run(done, len(jobs), "")
+    for now in _stages(missing):
+        for job, error in run_jobs(now, runs, executor, min(num_workers, max(len(now), 1)), function, modules):
+            done += error is None
+            if error is not None:
+                failures.append(error)
+            elif time.monotonic() - written_s > TABLES_EVERY_S:
+                write_tables(jobs, out, text, (PICTURE,))
+                written_s = time.monotonic()
+            on_run(done, len(jobs), error or job.name)
+    write_tables(jobs, out, text)
+    return Comparison(out, jobs, len(there), failures)
+
+
+def _stages(jobs: Sequence[Job]) -> Iterator[list[Job]]:
+    """Jobs in the order in which they are run, start by start, so that tables of a part compare all policies.
+
+    The oracles of a start come last, because they begin from what the others have found.
+    """
+
+    def stage(job: Job) -> tuple[int, bool]:
+        return job.start, needs_truth(job.policy)
+
+    for _, group in itertools.groupby(sorted(jobs, key=stage), key=stage):
+        yield list(group)
+
+
+def _without_folders(command: Sequence[str]) -> list[str]:
+    """A command line without the folders of this machine."""
+    return [Path(word).name if Path(word).is_absolute() else word for word in command]
+
+
+def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[str] = KINDS) -> None:
+    """Write the tables and pictures of the existing runs; while the comparison goes on, no vector graphics.
+
+    Raises:
+        BenchError: A file of a run is damaged, or one cannot be written.
+    """
+    results = [read_result(out / "runs" / job.name, job) for job in finished(jobs, out / "runs")]
+    if not results:
+        return
+    with _writable(out):
+        _write_results(jobs, results, out, command, kinds)
+
+
+def _write_results(
+    jobs: Sequence[Job], results: Sequence[Result], out: Path, command: str, kinds: Sequence[str]
+) -> None:
+    rows = tidy_rows(results)
+    write_csv(out / "results.csv", rows)
+    table = markdown(rows, command, len(jobs))
+    write_text(out / "table.md", table)
+    folders = {job.scene_name: job.scene for job in jobs}
+    pictures: dict[str, list[Path]] = {}
+    for name in dict.fromkeys(result.job["scene_name"] for result in results):
+        here = [result for result in results if result.job["scene_name"] == name]
+        # A scene may call itself anything.
+        own = file_name(name)
+        cuts = by_budget(here)
+        pictures[name] = [
+            draw_curves(out / f"curves_{own}{'_' * bool(by)}{by}.png", name, runs, kinds)[0]
+            for by, runs in cuts.items()
+        ]
+        if kinds == KINDS:
+            # At the first budget, which all variants have.
+            runs = next(iter(cuts.values()))
+            pictures[name] += draw_scene(out / f"scene_{own}.png", load_scene(folders[name]), runs)
+    if kinds == KINDS:
+        _write_report(out, rows, results, table, command, pictures)
+
+
+def _write_report(
+    out: Path,
+    rows: Sequence[dict[str, Any]],
+    results: Sequence[Result],
+    table: str,
+    command: str,
+    pictures: dict[str, list[Path]],
+) -> None:
+    """The page of all runs, with data card and badge."""
+    pictures[""] = []
+    for by, cuts in by_budget(results).items():
+        path = out / f"overview{'_' * bool(by)}{by}.png"
+        pictures[""] += draw_overview(path, cuts)
+    title = f"Comparison {out.resolve().name}"
+    card = data_card(rows, title, command)
+    write_text(out / CARD, card)
+    about = headline(rows)
+    badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
+    if badge:
+        write_text(out / BADGE, badge)
+    write_page(out, title, table, card, badge, pictures)

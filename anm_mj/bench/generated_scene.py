@@ -1,0 +1,58 @@
+"""Scenes of a comparison that are generated, given by seed and hash, so that everybody has the same ones."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.folder import TOML, Scene, read_scene_folder
+from anm_mj.scene.generation.generate_scene import generate_scene
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT, scene_area
+from anm_mj.utils.files import cache_folder
+
+_logger = logging.getLogger(__name__)
+
+STEPS_PER_M2, BASE_STEPS = 10, 200
+"""Budget by floor: the paper's budgets by rooms leave 3 steps per square metre to a wide office, 20 to a small room."""
+
+
+class GeneratedScene(Struct, forbid_unknown_fields=True):
+    """An entry ``[[generated]]`` of a comparison's file."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_.-]+$", max_length=80)]
+    rooms: Annotated[int, Meta(ge=1, le=60)]
+    seed: Annotated[int, Meta(ge=0, le=2**31)]
+    kind: Literal["apartment", "office"] = "apartment"
+    hash: str = ""
+    """sha256 of the scene that comes out; empty = not checked."""
+
+
+def provide(wanted: GeneratedScene) -> Scene:
+    """The scene, generated into the user's cache unless it is there.
+
+    Raises:
+        SceneError: This version makes another scene than the file says, or the cache cannot be written.
+    """
+    folder = cache_folder("suites") / f"{wanted.name}-{wanted.rooms}-{wanted.seed}-{wanted.kind}"
+    scene = read_scene_folder(folder) if (folder / TOML).is_file() else None
+    if scene is None or (wanted.hash and scene.hash != wanted.hash):
+        _logger.info("Generating scene %s (%d rooms).", wanted.name, wanted.rooms)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        scene = generate_scene(folder, wanted.rooms, wanted.seed, wanted.kind, wanted.name)
+    if wanted.hash and scene.hash != wanted.hash:
+        raise SceneError(
+            f"Scene {wanted.name} comes out as {scene.hash[:12]}, but its file says {wanted.hash[:12]}: results would "
+            "not compare with those published. Use the version of this program that the file belongs to, or leave hash "
+            "out."
+        )
+    return scene
+
+
+def area_budget(scene: Scene) -> int:
+    """Steps for a scene by the floor that the default robot reaches, in hundreds."""
+    area_m2 = scene_area(scene, DEFAULT_FOOTPRINT).area_m2
+    return 100 * math.ceil((BASE_STEPS + STEPS_PER_M2 * area_m2) / 100)

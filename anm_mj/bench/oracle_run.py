@@ -1,0 +1,57 @@
+"""What an oracle's run takes from the other runs of its comparison, and the bound that it leaves beside its results."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from anm_mj.bench.executor import RESULT
+from anm_mj.bench.job import Job
+from anm_mj.config import RunConfig
+from anm_mj.evaluation.completion_curve import CHECKPOINT_STEPS
+from anm_mj.evaluation.oracle.tour_planner import TourPlanner
+from anm_mj.io.read_run import read_json
+from anm_mj.run_parts import make_parts
+from anm_mj.utils.files import write_text
+
+_SHARED = ("scene_hash", "start_pose", "robot", "drive", "pose", "sensor")
+"""What a run must share with the oracle's for its poses to be worth a try."""
+
+
+def with_warm_start(config: RunConfig, job: Job, runs: Path) -> RunConfig:
+    """The configuration of an oracle's run that also begins its search from what the other runs have found.
+
+    Args:
+        config: Of the run.
+        job: The run.
+        runs: Folder of all runs of the comparison.
+    """
+    facts = job.facts
+    wanted = [list(value) if isinstance(value := facts[key], tuple) else value for key in _SHARED]
+    folders = []
+    for path in sorted(runs.glob(f"[!.]*/{RESULT}")):
+        other = read_json(path)
+        if [other.get(key) for key in _SHARED] == wanted and other["policy"] != job.policy:
+            folders.append(str(path.parent))
+    return replace(config, policy_settings=replace(config.policy_settings, warm_start=os.pathsep.join(folders)))
+
+
+def write_bound(config: RunConfig, path: Path) -> None:
+    """Write the upper bound on what a run can cover, at the steps of a completion curve.
+
+    Args:
+        config: Of a run of the oracle.
+        path: The file.
+
+    Raises:
+        AnmError: The scene cannot be used.
+        OSError: The file cannot be written.
+    """
+    with make_parts(config) as parts:
+        pose = parts.robot.observe().pose
+        bound = TourPlanner(parts.truth(), 1, pose).upper_bound(pose)
+    lines = [
+        f"{step},{float(bound[step])!r}" for step in sorted({*range(0, len(bound), CHECKPOINT_STEPS), len(bound) - 1})
+    ]
+    write_text(path, "step,observable_ratio\n" + "\n".join(lines) + "\n")

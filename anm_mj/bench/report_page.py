@@ -1,0 +1,149 @@
+"""The page of a comparison, one HTML file with its tables and pictures; its data card and its badge.
+
+The page fetches nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markdown_it import MarkdownIt
+
+from anm_mj.bench.run_result import variant
+from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
+from anm_mj.utils.files import write_text
+
+PAGE, CARD, BADGE = "report.html", "data_card.md", "badge.svg"
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; color: #1f1f1f; }
+table { border-collapse: collapse; font-size: 13px; display: block; overflow-x: auto; }
+th, td { padding: .2rem .6rem; border-bottom: 1px solid #ddd; white-space: nowrap; }
+th { background: #f3f3f3; text-align: left; white-space: normal; min-width: 4.5rem; }
+td:first-child { position: sticky; left: 0; background: #fff; }
+tr:hover td { background: #f6f9fc; }
+p { overflow-x: auto; }
+img { max-width: 100%; height: auto; }
+@media (max-width: 44rem) { p img { max-width: none; width: 36rem; } }
+h2 { margin-top: 2.5rem; border-top: 1px solid #ddd; padding-top: 1rem; }
+"""
+
+
+def write_page(
+    out: Path, title: str, table: str, card: str, badge: str, pictures: Mapping[str, Sequence[Path]]
+) -> None:
+    """Write ``report.html``.
+
+    Args:
+        out: Folder of the comparison.
+        title: Name of the comparison.
+        table: Its tables, in Markdown.
+        card: Its data card, in Markdown.
+        badge: Its badge, as SVG.
+        pictures: PNG files by the heading that they stand under; those of the empty heading come first.
+
+    Raises:
+        OSError: The file cannot be written, or a picture cannot be read.
+    """
+    render = MarkdownIt("commonmark", {"html": False}).enable("table").render
+    parts = [f"<h1>{html.escape(title)}</h1>", badge]
+    introduction, *sections = table.split("\n## ")
+    parts += [render(introduction), *map(_image, pictures.get("", ()))]
+    for section in sections:
+        heading, _, body = section.partition("\n")
+        parts += [f"<h2>{html.escape(heading)}</h2>", *map(_image, pictures.get(heading, ())), render(body)]
+    parts.append(render(f"#{card}"))  # Its title is a heading of this page.
+    text = (
+        f'<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n<title>{html.escape(title)}</title>\n'
+        f"<style>{_STYLE}</style>\n" + "\n".join(parts) + "\n</html>\n"
+    )
+    write_text(out / PAGE, text)
+
+
+def _image(path: Path) -> str:
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    return f'<p><img alt="{html.escape(path.stem)}" src="data:image/png;base64,{data}"></p>'
+
+
+def data_card(rows: Sequence[Mapping[str, Any]], title: str, command: str) -> str:
+    """What the numbers of a comparison are: scenes with hashes, variants, budgets, protocol and limits, in Markdown.
+
+    Args:
+        rows: Of the results table.
+        title: Name of the comparison.
+        command: The command that made it.
+    """
+    scenes = {row["scene"]: row for row in rows}
+    lines = [
+        f"# Data card: {title}",
+        "",
+        f"Made by `{command}`. Each row of `results.csv` is one run of one policy from one start at one budget.",
+        "",
+        "| scene | hash | starts, at most | budgets [steps] |",
+        "|---|---|---:|---|",
+    ]
+    for name, row in scenes.items():
+        here = [other for other in rows if other["scene"] == name]
+        starts = len({other["start"] for other in here})
+        budgets = sorted({(other["budget"], other["budget_by"]) for other in here})
+        text = ", ".join(f"{steps} (by {by})" if by else str(steps) for steps, by in budgets)
+        lines.append(f"| {name} | `{row['scene_hash'][:12]}` | {starts} | {text} |")
+    variants = ", ".join(f"`{name}`" for name in dict.fromkeys(variant(row) for row in rows))
+    revisions = ", ".join(f"`{name}`" for name in sorted({row["revision"] for row in rows}))
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"**Policies:** {variants}.",
+            "",
+            f"**Revision of the program:** {revisions}; `+` marks a checkout with changes.",
+            "",
+            "**Measured:** completion by 200,000 samples of the true surface, frames reduced to 128 x 128 pixels, 5 "
+            "cm; the observable part alone where a column says so. Areas under the curve are means over the budget.",
+            "",
+            "**Counted:** turns and refused moves are steps. A run that never reaches a level counts with its budget. "
+            "Starts and seeds of one scene are averaged before scenes are compared; intervals are of a bootstrap over "
+            "scenes.",
+            "",
+            "**Limits:** simulated scenes; one robot unless a row says otherwise; what holds for these scenes need not "
+            "hold for others. Columns that begin with `hz`, and `wall_s`, `evaluation_s` and `peak_rss_mib`, depend on "
+            "the machine and what else it did; all others repeat byte for byte on the same type of machine.",
+            "",
+        ]
+    )
+
+
+def headline(rows: Sequence[Mapping[str, Any]]) -> tuple[str, float] | None:
+    """The variant that a comparison is about, and its area under the curve as a share of the best known [%].
+
+    That is a policy of the user's own where there is one, else the default one; None where no oracle has run. Of
+    several budgets the first one counts.
+    """
+    known = [row for row in rows if np.isfinite(row["share_of_best_auc"]) and not needs_truth(row["policy"])]
+    known = [row for row in known if row["budget_by"] == known[0]["budget_by"]]
+    own = [row for row in known if ":" in row["policy"]] or [row for row in known if row["policy"] == DEFAULT_POLICY]
+    if not own:
+        return None
+    name = variant(own[0])
+    per_scene: dict[str, list[float]] = {}
+    for row in own:
+        if variant(row) == name:
+            per_scene.setdefault(row["scene"], []).append(row["share_of_best_auc"])
+    return name, float(np.mean([np.mean(values) for values in per_scene.values()]))
+
+
+def badge_svg(label: str, value: str) -> str:
+    """Two words on a small plate."""
+    left, right = 7 * len(label) + 14, 7 * len(value) + 14
+    text = 'font-family="Verdana, sans-serif" font-size="11" fill="#fff"'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{left + right}" height="20" role="img" '
+        f'aria-label="{html.escape(label)}: {html.escape(value)}">'
+        f'<rect width="{left}" height="20" fill="#444"/><rect x="{left}" width="{right}" height="20" fill="#2b6ca3"/>'
+        f'<text x="7" y="14" {text}>{html.escape(label)}</text>'
+        f'<text x="{left + 7}" y="14" {text}>{html.escape(value)}</text></svg>\n'
+    )

@@ -1,0 +1,109 @@
+"""Settings of the exploration task."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from anm_mj.control.action_motion import MotionLimits
+from anm_mj.environments.actions import ACTION_SETS, CONTROL_S
+from anm_mj.errors import TaskError
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.sim.sensors.sensor_presets import SENSORS
+from anm_mj.sim.simulation_config import DRIVES
+from anm_mj.types import FORWARD_STEP_M
+from anm_mj.utils.close_names import close_name
+
+REACH_M = 1000.0
+"""Largest distance from the start within an episode [m]; bounds the observed position in every scene."""
+MAX_STEPS = int(REACH_M / (FORWARD_STEP_M + 0.001))
+"""Longest episode of discrete actions [steps]; the physics drive may overshoot a step by a millimetre."""
+MAX_VELOCITY_STEPS = int(0.99 * REACH_M / (MotionLimits().forward_mps * CONTROL_S))
+"""Longest episode of velocities [steps]."""
+REWARDS = ("surface", "area", "information")
+"""What an agent is rewarded for."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvironmentConfig:
+    """Settings of an episode of exploration, apart from the scene."""
+
+    num_steps: int | None = None
+    """Steps until truncation; None = the scene's budget, or the default for its number of rooms."""
+    start: tuple[float, float, float] | None = None
+    """Start pose x [m], y [m], yaw [deg] of every episode; None = a random reachable pose per episode."""
+    drive: str = "kinematic"
+    """Execution of actions: ``kinematic`` (exact) or ``physics`` (wheel torque and contact)."""
+    image_px: int = 128
+    """Width and height of the camera's images [px]. From 128 on the reward equals the evaluation's measure; fewer
+    pixels cover slightly less."""
+    sensor: str = "exact"
+    """Name of the sensor whose errors the observations have; the reward counts what it truly saw."""
+    topdown: bool = False
+    """Whether the observation includes an occupancy map around the robot."""
+    distance: bool = False
+    """Whether the observation includes the signed distance to the nearest obstacle around the robot."""
+    robot: str = DEFAULT_ROBOT
+    """Name of a builtin robot, or an MJCF file."""
+    actions: str = "discrete"
+    """``discrete`` (forward, left, right), or ``velocity`` (forward and turn, each held for 0.2 s)."""
+    stop: bool = True
+    """Whether STOP, which ends the episode, is among the discrete actions."""
+    reward: str = "surface"
+    """What is rewarded: new ``surface`` (share of the observable one), new ``area`` of the top-down map [m2], or the
+    ``information`` that the occupancy grid gains [bits]."""
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            TaskError: an unknown drive, or a number out of range.
+        """
+        if self.num_steps is not None and not 1 <= self.num_steps <= self.max_steps:
+            raise TaskError(f"num_steps is {self.num_steps}; an episode has 1 to {self.max_steps} steps.")
+        if self.actions not in ACTION_SETS:
+            raise TaskError(f'There are no actions "{self.actions}"; choose one of {", ".join(ACTION_SETS)}.')
+        if self.reward not in REWARDS:
+            raise TaskError(f'There is no reward "{self.reward}"; choose one of {", ".join(REWARDS)}.')
+        if self.drive not in DRIVES:
+            raise TaskError(f'There is no drive "{self.drive}"; choose one of {", ".join(DRIVES)}.')
+        if not 16 <= self.image_px <= 2048:
+            raise TaskError(f"image_px is {self.image_px}; it must lie between 16 and 2048.")
+        if self.sensor not in SENSORS:
+            hint = close_name(self.sensor, SENSORS)
+            raise TaskError(f"There is no sensor '{self.sensor}'{hint}; choose one of {', '.join(SENSORS)}.")
+
+    @property
+    def max_steps(self) -> int:
+        """Longest episode [steps]."""
+        return MAX_VELOCITY_STEPS if self.actions == "velocity" else MAX_STEPS
+
+
+def explore_config(**options: Any) -> EnvironmentConfig:
+    """A configuration from keyword options.
+
+    Raises:
+        TaskError: an unknown option, an invalid start, or a value out of range.
+    """
+    known = [field.name for field in dataclasses.fields(EnvironmentConfig)]
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise TaskError(f'The task has no option "{unknown[0]}"; it has {", ".join(known)}.')
+    if options.get("start") is not None:
+        require_start(options["start"])
+    return EnvironmentConfig(**options)
+
+
+def require_start(start: Any) -> None:
+    """Check that a start is three finite numbers.
+
+    Raises:
+        TaskError: if it is not.
+    """
+    try:
+        good = len(start) == 3 and all(math.isfinite(value) for value in start)
+    except TypeError:
+        good = False
+    if not good:
+        raise TaskError(f"The start {start!r} is no pose; give three numbers: x [m], y [m], yaw [deg].")

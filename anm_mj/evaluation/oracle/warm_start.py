@@ -1,0 +1,88 @@
+"""Tours along the poses of finished runs, from which the search of the oracle also begins.
+
+A run that looked well becomes a tour that the search improves, so that the oracle profits from whatever a policy found.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from anm_mj.errors import PlanError, RunFolderError
+from anm_mj.evaluation.oracle.discretize import shorter_side
+from anm_mj.evaluation.oracle.segments import NO_YAW
+from anm_mj.evaluation.oracle.tour_annealing import MAX_STOPS, Stop
+from anm_mj.geometry.polyline import NUM_HEADINGS
+from anm_mj.io.jsonl import read_jsonl
+from anm_mj.types import Pose2
+
+LOG = "steps.jsonl"
+LEAST_TURNS = 3
+"""Fewer turns in a row only follow a path."""
+MOVED_M = 1e-3
+"""A robot that moved less than this only turned [m]."""
+WAYPOINT_M = 1.0
+"""Distance between two stops that only keep a tour on its way [m]."""
+
+
+def read_trajectories(folders: str) -> list[list[Pose2]]:
+    """The poses after every step of finished runs.
+
+    Args:
+        folders: Run folders, separated as the system separates paths.
+
+    Raises:
+        PlanError: A folder holds no log of steps, or a damaged one.
+    """
+    return [_read(Path(folder)) for folder in folders.split(os.pathsep) if folder]
+
+
+def _read(folder: Path) -> list[Pose2]:
+    try:
+        return [Pose2(line["x_m"], line["y_m"], line["yaw_rad"]) for line in read_jsonl(folder / LOG)]
+    except (RunFolderError, KeyError, TypeError) as err:
+        raise PlanError(f"policy.warm_start: {folder} is no run to begin from ({err}); give run folders.") from err
+
+
+def stops_along(
+    poses: list[Pose2], place_at: Callable[[Pose2], int], yaw_at: Callable[[Pose2], int], budget: int
+) -> list[Stop]:
+    """The tour that follows a trajectory: its turns on the spot as they were, and the way between them.
+
+    Args:
+        poses: After each step.
+        place_at: The place nearest to a pose.
+        yaw_at: The heading nearest to a pose.
+        budget: Steps that count.
+    """
+    stops, turned = list[Stop](), list[tuple[int, int]]()
+    stopped_m = poses[0].xy_m if poses else np.zeros(2)
+    for before, after in itertools.pairwise(poses[:budget]):
+        if math.dist(before.xy_m, after.xy_m) <= MOVED_M:
+            if yaw_at(before) != yaw_at(after):
+                turned.append((yaw_at(before), yaw_at(after)))
+            continue
+        looks = _looks(turned, place_at(before))
+        turned.clear()
+        if looks or math.dist(after.xy_m, stopped_m) >= WAYPOINT_M:
+            stops += looks or [(place_at(after), NO_YAW, 1)]
+            stopped_m = after.xy_m
+    return [*stops, *(_looks(turned, place_at(poses[-1])) if poses else [])][:MAX_STOPS]
+
+
+def _looks(turned: list[tuple[int, int]], place: int) -> list[Stop]:
+    """Stops that turn at a place as a robot did, given the headings before and after each of its actions there."""
+    if len(turned) < LEAST_TURNS:
+        return []
+    found = list[Stop]()
+    for side, part in itertools.groupby(turned, key=lambda pair: shorter_side(*pair)):
+        turns = list(part)
+        # A stop says where a turn ends: half a rotation at a time.
+        ends = [*range(NUM_HEADINGS // 2, len(turns), NUM_HEADINGS // 2), len(turns)]
+        found += [(place, turns[end - 1][1], side) for end in ends]
+    return found

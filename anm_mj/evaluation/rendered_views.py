@@ -1,0 +1,51 @@
+"""What a map renders in the place of true views, novel or fixed ones, and how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from anm_mj.evaluation.view_quality import ViewQuality, ViewsResult, compare_view, mean_quality
+from anm_mj.io.to_json import write_json
+from anm_mj.mapping.neural_map import NeuralMap
+from anm_mj.types import Observation
+
+
+def compare_views(
+    neural_map: NeuralMap,
+    views: Iterable[Observation],
+    num_views: int,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Iterator[tuple[Observation, UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"], ViewQuality]]:
+    """Each true view, colour and planar depth [m] that a map renders in its place, and their quality.
+
+    Args:
+        neural_map: The map.
+        views: The true views.
+        num_views: Their number, for the progress.
+        on_progress: Called with the views done and in all.
+    """
+    for done, view in enumerate(views, start=1):
+        rgb, depth_m = neural_map.render(view.intrinsics, view.T_world_camera)
+        yield view, rgb, depth_m, compare_view(rgb, depth_m, view.rgb, view.depth_m)
+        on_progress(done, num_views)
+
+
+def write_views(path: Path, rows: Sequence[dict[str, Any]], **facts: Any) -> ViewsResult:
+    """Write ``novel_views.json`` or ``fixed_views.json``; returns the means.
+
+    Args:
+        path: The file.
+        rows: A row for each view, with its ``quality``.
+        **facts: Further entries of the file.
+
+    Raises:
+        RunFolderError: The file cannot be written.
+    """
+    result = ViewsResult(len(rows), mean_quality([row["quality"] for row in rows]) if rows else None)
+    write_json(path, {"num_views": result.num_views, **facts, "mean": result.mean, "views": rows})
+    return result

@@ -1,0 +1,206 @@
+"""Evaluates a finished run from its folder alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+
+from anm_mj.errors import RunFolderError, SceneError
+from anm_mj.evaluation.completion import Completion, Coverage, uncapped_completion_cm
+from anm_mj.evaluation.completion_curve import CURVE_HEADER, CompletionCurve
+from anm_mj.evaluation.covered_before import read_covered_before, true_clouds
+from anm_mj.evaluation.mesh_quality import MeshQuality, mesh_quality
+from anm_mj.evaluation.metrics import (
+    FIXED,
+    NOVEL,
+    EpisodeStatistics,
+    Metrics,
+    RunSummary,
+    pictured,
+    summarise,
+    view_metrics,
+)
+from anm_mj.evaluation.view_quality import ViewsResult
+from anm_mj.ground_truth.cache import cached_ground_truth
+from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
+from anm_mj.ground_truth.pixel_rays import CameraExtrinsics
+from anm_mj.ground_truth.reduced_depth import halved_intrinsics
+from anm_mj.io.mesh_file import read_mesh
+from anm_mj.io.read_run import Run, read_json, read_run
+from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.run_title import titled
+from anm_mj.io.to_json import write_json
+from anm_mj.io.write import writing
+from anm_mj.robot.robot_config import DEFAULT_ROBOT
+from anm_mj.scene.folder import load_scene
+from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
+from anm_mj.utils.files import write_text
+
+_OF_VIEWS = {field.name for field in dataclasses.fields(Metrics) if field.name.startswith((NOVEL, FIXED))}
+"""Keys of ``metrics.json`` about views."""
+
+
+def evaluate_run(
+    path: Path,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    novel_views: ViewsResult | None = None,
+    fixed_views: ViewsResult | None = None,
+) -> Metrics:
+    """Recompute a run's metrics and rewrite ``metrics.json``, ``curve.csv`` and ``curve.png``.
+
+    Facts that only the running program knew (stop reason, wall time, memory) are kept from ``metrics.json``; so are
+    the metrics of novel and fixed views unless given. A killed run is evaluated as far as it came. If the run could not
+    compute the observable surface, it is computed now, provided that the scene is available. Frames count from the true
+    camera pose, whatever pose the robot believed.
+
+    Args:
+        path: The run folder.
+        on_progress: Called with done and total rounds while the observable surface is computed.
+        novel_views: Result of :func:`anm_mj.evaluation.novel_views.evaluate_novel_views`.
+        fixed_views: Result of :func:`anm_mj.evaluation.fixed_views.evaluate_fixed_views`.
+
+    Raises:
+        RunFolderError: The folder is no run, or a file in it is damaged.
+    """
+    run = read_run(path)
+    if not run.frames:
+        raise RunFolderError(
+            f"{path} holds no frame yet, so there is nothing to evaluate; wait for the run's first step, or start it "
+            "again."
+        )
+    truth = GroundTruth.load(run.folder.ground_truth)
+    if truth.observable is None:
+        truth = _with_observable(run, truth, on_progress)
+    statistics = EpisodeStatistics()
+    for step in run.steps:
+        statistics = statistics.after(step.action, step.collided, step.moved_m, step.stage_ms)
+    curve = CompletionCurve(truth, _covered_before(run.folder, truth))
+    for frame in run.frames:
+        curve.frame(frame.step, run.depth_mm(frame), run.intrinsics, frame.T_true_camera, frame.true_pose)
+    known = read_json(run.folder.metrics) if run.folder.metrics.is_file() else {}
+    summary = RunSummary(**{field.name: known.get(field.name) for field in dataclasses.fields(RunSummary)})
+    views = {name: value for name, value in known.items() if name in _OF_VIEWS}
+    for result, prefix in ((novel_views, NOVEL), (fixed_views, FIXED)):
+        views |= {} if result is None else view_metrics(result, prefix)
+    curve.last()
+    uncapped_cm = without_cap_cm(run.folder, truth, curve)
+    write_curve(run.folder, curve, statistics)
+    mesh = quality_of_mesh(run.folder, truth, curve)
+    metrics = summarise(
+        statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, views, before=curve.before
+    )
+    write_json(run.folder.metrics, metrics)
+    return metrics
+
+
+def without_cap_cm(folder: RunFolder, truth: GroundTruth, curve: CompletionCurve) -> float | None:
+    """Completion of a run without the cap at 1 m [cm], from its depth images; None without any depth point.
+
+    Args:
+        folder: The run folder.
+        truth: The true surface.
+        curve: Its completion curve, finished.
+
+    Raises:
+        RunFolderError: A file of the run is damaged.
+    """
+    clouds = true_clouds(read_run(folder.path))
+    return uncapped_completion_cm(truth.samples, curve.distance_m, clouds, _covered_before(folder, truth))
+
+
+def write_curve(folder: RunFolder, curve: CompletionCurve, statistics: EpisodeStatistics) -> None:
+    """Write ``curve.csv`` and ``curve.png`` of a finished curve.
+
+    Raises:
+        RunFolderError: The manifest is damaged, or a file cannot be written.
+    """
+    from anm_mj.viz.plots import draw_curve  # No run waits for matplotlib before its first step.
+
+    before = curve.before
+    with writing(folder.path):
+        lines = [CURVE_HEADER, *(row.csv for row in curve.rows)]
+        write_text(folder.curve, "\n".join(lines) + "\n")
+        draw_curve(
+            folder.curve_picture,
+            np.array([row.step for row in curve.rows], dtype=np.int64),
+            np.array([row.completion_ratio for row in curve.rows], dtype=np.float64),
+            # None becomes NaN.
+            np.array([row.observable_ratio for row in curve.rows], dtype=np.float64),
+            np.array([row.completion_cm for row in curve.rows], dtype=np.float64),
+            title=titled(folder, pictured(curve, statistics)),
+            before_ratio=None if before is None else before.ratio_percent,
+        )
+
+
+def quality_of_mesh(
+    folder: RunFolder, truth: GroundTruth, curve: CompletionCurve
+) -> tuple[MeshQuality, MeshQuality | None] | None:
+    """Quality of a run's mesh as a whole, and culled to what a finished curve covered; None where there is no mesh.
+
+    Raises:
+        RunFolderError: The mesh is damaged.
+    """
+    if not folder.mesh.is_file():
+        return None
+    return mesh_quality(*read_mesh(folder.mesh), truth, curve.distance_m < COVERED_M)
+
+
+def completion_with_halved_intrinsics(path: Path) -> Completion:
+    """Completion at the end of a run, back-projected as by the paper's code.
+
+    See :func:`~anm_mj.ground_truth.reduced_depth.halved_intrinsics`. For images of 128 x 128 pixels it equals the
+    run's own.
+
+    Raises:
+        RunFolderError: The folder is no run, or a file in it is damaged.
+    """
+    run = read_run(path)
+    truth = GroundTruth.load(run.folder.ground_truth)
+    coverage = Coverage(truth.samples, truth.observable, _covered_before(run.folder, truth))
+    intrinsics = halved_intrinsics(run.intrinsics)
+    for frame in run.frames:
+        coverage.add(run.depth_mm(frame), intrinsics, frame.T_true_camera)
+    return coverage.completion()
+
+
+def add_views(path: Path, novel_views: ViewsResult, fixed_views: ViewsResult) -> None:
+    """Add the metrics of novel and fixed views to the ``metrics.json`` of a finished run; everything else stays.
+
+    Raises:
+        RunFolderError: The file is missing or damaged, or cannot be written.
+    """
+    metrics = RunFolder(path).metrics
+    added = view_metrics(novel_views, NOVEL) | view_metrics(fixed_views, FIXED)
+    write_json(metrics, read_json(metrics) | added)
+
+
+def _covered_before(folder: RunFolder, truth: GroundTruth) -> Float32[np.ndarray, " n"] | None:
+    """What a continued run began with; None for another one."""
+    path = folder.covered_before
+    return read_covered_before(path, len(truth.samples)) if path.is_file() else None
+
+
+def _with_observable(run: Run, truth: GroundTruth, on_progress: Callable[[int, int], None]) -> GroundTruth:
+    """The same ground truth with its observable part, if robot and scene are still those of the run."""
+    if run.manifest.get("robot") != DEFAULT_ROBOT:
+        return truth
+    try:
+        scene = load_scene(run.manifest.get("scene", ""))
+    except SceneError:
+        return truth
+    first = run.frames[0]
+    if scene.hash != run.manifest.get("scene_hash"):
+        return truth
+    camera = CameraExtrinsics.of_view(run.intrinsics, first.T_true_camera, first.true_pose, _range_m(run))
+    found = cached_ground_truth(scene, DEFAULT_FOOTPRINT, camera, first.true_pose, on_progress, len(truth.samples))
+    return found if np.array_equal(found.samples, truth.samples) else truth
+
+
+def _range_m(run: Run) -> float:
+    """Largest depth that the run's sensor measures [m]; +inf where it sets no limit."""
+    return float(run.config.get("sensor", {}).get("max_range_m", 0.0)) or math.inf

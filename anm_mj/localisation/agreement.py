@@ -1,0 +1,56 @@
+"""What the occupancy grid says of a frame at a pose: which points it confirms, which it contradicts, which it knows
+nothing of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.types import FREE, OCCUPIED
+
+REACH_M = 0.02
+"""A point is confirmed where an occupied voxel is as near as this [m]."""
+_RAY_SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
+"""Places on a ray, as shares of its length, that have to be open."""
+_RAY_MARGIN_M = 0.2
+"""So near to its end a ray may touch what it ends at [m]."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of a frame's points at a pose."""
+
+    confirmed: Bool[np.ndarray, " n"]
+    """Lies beside an occupied voxel, with nothing in between."""
+    contradicted: Bool[np.ndarray, " n"]
+    """Lies in free space, or behind an occupied voxel."""
+
+    @property
+    def known(self) -> float:
+        """Share of the points that the map says something of."""
+        return float(np.mean(self.confirmed | self.contradicted)) if len(self.confirmed) else 0.0
+
+    @property
+    def share(self) -> float:
+        """Share of those that it confirms; 0 where it knows nothing."""
+        confirmed, contradicted = int(self.confirmed.sum()), int(self.contradicted.sum())
+        return confirmed / (confirmed + contradicted) if confirmed + contradicted else 0.0
+
+
+def agreement(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], occupancy: DepthOccupancy) -> Agreement:
+    """Compare a frame's points at a camera pose with the occupancy grid."""
+    origin = T_world_camera[:3, 3]
+    world = points.camera_m @ T_world_camera[:3, :3].T + origin
+    near = occupancy.near_occupied(world, REACH_M)
+    free = occupancy.state_at(world) == FREE
+    length = np.linalg.norm(world - origin, axis=1)
+    blocked = np.zeros(len(points), bool)
+    for share in _RAY_SHARES:
+        on_ray = occupancy.state_at(origin + share * (world - origin)) == OCCUPIED
+        blocked |= on_ray & ((1.0 - share) * length > _RAY_MARGIN_M)
+    return Agreement(near & ~blocked, (free & ~near) | blocked)

@@ -1,0 +1,205 @@
+"""Where in the map a frame could have been taken: all places and headings, scored by the distance to occupied voxels.
+
+The field's own basin is small (10 cm, 4 degrees), so a camera that is lost is first looked for here. The camera's height
+and tilt are known; what is searched are x, y and the heading. A point scores by its distance to the nearest occupied
+voxel, truncated; a point in unknown space by a constant.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int64
+from scipy import ndimage
+
+from anm_mj.localisation.config import RelocalisationConfig
+from anm_mj.mapping.alignment import FramePoints
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+
+
+@dataclass(frozen=True)
+class DistanceGrid:
+    """Truncated distance to the nearest occupied voxel, with a margin about the map."""
+
+    distance_m: Float32[np.ndarray, "layers rows cols"]
+    origin_m: Float[np.ndarray, "3"]
+    """Centre of cell [0, 0, 0] in the world, x, y, z [m]."""
+    cell_m: float
+    open: Bool[np.ndarray, "rows cols"]
+    """Where a camera can be: free at its height, nothing occupied below."""
+
+
+def distance_grid(
+    grid: VoxelGrid, camera_height_m: float, floor_m: float, margin_m: float, config: RelocalisationConfig
+) -> DistanceGrid:
+    """The distance grid of a map.
+
+    Args:
+        grid: Free, occupied and unknown voxels.
+        camera_height_m: World z of the camera [m].
+        floor_m: World z above which the camera's stand needs free space [m].
+        margin_m: Points reach so far beyond the map [m].
+        config: Its cell and truncation.
+    """
+    pool = max(1, round(config.cell_m / grid.resolution_m))
+    edge = pool * grid.resolution_m
+    shape = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
+    state = np.full(shape, UNKNOWN, np.int8)
+    state[tuple(slice(side) for side in grid.state.shape)] = grid.state
+    layers, rows, cols = (side // pool for side in shape)
+    blocks = state.reshape(layers, pool, rows, pool, cols, pool)
+    occupied = (blocks == OCCUPIED).any(axis=(1, 3, 5))
+    unknown = (blocks == UNKNOWN).all(axis=(1, 3, 5))
+    distance = np.full(occupied.shape, config.truncation_m, np.float32)
+    if occupied.any():
+        found = ndimage.distance_transform_edt(~occupied) * edge
+        np.minimum(distance, found, out=distance)
+    # Next to a surface the unknown begins; what lies deeper says nothing.
+    distance[unknown] = np.minimum(distance[unknown], config.unknown_m)
+    pad = math.ceil(margin_m / edge)
+    distance = np.pad(distance, pad, constant_values=config.unknown_m)
+    at = min(max(grid.layer_of(camera_height_m), 0), grid.state.shape[0] - 1)
+    below = grid.state[grid.layers_between(floor_m, camera_height_m)]
+    free = (grid.state[at] == FREE) & ~(below == OCCUPIED).any(axis=0)
+    free_blocks = np.zeros((rows * pool, cols * pool), bool)
+    free_blocks[: free.shape[0], : free.shape[1]] = free
+    is_open = free_blocks.reshape(rows, pool, cols, pool).any(axis=(1, 3))
+    origin = grid.origin_m + 0.5 * edge - pad * edge
+    return DistanceGrid(distance, origin, edge, np.pad(is_open, pad))
+
+
+def level(T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    """The same height and tilt at x = y = 0 with a heading of 0, which is that of the camera's axis in the plane."""
+    yaw = heading(T_world_camera)
+    out = turned(-yaw) @ T_world_camera
+    out[:2, 3] = 0.0
+    return out
+
+
+def heading(T_world_camera: Float[np.ndarray, "4 4"]) -> float:
+    """Heading of the camera [rad]: of its axis in the plane, or, where it looks up or down, of its picture's top."""
+    ahead = T_world_camera[:2, 2]
+    if math.hypot(*ahead) < math.sin(math.radians(10.0)):
+        ahead = -T_world_camera[:2, 1] if T_world_camera[2, 2] < 0.0 else T_world_camera[:2, 1]
+    return math.atan2(ahead[1], ahead[0])
+
+
+def turned(yaw_rad: float) -> Float[np.ndarray, "4 4"]:
+    """The rotation about world z."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def placed(T_level: Float[np.ndarray, "4 4"], x_m: float, y_m: float, yaw_rad: float) -> Float[np.ndarray, "4 4"]:
+    """A camera of that height and tilt at a place and heading."""
+    out = turned(yaw_rad) @ T_level
+    out[0, 3], out[1, 3] = x_m, y_m
+    return out
+
+
+def search(
+    points: FramePoints, T_level: Float[np.ndarray, "4 4"], grid: DistanceGrid, config: RelocalisationConfig
+) -> list[tuple[float, Float[np.ndarray, "4 4"]]]:
+    """The best places and headings of a frame, by mean truncated distance [m], best first.
+
+    Args:
+        points: Of the frame; some of them are used.
+        T_level: Height and tilt of the camera.
+        grid: The map.
+        config: Spacing of places and headings, and how many are wanted.
+    """
+    every = max(1, round(config.spacing_m / grid.cell_m))
+    rows, cols = np.nonzero(grid.open)
+    kept = (rows % every == 0) & (cols % every == 0)
+    rows, cols = rows[kept], cols[kept]
+    if not len(rows):
+        return []
+    coarse = _thinned(points, config.search_points)
+    yaws = np.arange(config.headings) * (math.tau / config.headings)
+    score = np.stack([_scores(coarse, T_level, yaw, rows, cols, grid) for yaw in yaws.tolist()])
+    xy = grid.origin_m[:2] + np.stack((cols, rows), axis=1) * grid.cell_m
+    fine = _thinned(points, config.refine_points)
+    found: list[tuple[float, float, float, float]] = []
+    taken: list[tuple[float, float, float]] = []
+    # Twice as many as wanted: refinement changes the order.
+    for best in np.argsort(score, axis=None)[: 60 * config.candidates].tolist():
+        k, place = divmod(best, len(rows))
+        pose = float(xy[place, 0]), float(xy[place, 1]), float(yaws[k])
+        if any(_is_same(pose, other, 1.5 * config.spacing_m, 2.0 * math.tau / config.headings) for other in taken):
+            continue
+        taken.append(pose)
+        found.append(refined(fine, T_level, pose, grid, config))
+        if len(taken) >= 2 * config.candidates:
+            break
+    found.sort()
+    return [(value, placed(T_level, x, y, yaw)) for value, x, y, yaw in found[: config.candidates]]
+
+
+def refined(
+    points: FramePoints,
+    T_level: Float[np.ndarray, "4 4"],
+    pose: tuple[float, float, float],
+    grid: DistanceGrid,
+    config: RelocalisationConfig,
+) -> tuple[float, float, float, float]:
+    """The best of a finer lattice about a place and heading: score [m], x [m], y [m], heading [rad]."""
+    side = np.arange(-2, 3)
+    turns = pose[2] + side * (math.tau / config.headings / 4.0)
+    offset = side * (config.spacing_m / 4.0)
+    best = (math.inf, *pose)
+    for yaw in turns.tolist():
+        arms = points.camera_m @ (turned(yaw) @ T_level)[:3, :3].T
+        at = (arms + [pose[0], pose[1], T_level[2, 3]] - grid.origin_m) / grid.cell_m
+        for dy in offset.tolist():
+            for dx in offset.tolist():
+                value = float(_values(grid, at + np.array([dx, dy, 0.0]) / grid.cell_m).mean())
+                if value < best[0]:
+                    best = (value, pose[0] + dx, pose[1] + dy, yaw)
+    return best
+
+
+def _scores(
+    points: FramePoints,
+    T_level: Float[np.ndarray, "4 4"],
+    yaw: float,
+    rows: Int64[np.ndarray, " m"],
+    cols: Int64[np.ndarray, " m"],
+    grid: DistanceGrid,
+) -> Float32[np.ndarray, " m"]:
+    """Mean distance of a frame's points at some cells with one heading [m]."""
+    arms = points.camera_m @ (turned(yaw) @ T_level)[:3, :3].T
+    layers, height, width = grid.distance_m.shape
+    layer = np.rint((arms[:, 2] + T_level[2, 3] - grid.origin_m[2]) / grid.cell_m).astype(np.int64)
+    offset = np.rint(arms[:, :2] / grid.cell_m).astype(np.int64)
+    inside = (layer >= 0) & (layer < layers)
+    flat = grid.distance_m.reshape(-1)
+    total = np.zeros(len(rows), np.float32)
+    for (dx, dy), z in zip(offset[inside].tolist(), layer[inside].tolist(), strict=True):
+        # The margin about the map is as wide as the points reach.
+        total += flat[(z * height + rows + dy) * width + cols + dx]
+    return total / max(1, int(inside.sum()))
+
+
+def _values(grid: DistanceGrid, at: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+    """Distances at places given in cells, x, y, z."""
+    cell = np.rint(at).astype(np.int64)
+    top = np.array(grid.distance_m.shape[::-1]) - 1
+    inside = ((cell >= 0) & (cell <= top)).all(axis=1)
+    x, y, z = np.clip(cell, 0, top).T
+    return np.where(inside, grid.distance_m[z, y, x], grid.distance_m[0, 0, 0])
+
+
+def _thinned(points: FramePoints, count: int) -> FramePoints:
+    every = max(1, len(points) // count)
+    return FramePoints(
+        points.camera_m[::every], points.rgb[::every], points.variance_m2[::every], points.trust[::every]
+    )
+
+
+def _is_same(
+    one: tuple[float, float, float], other: tuple[float, float, float], distance_m: float, angle_rad: float
+) -> bool:
+    apart = abs(math.remainder(one[2] - other[2], math.tau))
+    return math.hypot(one[0] - other[0], one[1] - other[1]) < distance_m and apart < angle_rad

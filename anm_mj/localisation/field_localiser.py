@@ -1,0 +1,215 @@
+"""Localisation against the neural field while it is trained: the :class:`~.localiser.Localiser` of the project."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from anm_mj.frames import pose_matrix, wrap_angle
+from anm_mj.localisation.agreement import REACH_M, agreement
+from anm_mj.localisation.config import LocalisationConfig
+from anm_mj.localisation.frame_points import draw_points
+from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
+from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
+from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, register
+from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
+from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.effort import TrainingEffort
+from anm_mj.types import Observation, Pose2
+
+if TYPE_CHECKING:
+    from anm_mj.mapping.neural_map import NeuralMap
+
+_FIRST_DEVIATION = 1e-4
+"""Standard deviations of the first pose [m, rad]: it defines the world."""
+_FEW_POINTS = 50
+"""Frames with fewer measured points are blind."""
+
+
+class FieldLocaliser:
+    """Implements :class:`~.localiser.Localiser`: registers each frame to the field that is being trained.
+
+    The first frame's pose is taken as it comes: it defines the world.
+    """
+
+    REBUILT = ("_map", "_base_pose")
+
+    def __init__(
+        self,
+        neural_map: NeuralMap,
+        config: LocalisationConfig,
+        *,
+        seed: int,
+        planar: bool,
+        odometry: bool,
+        base_pose: Callable[[Float[np.ndarray, "4 4"]], Pose2] | None = None,
+        lost: bool = False,
+    ) -> None:
+        """Start before the first frame.
+
+        Args:
+            neural_map: What frames are registered to, and are mapped into by somebody else.
+            config: Settings.
+            seed: What the choice of points comes from.
+            planar: Whether the camera moves with a base on the floor (x, y, yaw), its height and tilt being those of the
+                observations, or freely.
+            odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
+            base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
+            lost: Whether the first pose is unknown in a map that there is already, but for the camera's height and tilt.
+        """
+        self.config = config
+        self._map = neural_map
+        self._seed = seed
+        self._basis = PLANAR if planar else FREE
+        self._odometry = odometry
+        self._base_pose = base_pose
+        self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
+        self._num_frames = 0
+        self._num_mapped = 0
+        self._misfits = 0
+        """Frames in a row that did not fit."""
+        self._state = TrackingState.LOST if lost else TrackingState.TRACKING
+        self._relocaliser = Relocaliser(config)
+        self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
+        self._T_odometry: Float[np.ndarray, "4 4"] | None = None
+        self._T_last_now = np.eye(4)
+        self._covariance = np.eye(self._basis.shape[1]) * _FIRST_DEVIATION**2
+        self.last: Registration | None = None
+        """Of the last frame; None where it could not be registered."""
+
+    @property
+    def state(self) -> TrackingState:
+        """As of the last frame."""
+        return self._state
+
+    def localise(self, observation: Observation) -> PoseEstimate:
+        """Estimate the pose of the next frame; see the protocol."""
+        self._num_frames += 1
+        if self._T_camera_base is None:
+            self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
+        lost = self._state is TrackingState.LOST
+        if not self._map.is_trained or (self._T_world_camera is None and not lost):
+            return self._estimate(observation, observation.T_world_camera, None, usable=True)
+        prior = self._prior(observation)
+        noise = self._map.occupancy.by_depth.noise.value
+        rng = np.random.default_rng([self._seed, 21, self._num_frames])
+        settings = self.config.registration
+        points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
+        if len(points) < _FEW_POINTS:
+            return self._predicted(observation, prior, None, misfit=False)
+        if lost:
+            return self._look_for(observation, prior, points)
+        found = register(points, prior, self._map.backend.align, self._known, settings)
+        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
+        tracking = self.config.tracking
+        misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
+        if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
+            return self._predicted(observation, prior, found, misfit=True)
+        if found.known < tracking.least_known:
+            return self._predicted(observation, prior, found, misfit=False)
+        self._misfits = 0
+        self._covariance = found.covariance
+        return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
+
+    def effort(self, estimate: PoseEstimate) -> TrainingEffort:
+        """How much to train on a usable frame: more on the first ones; see the protocol."""
+        self._num_mapped += 1
+        tracking = self.config.tracking
+        young = self._num_mapped <= tracking.young_frames
+        return TrainingEffort(tracking.young_iterations if young else tracking.iterations, tracking.current_rays)
+
+    def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
+        """Look for a lost camera in the whole map."""
+        neural_map, finder = self._map, self._relocaliser
+        if self._T_world_camera is not None:
+            finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
+        grid = neural_map.occupancy.by_depth.grid
+        believed = finder.look(
+            points,
+            prior.T_world_camera,
+            self._basis,
+            neural_map.backend.align,
+            self._known,
+            neural_map.occupancy.by_depth,
+            grid,
+        )
+        if believed is None or believed.found is None:
+            return self._predicted(observation, prior, None, misfit=False)
+        finder.restart()
+        self._state, self._misfits = TrackingState.TRACKING, 0
+        self._covariance = believed.found.covariance
+        found = self._estimate(observation, believed.T_world_camera, believed.found, usable=self._is_sure())
+        # The jump from where it was believed to be is no motion.
+        self._T_last_now = np.eye(4)
+        return replace(found, relocalised=True)
+
+    def _prior(self, observation: Observation) -> Prior:
+        if self._T_world_camera is None:
+            return Prior(observation.T_world_camera, self._covariance, self._basis)
+        if self._odometry and self._T_odometry is not None:
+            return moved_by_odometry(
+                self._T_world_camera,
+                self._covariance,
+                self._basis,
+                self._T_odometry,
+                observation.T_world_camera,
+                self.config.motion,
+            )
+        return moved_at_constant_velocity(
+            self._T_world_camera, self._covariance, self._basis, self._T_last_now, self.config.motion
+        )
+
+    def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
+
+    def _predicted(
+        self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool
+    ) -> PoseEstimate:
+        """The prior's pose, for a frame that tells nothing, or contradicts the map."""
+        self._misfits = self._misfits + 1 if misfit else self._misfits
+        if self._misfits >= self.config.tracking.lost_frames and self._state is TrackingState.TRACKING:
+            self._state = TrackingState.LOST
+            self._relocaliser.restart()
+            # Perhaps only the frames were bad.
+            self._relocaliser.hypotheses = [Hypothesis(prior.T_world_camera)]
+        self._covariance = prior.covariance
+        usable = not misfit and self._misfits == 0 and self._is_sure()
+        return self._estimate(observation, prior.T_world_camera, found, usable=usable)
+
+    def _is_sure(self) -> bool:
+        covariance = self._basis @ self._covariance @ self._basis.T
+        position, rotation = (float(np.linalg.eigvalsh(covariance[part, part])[-1]) for part in (slice(3), slice(3, 6)))
+        tracking = self.config.tracking
+        return math.sqrt(position) <= tracking.most_deviation_m and math.sqrt(rotation) <= tracking.most_deviation_rad
+
+    def _estimate(
+        self,
+        observation: Observation,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        found: Registration | None,
+        *,
+        usable: bool,
+    ) -> PoseEstimate:
+        if self._T_world_camera is not None:
+            self._T_last_now = np.linalg.inv(self._T_world_camera) @ T_world_camera
+        self._T_world_camera, self._T_odometry, self.last = T_world_camera, observation.T_world_camera, found
+        dof = self._basis.shape[1]
+        if found is None:
+            quality = RegistrationQuality(0.0, 0.0, math.nan, 0, dof)
+        else:
+            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof)
+        placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
+        covariance = self._basis @ self._covariance @ self._basis.T
+        return PoseEstimate(placed, covariance, quality, self._state, usable and self._state is TrackingState.TRACKING)
+
+    def _base(self, T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
+        if self._base_pose is not None:
+            return self._base_pose(T_world_camera)
+        assert self._T_camera_base is not None
+        base = T_world_camera @ self._T_camera_base
+        return Pose2(float(base[0, 3]), float(base[1, 3]), wrap_angle(math.atan2(base[1, 0], base[0, 0])))

@@ -1,0 +1,86 @@
+"""Which pixels of a frame are registered, and how far each is believed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+
+from anm_mj.mapping.alignment import FramePoints
+from anm_mj.types import Observation
+
+_EDGE_PX = 2
+"""Depth is compared with that of pixels so far away on either side."""
+_EDGE_SHARE = 0.02
+"""A second difference of depth of more than this share of the depth is an edge."""
+_EDGE_DEVIATIONS = 4.0
+"""And of more than so many standard deviations of the sensor's noise."""
+
+
+def draw_points(
+    observation: Observation, count: int, noise_per_m: float, range_m: float, rng: np.random.Generator
+) -> FramePoints:
+    """About ``count`` measured pixels, spread evenly over the image, without those at depth edges.
+
+    Args:
+        observation: The frame.
+        count: Points to draw.
+        noise_per_m: The sensor's depth noise: the deviation of depth is this times its square [1/m].
+        range_m: Points farther away are left out [m].
+        rng: What the pixels are drawn from.
+    """
+    k = observation.intrinsics
+    row, col = _spread(k.height, k.width, count, rng)
+    depth = observation.depth_m[row, col]
+    with np.errstate(invalid="ignore"):
+        kept = (depth > 0.0) & (depth <= range_m)
+        noise = noise_per_m if math.isfinite(noise_per_m) else 0.0
+        limit = np.maximum(_EDGE_SHARE * depth, _EDGE_DEVIATIONS * math.sqrt(6.0) * noise * depth**2)
+        kept &= ~_at_edge(observation.depth_m, row, col, depth, limit)
+    row, col, depth = row[kept], col[kept], depth[kept]
+    x = (col + np.float32(0.5) - np.float32(k.cx)) / np.float32(k.fx)
+    y = (row + np.float32(0.5) - np.float32(k.cy)) / np.float32(k.fy)
+    camera = np.stack((x * depth, y * depth, depth), axis=1).astype(np.float32)
+    deviation = noise * depth**2 * np.sqrt(1.0 + x**2 + y**2)
+    return FramePoints(
+        camera,
+        observation.rgb[row, col].astype(np.float32) / np.float32(255.0),
+        (deviation**2).astype(np.float32),
+        np.ones(len(depth), np.float32),
+    )
+
+
+def with_trust(points: FramePoints, trusted: Bool[np.ndarray, " n"]) -> FramePoints:
+    """The same points, of which some are left out."""
+    return FramePoints(points.camera_m, points.rgb, points.variance_m2, points.trust * trusted.astype(np.float32))
+
+
+def _spread(
+    height: int, width: int, count: int, rng: np.random.Generator
+) -> tuple[Int64[np.ndarray, " n"], Int64[np.ndarray, " n"]]:
+    """Rows and columns of one pixel in each cell of a grid of about ``count`` cells."""
+    cell = math.sqrt(height * width / count)
+    rows, cols = max(1, round(height / cell)), max(1, round(width / cell))
+    place = rng.random((2, rows, cols))
+    row = ((np.arange(rows)[:, None] + place[0]) * (height / rows)).astype(np.int64)
+    col = ((np.arange(cols)[None, :] + place[1]) * (width / cols)).astype(np.int64)
+    return np.minimum(row, height - 1).ravel(), np.minimum(col, width - 1).ravel()
+
+
+def _at_edge(
+    depth_m: Float32[np.ndarray, "h w"],
+    row: Int64[np.ndarray, " n"],
+    col: Int64[np.ndarray, " n"],
+    depth: Float32[np.ndarray, " n"],
+    limit: Float32[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Whether depth bends by more than ``limit`` [m] at pixels, or is missing beside them."""
+    height, width = depth_m.shape
+    up, down = np.maximum(row - _EDGE_PX, 0), np.minimum(row + _EDGE_PX, height - 1)
+    left, right = np.maximum(col - _EDGE_PX, 0), np.minimum(col + _EDGE_PX, width - 1)
+    bent = np.zeros(len(row), bool)
+    for one, other in (((up, col), (down, col)), ((row, left), (row, right))):
+        # Not "larger than": where a neighbour was not measured, the comparison with NaN is false.
+        bent |= ~(np.abs(depth_m[one] + depth_m[other] - 2.0 * depth) <= limit)
+    return bent

@@ -1,0 +1,84 @@
+"""The stage's border: an observation with a prior goes in, one with an estimated pose, covariance and quality comes out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.mapping.effort import TrainingEffort
+from anm_mj.types import Observation
+
+
+class TrackingState(StrEnum):
+    """Whether the pose is known."""
+
+    TRACKING = "TRACKING"
+    """The pose is known, or predicted over a few frames that could not be registered."""
+    LOST = "LOST"
+    """The pose is not known; nothing is mapped before the camera is found again."""
+
+
+@dataclass(frozen=True)
+class RegistrationQuality:
+    """How well a frame fits the map at its estimated pose."""
+
+    known: float
+    """Share of the frame's points that show surface which the map knows, in [0, 1]."""
+    inliers: float
+    """Share of the known points that fit, in [0, 1]; points off by two standard deviations count a quarter."""
+    rmse_m: float
+    """Root of the mean squared distance of those points to the surface, weighted as they fit [m]; NaN without any."""
+    bound: int
+    """Directions of motion, of ``dof``, along which the frame tells more than the prior."""
+    dof: int
+    """Degrees of freedom: 3 for a base on the floor, 6 for a free camera."""
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """What localisation says of one frame."""
+
+    observation: Observation
+    """The frame with the estimated pose (``T_world_camera`` and ``pose``)."""
+    covariance: Float[np.ndarray, "6 6"]
+    """Of the camera's displacement in the world [m], then of its rotation vector about world axes [rad]."""
+    quality: RegistrationQuality
+    state: TrackingState
+    usable: bool
+    """Whether the pose is good enough for the frame's pixels to enter the map."""
+    relocalised: bool = False
+    """Whether the pose was found from scratch, after the camera was lost."""
+
+    @property
+    def position_deviation_m(self) -> float:
+        """Largest standard deviation of the position along any direction [m]."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
+
+    @property
+    def rotation_deviation_rad(self) -> float:
+        """Largest standard deviation of the rotation about any axis [rad]."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1]))
+
+
+@runtime_checkable
+class Localiser(Protocol):
+    """Estimates the pose of every frame of a stream, in order."""
+
+    def localise(self, observation: Observation) -> PoseEstimate:
+        """Estimate the pose of the next frame.
+
+        Args:
+            observation: The frame; its pose is the prior's (by odometry), in a frame that may drift against the world.
+
+        Returns:
+            The estimate. A frame that is not ``usable`` must not enter the map.
+        """
+        ...
+
+    def effort(self, estimate: PoseEstimate) -> TrainingEffort | None:
+        """How much to train on a usable frame; None for what the map's schedule says."""
+        ...

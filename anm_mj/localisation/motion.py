@@ -1,0 +1,78 @@
+"""Where a frame was probably taken, before it is looked at: the prior of its registration."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from anm_mj.localisation.config import MotionConfig
+from anm_mj.localisation.registration import Prior
+from anm_mj.localisation.se3 import rotation_vector, skew
+
+
+def moved_by_odometry(
+    T_world_camera: Float[np.ndarray, "4 4"],
+    covariance: Float64[np.ndarray, "k k"],
+    basis: Float64[np.ndarray, "6 k"],
+    T_odometry_before: Float[np.ndarray, "4 4"],
+    T_odometry_now: Float[np.ndarray, "4 4"],
+    config: MotionConfig,
+) -> Prior:
+    """The prior by a motion that odometry measured.
+
+    Args:
+        T_world_camera: The camera's estimated pose at the last frame.
+        covariance: Of it, by the directions of ``basis``.
+        basis: As of :class:`~.registration.Prior`.
+        T_odometry_before: The camera's pose at the last frame as odometry has it, in a frame of its own.
+        T_odometry_now: Likewise now.
+        config: How far odometry is believed.
+    """
+    T = T_world_camera @ np.linalg.inv(T_odometry_before) @ T_odometry_now
+    motion = T_world_camera[:3, :3].T @ (T[:3, 3] - T_world_camera[:3, 3])
+    distance = math.sqrt(float(motion @ motion))
+    turned = rotation_vector(T_odometry_now[:3, :3] @ T_odometry_before[:3, :3].T)
+    angle = math.sqrt(float(turned @ turned))
+    a1, a2, a3, a4 = config.odometry_alpha
+    floor_m, floor_rad = config.odometry_floor
+    translation = a3 * distance**2 + a4 * angle**2 + floor_m**2
+    rotation = a1 * angle**2 + a2 * distance**2 + floor_rad**2
+    return Prior(T, _carried(covariance, basis, T_world_camera, T, translation, rotation), basis)
+
+
+def moved_at_constant_velocity(
+    T_world_camera: Float[np.ndarray, "4 4"],
+    covariance: Float64[np.ndarray, "k k"],
+    basis: Float64[np.ndarray, "6 k"],
+    T_last_now: Float[np.ndarray, "4 4"],
+    config: MotionConfig,
+) -> Prior:
+    """The prior by the motion before the last frame, going on; arguments as of :func:`moved_by_odometry`.
+
+    Args:
+        T_last_now: The motion from the frame before the last one to that, in the camera's axes.
+    """
+    T = T_world_camera @ T_last_now
+    distance = float(np.linalg.norm(T_last_now[:3, 3]))
+    angle = float(np.linalg.norm(rotation_vector(T_last_now[:3, :3])))
+    translation = config.free_translation_m**2 + (config.free_share * distance) ** 2
+    rotation = config.free_rotation_rad**2 + (config.free_share * angle) ** 2
+    return Prior(T, _carried(covariance, basis, T_world_camera, T, translation, rotation), basis)
+
+
+def _carried(
+    covariance: Float64[np.ndarray, "k k"],
+    basis: Float64[np.ndarray, "6 k"],
+    T_before: Float[np.ndarray, "4 4"],
+    T_now: Float[np.ndarray, "4 4"],
+    translation_m2: float,
+    rotation_rad2: float,
+) -> Float64[np.ndarray, "k k"]:
+    """Covariance after a motion: an error of the heading turns the way that follows."""
+    transition = np.eye(6)
+    transition[:3, 3:] = -skew(T_now[:3, 3] - T_before[:3, 3])
+    transition = basis.T @ transition @ basis
+    added = np.diag([translation_m2] * 3 + [rotation_rad2] * 3)
+    return transition @ covariance @ transition.T + basis.T @ added @ basis

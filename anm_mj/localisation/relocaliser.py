@@ -1,0 +1,157 @@
+"""A camera that is lost is found again: hypotheses from the whole map, kept or dropped by the frames that follow.
+
+Each frame proposes places (:mod:`.coarse_search`), which are registered to the field and compared with the map. A
+hypothesis moves on with the prior's motion and is registered again to every frame. One is believed when several frames
+in a row confirm it and no other is nearly as good: a wrong place believed is worse than none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.localisation.agreement import agreement
+from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
+from anm_mj.localisation.config import LocalisationConfig
+from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
+from anm_mj.localisation.se3 import camera_motion
+from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.types import VoxelGrid
+
+_SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
+"""Hypotheses that are nearer to each other are one."""
+_FLOOR_M = 0.1
+"""World z above which the camera's stand needs free space [m]."""
+
+
+@dataclass
+class Hypothesis:
+    """A place where the camera may be."""
+
+    T_world_camera: Float[np.ndarray, "4 4"]
+    score: float = 0.0
+    """Sum over frames of how well each fits, each in [0, 1]."""
+    num_frames: int = 0
+    found: Registration | None = None
+
+    @property
+    def mean(self) -> float:
+        """Mean of the frames' scores."""
+        return self.score / max(1, self.num_frames)
+
+
+class Relocaliser:
+    """Holds the hypotheses of a lost camera."""
+
+    def __init__(self, config: LocalisationConfig) -> None:
+        """Start without any hypothesis."""
+        self.config = config
+        self.hypotheses: list[Hypothesis] = []
+        self._grid: DistanceGrid | None = None
+
+    def restart(self) -> None:
+        """Forget all hypotheses, and the map's distances."""
+        self.hypotheses = []
+        self._grid = None
+
+    def move(self, T_last_now: Float[np.ndarray, "4 4"]) -> None:
+        """Move all hypotheses by a motion in the camera's axes."""
+        for hypothesis in self.hypotheses:
+            hypothesis.T_world_camera = hypothesis.T_world_camera @ T_last_now
+
+    def look(
+        self,
+        points: FramePoints,
+        T_tilt: Float[np.ndarray, "4 4"],
+        basis: Float[np.ndarray, "6 k"],
+        align: Aligner,
+        known: Known,
+        occupancy: DepthOccupancy,
+        grid: VoxelGrid,
+    ) -> Hypothesis | None:
+        """Take in a frame; returns the hypothesis that is believed now, if there is one.
+
+        Args:
+            points: Of the frame.
+            T_tilt: A camera pose with its height and tilt.
+            basis: Directions of motion, as of :class:`~.registration.Prior`.
+            align: The field.
+            known: Which of its places can be trusted.
+            occupancy: What is free and occupied.
+            grid: The same, for the search.
+        """
+        config = self.config.relocalisation
+        near = FramePoints(*(field[points.camera_m[:, 2] <= config.range_m] for field in _fields(points)))
+        if len(near) < config.search_points:
+            return None
+        T_level = level(T_tilt)
+        if self._grid is None:
+            margin = config.range_m * 2.0
+            self._grid = distance_grid(grid, float(T_level[2, 3]), _FLOOR_M, margin, config)
+        deviations = np.array([config.deviation_m] * 3 + [config.deviation_rad] * 3)
+        covariance = basis.T @ np.diag(deviations**2) @ basis
+        for hypothesis in self.hypotheses:
+            self._register(hypothesis, points, covariance, basis, align, known, occupancy)
+        if len(self.hypotheses) < config.candidates:
+            for value, T in search(near, T_level, self._grid, config):
+                if value > config.most_distance_m:
+                    break
+                fresh = Hypothesis(T)
+                self._register(fresh, points, covariance, basis, align, known, occupancy)
+                if not any(_are_same(fresh.T_world_camera, other.T_world_camera) for other in self.hypotheses):
+                    self.hypotheses.append(fresh)
+        self._prune()
+        return self._believed()
+
+    def _register(
+        self,
+        hypothesis: Hypothesis,
+        points: FramePoints,
+        covariance: Float[np.ndarray, "k k"],
+        basis: Float[np.ndarray, "6 k"],
+        align: Aligner,
+        known: Known,
+        occupancy: DepthOccupancy,
+    ) -> None:
+        prior = Prior(hypothesis.T_world_camera, covariance, basis)
+        found = register(points, prior, align, known, self.config.relocalisation.registration(self.config.registration))
+        fits = agreement(points, found.T_world_camera, occupancy)
+        hypothesis.T_world_camera, hypothesis.found = found.T_world_camera, found
+        # Unknown space neither speaks for a place nor against it, but a frame of it proves nothing.
+        certain = min(1.0, fits.known / self.config.relocalisation.least_known)
+        hypothesis.score += certain * fits.share * found.inliers
+        hypothesis.num_frames += 1
+
+    def _prune(self) -> None:
+        """Keep the best, one of each place."""
+        kept: list[Hypothesis] = []
+        for hypothesis in sorted(self.hypotheses, key=lambda each: -each.mean):
+            if hypothesis.mean < self.config.relocalisation.least_score / 2.0:
+                break
+            if not any(_are_same(hypothesis.T_world_camera, other.T_world_camera) for other in kept):
+                kept.append(hypothesis)
+        self.hypotheses = kept[: self.config.relocalisation.candidates]
+
+    def _believed(self) -> Hypothesis | None:
+        config = self.config.relocalisation
+        if not self.hypotheses:
+            return None
+        best = self.hypotheses[0]
+        if best.num_frames < config.frames or best.mean < config.least_score:
+            return None
+        # A rival that has been seen less often may still turn out to be the better one.
+        rivals = [other.mean for other in self.hypotheses[1:]]
+        return best if best.mean - max(rivals, default=0.0) >= config.least_lead else None
+
+
+def _fields(points: FramePoints) -> tuple[np.ndarray, ...]:
+    return points.camera_m, points.rgb, points.variance_m2, points.trust
+
+
+def _are_same(one: Float[np.ndarray, "4 4"], other: Float[np.ndarray, "4 4"]) -> bool:
+    change = camera_motion(one, other)
+    return bool(np.linalg.norm(change[:3]) < _SAME_M and np.linalg.norm(change[3:]) < _SAME_RAD)

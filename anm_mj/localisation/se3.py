@@ -1,0 +1,58 @@
+"""Small motions of a camera, as displacement and rotation vector in the world."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+_SMALL_RAD = 1e-8
+
+
+def skew(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """The matrix of the cross product with ``vector`` on the left."""
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_of(vector_rad: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """The rotation about ``vector_rad`` by its length (Rodrigues)."""
+    angle = math.sqrt(float(vector_rad @ vector_rad))
+    if angle < _SMALL_RAD:
+        return np.eye(3) + skew(vector_rad)
+    axis = skew(vector_rad / angle)
+    return np.eye(3) + math.sin(angle) * axis + (1.0 - math.cos(angle)) * (axis @ axis)
+
+
+def rotation_vector(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    """The rotation vector of a rotation by less than half a turn [rad]."""
+    sine = 0.5 * np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
+    length = math.sqrt(float(sine @ sine))
+    angle = math.atan2(length, 0.5 * (float(np.trace(rotation)) - 1.0))
+    if length > _SMALL_RAD:
+        return sine * (angle / length)
+    if angle < 1.0:
+        return sine
+    # Half a turn: the axis is the column of the largest diagonal entry.
+    square = 0.5 * (rotation + np.eye(3))
+    axis = square[:, int(np.argmax(np.diag(square)))]
+    return angle * axis / math.sqrt(float(axis @ axis))
+
+
+def moved_camera(T_world_camera: Float[np.ndarray, "4 4"], change: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
+    """The pose after a displacement in the world [m] and a rotation vector about world axes through the camera [rad]."""
+    moved = np.eye(4)
+    moved[:3, :3] = rotation_of(change[3:]) @ T_world_camera[:3, :3]
+    moved[:3, 3] = T_world_camera[:3, 3] + change[:3]
+    return moved
+
+
+def camera_motion(
+    T_world_from: Float[np.ndarray, "4 4"], T_world_to: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "6"]:
+    """The change that :func:`moved_camera` needs to bring the first pose to the second."""
+    turned = rotation_vector(T_world_to[:3, :3] @ T_world_from[:3, :3].T)
+    return np.concatenate((T_world_to[:3, 3] - T_world_from[:3, 3], turned))

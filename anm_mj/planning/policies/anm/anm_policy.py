@@ -1,0 +1,148 @@
+"""Active Neural Mapping (Yan et al., ICCV 2023): greedily to the most uncertain piece of surface.
+
+The map is one network (a mapping preset of its own), and all its weights are perturbed. The policy clusters the most
+uncertain tenth of the surface near the robot. Every cluster gives one target half a metre before it, at the robot's
+height. The robot goes to the target of highest variance, preferring those more than a metre away, until it is within
+0.8 m of it or has spent 100 steps; then the policy forgets all candidates. It has no graph and no memory of regions.
+
+Deviations:
+
+- Dijkstra's algorithm finds paths on a grid of the policy's own instead of a learned point navigator, which tends to
+  get stuck. This makes the baseline stronger than the published one.
+- Targets must lie over free ground that the robot can reach.
+- The policy reads uncertainty within 5 m of the robot and, when it finds no target there, everywhere.
+- When no target can be reached the robot makes one full rotation; then the run ends.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from anm_mj.geometry.connected_components import connected_components
+from anm_mj.planning.grid_route import GridRoutes
+from anm_mj.planning.policies.anm.anm_config import AnmConfig
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.scan_policy import ScanPolicy
+from anm_mj.protocols import Mapper
+from anm_mj.types import (
+    ARRIVED_M,
+    FORWARD_STEP_M,
+    Action,
+    Candidate,
+    Observation,
+    Plan,
+    StopReason,
+    SurfacePoints,
+)
+from anm_mj.utils.stopwatch import Stopwatch
+
+EVERYWHERE_M = 1e4
+
+
+class Anm(ScanPolicy):
+    """Drives to the target of highest variance, then chooses anew."""
+
+    Config = AnmConfig
+
+    def __init__(self, context: PolicyContext[AnmConfig]):
+        """Start with an empty grid; the policy draws nothing, so the seed has no effect."""
+        self.config = context.settings
+        super().__init__(context, self.config.range_m)
+        self._footprint = context.footprint
+        self._rotated = False
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The path to the most uncertain piece of surface, up to ``arrived_m`` before its target."""
+        watch = Stopwatch()
+        pose = observation.pose
+        with watch.stage("topdown"):
+            topdown = self.grid.topdown()
+        with watch.stage("paths"):
+            routes = GridRoutes(topdown, pose, self._safe_m, self._slack_m)
+        with watch.stage("regions"):
+            found = self._candidates(mapper.surface(pose.xy_m, self.config.near_m), routes)
+            where = f"within {self.config.near_m:g} m"
+            if not found:
+                found = self._candidates(mapper.surface(pose.xy_m, EVERYWHERE_M), routes)
+                where = "anywhere"
+        if not found:
+            return self._without_targets(Plan("", np.zeros((0, 2)), topdown=topdown, stage_ms=watch.ms))
+        self._rotated = False
+        away = [c for c in found if math.dist(c.xy_m, pose.xy_m) > self.config.min_distance_m]
+        best = max(away or found, key=lambda c: c.score)
+        path = self._path_to(best.xy_m, routes)
+        towards = best.xy_m - path[-1]
+        return Plan(
+            f"highest variance of {len(found)} clusters {where}, {best.cost_steps * FORWARD_STEP_M:.1f} m away",
+            path,
+            (math.atan2(towards[1], towards[0]),),
+            valid_steps=self.config.max_steps,
+            candidates=tuple(found),
+            topdown=topdown,
+            stage_ms=watch.ms,
+        )
+
+    def _candidates(self, surface: SurfacePoints, routes: GridRoutes) -> list[Candidate]:
+        """One target per cluster of uncertain surface that the robot can reach and has not reached already."""
+        low = surface.xyz_m[:, 2] < self._footprint.z_max_m
+        points, normals = surface.xyz_m[low], surface.normal[low]
+        uncertainty = surface.uncertainty[low]
+        if not len(points):
+            return []
+        top = uncertainty >= np.percentile(uncertainty, self.config.percentile)
+        labels = _clusters(points[top].astype(float), self.config.link_m)
+        found = []
+        for label in np.flatnonzero(np.bincount(labels) >= max(self.config.min_share * len(labels), 2)):
+            mine = labels == label
+            target = (points[top][mine] + self.config.stand_off_m * normals[top][mine]).mean(axis=0)[:2].astype(float)
+            cost_m = routes.cost_at(target)
+            if not math.isfinite(cost_m):
+                continue
+            # Where the path ends at the robot, the robot has reached the target already.
+            if math.dist(self._path_to(target, routes)[-1], routes.pose.xy_m) > ARRIVED_M:
+                variance = float(uncertainty[top][mine].mean())
+                found.append(Candidate(target, variance, float(mine.sum()), cost_m / FORWARD_STEP_M))
+        return found
+
+    def _path_to(self, target_xy_m: Float[np.ndarray, "2"], routes: GridRoutes) -> Float[np.ndarray, "k 2"]:
+        """The path that the robot drives for a target: up to ``arrived_m`` before it [m]."""
+        return _cut_end(routes.path_to(target_xy_m), self.config.arrived_m)
+
+    def _without_targets(self, seen: Plan) -> Plan:
+        """One full rotation; if that does not help, stop."""
+        if not self._rotated:
+            self._rotated = True
+            return Plan(
+                "no target can be reached: one full turn",
+                np.zeros((0, 2)),
+                actions=(Action.TURN_LEFT,) * self.config.full_rotation_turns,
+            )
+        return Plan(
+            "no target can be reached, even after a full rotation",
+            np.zeros((0, 2)),
+            stop=StopReason.NO_REACHABLE_TARGET,
+            topdown=seen.topdown,
+            stage_ms=seen.stage_ms,
+        )
+
+
+def _clusters(points_m: Float[np.ndarray, "n 3"], link_m: float) -> Int[np.ndarray, " n"]:
+    """Label of the cluster of each point: connected by hops of at most ``link_m``."""
+    return connected_components(KDTree(points_m).query_pairs(link_m, output_type="ndarray"), len(points_m))
+
+
+def _cut_end(path_xy_m: Float[np.ndarray, "k 2"], length_m: float) -> Float[np.ndarray, "j 2"]:
+    """A path without its last ``length_m``; its first point stays [m]."""
+    path = path_xy_m
+    while len(path) > 1:
+        leg = path[-1] - path[-2]
+        length = math.hypot(*leg)
+        if length > length_m:
+            return np.concatenate([path[:-1], (path[-1] - leg * (length_m / length))[None]])
+        length_m -= length
+        path = path[:-1]
+    return path

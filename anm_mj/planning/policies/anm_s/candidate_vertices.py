@@ -1,0 +1,109 @@
+"""The vertices that a decision weighs, and how good each is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from anm_mj.planning.paths import segments_clear
+from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
+from anm_mj.planning.policies.anm_s.headings import view_box
+from anm_mj.planning.policies.anm_s.region_stages import RegionState
+from anm_mj.planning.policies.anm_s.targets import Targets
+from anm_mj.planning.policies.anm_s.tiers import tiers
+from anm_mj.planning.policies.anm_s.visited import seen_around, within
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.types import FORWARD_STEP_M, Observation, Region, VoxelGrid
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Vertices that the robot may go to."""
+
+    vertex: Int[np.ndarray, " n"]
+    """Indices into the graph."""
+    unvisited: Bool[np.ndarray, " n"]
+    near: Bool[np.ndarray, " n"]
+    """Whether each lies in the local horizon."""
+    tier: Int[np.ndarray, " n"]
+    """See :mod:`anm_mj.planning.policies.anm_s.tiers`; larger is better."""
+
+
+class CandidateFinder:
+    """Finds the candidates of a decision; it remembers the view ahead."""
+
+    def __init__(self, context: PolicyContext[AnmSConfig], targets: Targets):
+        """Start without a view.
+
+        Args:
+            context: what the policy is made from.
+            targets: the present target and those given up.
+        """
+        self._config = context.settings
+        self._horizon_m = context.planning.horizon_m
+        self._footprint = context.footprint
+        self._targets = targets
+        self._last_xy_m: Float[np.ndarray, 2] | None = None
+        self._ahead: Observation | None = None
+
+    def observe(self, observation: Observation) -> None:
+        """Take a view made while driving for what lies ahead."""
+        xy_m = observation.pose.xy_m
+        if self._last_xy_m is None or np.linalg.norm(xy_m - self._last_xy_m) > FORWARD_STEP_M / 2:
+            self._ahead = observation
+        self._last_xy_m = xy_m
+
+    def find(
+        self,
+        now: RegionState,
+        regions: tuple[Region, ...],
+        grid: VoxelGrid,
+        trajectory_xy_m: list[Float[np.ndarray, "2"]],
+    ) -> Candidates:
+        """Vertices that can be reached and are unvisited or have a region anchored to them.
+
+        Args:
+            now: what the planning stages read out of the map.
+            regions: those that guide the robot.
+            grid: the occupancy, with how near its surface was seen.
+            trajectory_xy_m: where the robot has been [m].
+        """
+        anchored = np.array([region.vertex for region in regions], np.int64)
+        decisions = np.union1d(now.decisions, self._kept(now))
+        vertex = np.union1d(decisions, anchored)
+        vertex = vertex[np.isfinite(now.paths.distance_m[vertex])]
+        vertex = vertex[~self._targets.is_given_up(now.graph.vertex_xy_m[vertex])]
+        unvisited = np.isin(vertex, decisions)
+        unvisited &= ~within(now.graph.vertex_xy_m[vertex], trajectory_xy_m, self._config.visited_radius_m)
+        unseen = unvisited
+        if self._config.visited_by == "sight":
+            unseen = unvisited & ~seen_around(
+                now.graph, vertex, now.topdown, now.frontier_xy_m, grid, self._footprint, self._config
+            )
+        guided = np.isin(vertex, anchored) & (self._config.target != "random")
+        # When nothing better is left, the robot visits vertices whose surroundings it saw from elsewhere.
+        unvisited = unseen if (unseen | guided).any() else unvisited
+        active = unvisited | guided
+        vertex, unvisited = vertex[active], unvisited[active]
+        xy_m = now.graph.vertex_xy_m[vertex]
+        near = self._in_horizon(now, xy_m)
+        failed = self._targets.num_failures(xy_m) > 0
+        return Candidates(vertex, unvisited, near, tiers(unvisited, near, np.isin(vertex, anchored), failed))
+
+    def _kept(self, now: RegionState) -> Int[np.ndarray, " k"]:
+        """The vertex that stands for the present target, if that was unvisited: it may be no decision vertex now."""
+        if not self._targets.unvisited:
+            return np.zeros(0, np.int64)
+        return self._targets.match(now.graph.vertex_xy_m)
+
+    def _in_horizon(self, now: RegionState, xy_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        """Which places lie in the local horizon, in sight and, where there are such, in the view ahead."""
+        near = (np.abs(xy_m - now.pose.xy_m) <= self._horizon_m / 2).all(axis=1)
+        near &= segments_clear(now.topdown, np.repeat(now.pose.xy_m[None], len(xy_m), axis=0), xy_m, 0.0, now.pose)
+        if self._ahead is not None:
+            low, high = view_box(self._ahead)
+            ahead = near & ((xy_m >= low) & (xy_m <= high)).all(axis=1)
+            near = ahead if ahead.any() else near
+        return near

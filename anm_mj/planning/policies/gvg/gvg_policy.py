@@ -1,0 +1,380 @@
+"""Our policy: the tour of a few views with the most expected new surface for its steps, on the paper's stages.
+
+A full decision takes four stages. The map and the graph are brought up to date. Reachable vertices, thinned to one per
+half metre, and the robot's own place get the expected gain of their best view
+(:mod:`anm_mj.planning.policies.gvg.information_gain`). A beam search among the most promising of them finds the best
+tours (:mod:`anm_mj.planning.policies.gvg.view_tours`); turns count as steps, because a turn of 10 degrees takes as much
+of the budget as 6.5 cm of path. The first view of the best tour becomes the target; a factor on tours that begin at the
+present target keeps the policy from changing its mind for little.
+
+The policy decides every few steps and on events. Between full decisions it reuses the plan as long as the target's view
+is expected to show about as much as before.
+
+When no reachable view has new surface worth its steps, coverage is complete. Unless that is the goal, the robot goes on
+where its map is worst: views then also count what they improve of known surface, in the same search. With the goal
+"reconstruction" they do so from the start. The run is complete when neither is worth a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.frames import wrap_angle
+from anm_mj.planning.field_of_view import FieldOfView
+from anm_mj.planning.grid_windows import Window
+from anm_mj.planning.narrow_gaps import narrow_gaps
+from anm_mj.planning.paths import path_steps, quantize_headings, segments_clear
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.continued_run import is_known_place, remembered
+from anm_mj.planning.policies.gvg.active_target import ActiveTarget
+from anm_mj.planning.policies.gvg.candidate_places import CandidatePlaces, candidate_places
+from anm_mj.planning.policies.gvg.gain_tracker import GainTracker
+from anm_mj.planning.policies.gvg.gvg_config import AS_MANY_AS_NEEDED, GvgConfig
+from anm_mj.planning.policies.gvg.information_gain import InformationGain
+from anm_mj.planning.policies.gvg.stagnation import StagnationDetector
+from anm_mj.planning.policies.gvg.transitions import Places, TransitionTable
+from anm_mj.planning.policies.gvg.travel_costs import TravelCosts
+from anm_mj.planning.policies.gvg.unexplored import unexplored_patches
+from anm_mj.planning.policies.gvg.unmeasured import UnmeasuredRays
+from anm_mj.planning.policies.gvg.view_tours import Tour, TourSearch
+from anm_mj.planning.policies.gvg.views import Viewpoint, sector_of
+from anm_mj.planning.stages import TRY_AGAIN, PlanningState, Stages
+from anm_mj.protocols import EstimatesErrors, Mapper
+from anm_mj.types import (
+    TURN_STEP_RAD,
+    Action,
+    Candidate,
+    FormerRun,
+    Observation,
+    Plan,
+    Pose2,
+    StopReason,
+    TopDownMap,
+    UnexploredPatch,
+)
+from anm_mj.utils.stopwatch import Stopwatch
+
+
+class Gvg:
+    """Tours of views over the generalized Voronoi graph."""
+
+    Config = GvgConfig
+
+    def __init__(self, context: PolicyContext[GvgConfig]):
+        """Start before the bootstrap rotation; the policy draws nothing, so the seed has no effect."""
+        self.config = context.settings
+        self._stages = Stages(context.planning, context.footprint, coarse_far_field=True)
+        self._tracker = GainTracker(self.config)
+        self._stagnation = StagnationDetector(self.config)
+        self._unmeasured = UnmeasuredRays()
+        self._gain: InformationGain | None = None
+        self._target: ActiveTarget | None = None
+        self._bootstrapped = False
+        self._goal = context.goal
+        self._improving = False
+        self._errors_read_step = 0
+        self._former = np.zeros((0, 3))
+        """Poses of former runs."""
+        self._tried: Float[np.ndarray, "n 4"] | None = None
+        """What the views of a former run left unknown, as :attr:`InformationGain.tried`; None where it does not say."""
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """What views left unknown and failed targets suppressed, and how little the last steps and targets brought."""
+        if self._gain is None:
+            return {}
+        return {
+            "tried": self._gain.tried.astype(np.float32),
+            "window": self._stagnation.window,
+            "num_poor": np.array(self._tracker.num_poor),
+        }
+
+    def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
+        """Expect nothing of views that a former run had already, and go on where it lost its patience."""
+        del mapper
+        self._stages.continue_from(former)
+        self._former = former.poses
+        self._tried = remembered(former, "tried", (None, 4))
+        window, num_poor = remembered(former, "window", (None, 2)), remembered(former, "num_poor", ())
+        if window is not None:
+            self._stagnation.continue_from(window)
+        if num_poor is not None:
+            self._tracker.num_poor = max(0, int(num_poor))
+
+    def observe(self, observation: Observation) -> None:
+        """Note where the robot is, and where its camera measured nothing."""
+        self._stages.observe(observation)
+        self._unmeasured.add(observation)
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The bootstrap rotation first, then the way to the first view of the best tour."""
+        if self._goal == "reconstruction" and self._can_improve(mapper):
+            self._improving = True
+        is_first, self._bootstrapped = not self._bootstrapped, True
+        if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
+            num_turns = self.config.bootstrap_turns
+            if num_turns == AS_MANY_AS_NEEDED:
+                num_turns = FieldOfView.of(observation).turns_for_panorama
+            turns = (Action.TURN_LEFT,) * num_turns
+            return Plan("bootstrap: a rotation before the first decision", np.zeros((0, 2)), actions=turns)
+        watch = Stopwatch()
+        topdown, window = self._stages.update_map(mapper, observation, watch)
+        with watch.stage("gain"):
+            gain = self._update_gain(mapper, observation, window)
+            plan = self._reuse(topdown, observation.pose, gain, watch)
+        if plan is None:
+            state = self._stages.update_graph(topdown, observation.pose, watch)
+            with watch.stage("gain"):
+                if self._target is not None and self._target.is_reached(state.pose):
+                    self._close_target(gain, state.pose)
+                candidates = self._candidates(state, gain, mapper, observation)
+            with watch.stage("choice"):
+                plan = self._decide(state, candidates, gain)
+            if plan.stop is not None and (
+                self._stages.shrink_collisions(np.isfinite(state.paths.distance_m)) or self._drop_margin(state, gain)
+            ):
+                return Plan(TRY_AGAIN, np.zeros((0, 2)), actions=(Action.TURN_LEFT,), stage_ms=watch.ms)
+            if plan.stop is not None and self._goal == "both" and self._can_improve(mapper):
+                self._improving, self._target = True, None
+                with watch.stage("gain"):
+                    candidates = self._candidates(state, gain, mapper, observation)
+                with watch.stage("choice"):
+                    plan = self._decide(state, candidates, gain)
+            if plan.stop is not None:
+                with watch.stage("choice"):
+                    plan = replace(plan, unexplored=self._unexplored(state, gain))
+        return plan
+
+    def on_collision(self, pose: Pose2, action: Action) -> None:
+        """Mark the obstacle in the map and drop the target."""
+        self._stages.on_collision(pose, action)
+        self._target = None
+
+    def _update_gain(self, mapper: Mapper, observation: Observation, window: Window | None) -> InformationGain:
+        """Bring the expected gains up to date with the map and with what this view left unknown."""
+        is_first = self._gain is None
+        if self._gain is None:
+            self._gain = InformationGain(self.config, FieldOfView.of(observation))
+        self._gain.update(mapper.occupancy_grid(), window)
+        if is_first and self._tried is not None:
+            self._gain.take_tried(self._tried.astype(float))
+            self._tried = None
+        elif is_first:
+            for x, y, yaw in self._former:
+                self._gain.suppress_view(Pose2(x, y, yaw))
+        self._gain.suppress_view(observation.pose)
+        self._gain.suppress(*self._unmeasured.take(self._gain.occupancy, self.config.gain_range_m))
+        self._stagnation.update(observation.step, self._gain.seen_m2)
+        return self._gain
+
+    def _drop_margin(self, state: PlanningState, gain: InformationGain) -> bool:
+        """Keep no margin from now on where much is expected behind a narrow passage; whether this may open a way."""
+        _, beyond_m = narrow_gaps(state)
+        if not len(beyond_m) or gain.best_view_gains(beyond_m).max() < self.config.large_gain_m2:
+            return False
+        return self._stages.drop_margin()
+
+    def _can_improve(self, mapper: Mapper) -> bool:
+        """Whether views could count what they improve, and do not yet."""
+        return not self._improving and isinstance(mapper, EstimatesErrors)
+
+    def _candidates(
+        self, state: PlanningState, gain: InformationGain, mapper: Mapper, observation: Observation
+    ) -> CandidatePlaces:
+        """The places to compare, with the gain of their best view; of improvement too, once that counts."""
+        due = self._target is None or observation.step >= self._errors_read_step + self.config.improvement_steps
+        if self._improving and due and isinstance(mapper, EstimatesErrors):
+            self._errors_read_step = observation.step
+            radius_m, xy_m = self.config.improvement_radius_m, state.pose.xy_m
+            gain.improve(mapper.surface_errors(xy_m, radius_m), xy_m, radius_m, observation.intrinsics.fx)
+        return candidate_places(state, gain, self.config)
+
+    def _reuse(self, topdown: TopDownMap, pose: Pose2, gain: InformationGain, watch: Stopwatch) -> Plan | None:
+        """The plan of the last full decision, if nothing was seen since that could change it."""
+        target = self._target
+        if target is None or target.needs_decision(pose, gain.seen_m2):
+            return None
+        path = target.remaining_path(pose)
+        if len(path) and not segments_clear(topdown, path[:-1], path[1:], self._stages.safe_m, pose).all():
+            return None
+        view_gain_m2 = gain.expected_view(target.viewpoint).gain_m2
+        if not target.is_worth(view_gain_m2):
+            return None
+        return target.reuse(path, view_gain_m2=view_gain_m2, seen_m2=gain.seen_m2, topdown=topdown, stage_ms=watch.ms)
+
+    def _close_target(self, gain: InformationGain, pose: Pose2) -> None:
+        """Judge the present target by what it brought; if it failed, suppress what it was expected to show."""
+        target, self._target = self._target, None
+        if target is None:
+            return
+        view = gain.expected_view(target.viewpoint)
+        if self._tracker.close(target, seen_m2=gain.seen_m2, expected_now_m2=view.gain_m2, pose=pose):
+            gain.suppress(view.cells, view.distance_m)
+
+    def _decide(self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain) -> Plan:
+        """A full decision: the first view of the best tour that a path leads to, or the end."""
+        if not candidates.is_any_worth:
+            return self._stop(state, candidates, gain)
+        places, tours = self._best_tours(state, candidates, gain)
+        for tour in tours[: self.config.max_tours]:
+            first = tour.views[0]
+            path = np.zeros((0, 2)) if first.place == 0 else state.paths.path_to(int(places.vertex[first.place]))
+            if first.place and not len(path):
+                continue
+            # Both judge by new surface, of which improvement brings none.
+            residual = not self._improving and self._is_residual(tour)
+            exhausted = not self._improving and self._tracker.is_exhausted(first.gain_m2)
+            if residual or exhausted or tour.rate < self.config.min_rate_m2:
+                return self._stop(state, candidates, gain, stagnating=residual)
+            if len(path):
+                path = quantize_headings(path, state.topdown, state.paths.safe_m, state.pose)
+            return self._go(state, tour, places, path, _first_views(places, tours), gain)
+        return self._stop(state, candidates, gain)
+
+    def _is_residual(self, tour: Tour) -> bool:
+        """Whether the run stagnates and a tour expects too little to go on for."""
+        return self._stagnation.is_stagnating() and tour.gain_m2 < self.config.stagnation_gain_m2
+
+    def _best_tours(
+        self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain
+    ) -> tuple[Places, list[Tour]]:
+        """The best tours, best first, and the places that their views refer to."""
+        costs = TravelCosts(state.paths)
+        near_steps, far_steps = self.config.discount_steps, candidates.discount_steps
+        near = self._search(state, candidates, gain, costs, near_steps)
+        if far_steps <= self.config.far_discount_ratio * near_steps:
+            return near
+        # Residual gain nearby must not come before a wing of the building, nor the wing before the rest of a room.
+        far = self._search(state, candidates, gain, costs, far_steps)
+        return far if self._rate(*far) > self.config.far_rate_ratio * self._rate(*near) else near
+
+    def _search(
+        self,
+        state: PlanningState,
+        candidates: CandidatePlaces,
+        gain: InformationGain,
+        costs: TravelCosts,
+        discount_steps: float,
+    ) -> tuple[Places, list[Tour]]:
+        """The best tours for one discount, and the places that their views refer to."""
+        short = candidates.shortlist(discount_steps)
+        xy_m = candidates.xy_m[short]
+        places = Places(xy_m, candidates.vertex[short], *gain.ray_gains(xy_m))
+        preference = np.array([self._preference(xy) for xy in xy_m])
+        search = TourSearch(
+            TransitionTable(places, costs, gain.view_side), discount_steps=discount_steps, preference=preference
+        )
+        depth, width = self.config.tour_depth, self.config.tour_width
+        return places, search.best(sector_of(state.pose.yaw_rad), depth=depth, width=width)
+
+    def _preference(self, xy_m: Float[np.ndarray, 2]) -> float:
+        """Factor on what tours that begin at a place are worth: hysteresis for the present target."""
+        return self.config.hysteresis if self._target is not None and self._target.is_near(xy_m) else 1.0
+
+    def _rate(self, places: Places, tours: list[Tour]) -> float:
+        """Expected new surface of the best tour per step, with the preference for the present target [m2]."""
+        return self._preference(places.xy_m[tours[0].views[0].place]) * tours[0].rate if tours else 0.0
+
+    def _go(
+        self,
+        state: PlanningState,
+        tour: Tour,
+        places: Places,
+        path: Float[np.ndarray, "k 2"],
+        first_views: tuple[Candidate, ...],
+        gain: InformationGain,
+    ) -> Plan:
+        """The plan that leads to the first view of a tour, which becomes the target or stays it."""
+        first, pose = tour.views[0], state.pose
+        viewpoint = Viewpoint(places.xy_m[first.place], first.heading)
+        kept = self._target is not None and self._target.is_same(viewpoint)
+        if not kept:
+            self._close_target(gain, pose)
+        target = self._target if kept else None
+        if target is None:
+            target = ActiveTarget(
+                viewpoint,
+                expected_gain_m2=first.gain_m2,
+                seen_m2=gain.seen_m2,
+                config=self.config,
+                view_side=gain.view_side,
+            )
+        # A heading that the robot can have: the sector's own may lie half a turn step beside it.
+        yaw = wrap_angle(pose.yaw_rad + (first.heading - sector_of(pose.yaw_rad)) * TURN_STEP_RAD)
+        purpose = " to improve the map" if self._improving else ""
+        reason = (
+            f"target {'kept' if kept else 'chosen'}{purpose}: expected gain {first.gain_m2:.1f} m² in "
+            f"{path_steps(path, pose.yaw_rad, yaw):.0f} steps "
+            f"(tour: {len(tour.views)} views, {tour.gain_m2:.1f} m² in {tour.steps:.0f} steps)"
+        )
+        plan = Plan(
+            reason,
+            path,
+            (yaw,),
+            valid_steps=self.config.replan_steps,
+            candidates=first_views,
+            topdown=state.topdown,
+            graph=state.graph,
+            stage_ms=state.watch.ms,
+        )
+        target.decide(viewpoint, plan, view_gain_m2=gain.expected_view(viewpoint).gain_m2, seen_m2=gain.seen_m2)
+        self._target = target
+        return plan
+
+    def _stop(
+        self, state: PlanningState, candidates: CandidatePlaces, gain: InformationGain, *, stagnating: bool = False
+    ) -> Plan:
+        """The end of the run, with the reason."""
+        config, best_m2 = self.config, candidates.best_gain_m2
+        num_places = len(candidates.vertex)
+        stop = StopReason.COMPLETE
+        if self._improving:
+            reason = f"best expected gain of {num_places} reachable places, with improvement: {best_m2:.2f} m²"
+        elif self._tracker.is_exhausted(best_m2):
+            reason = (
+                f"the last {self._tracker.num_poor} targets brought less than {config.poor_target_m2:g} m² each; "
+                f"best expected gain of {num_places} reachable places: {best_m2:.2f} m²"
+            )
+        elif num_places == 1 and candidates.num_unreachable:
+            stop = StopReason.NO_REACHABLE_TARGET
+            reason = f"no path leads to any of {candidates.num_unreachable} vertices"
+        elif self._stages.is_cut_off(np.isfinite(state.paths.distance_m)):
+            stop = StopReason.NO_REACHABLE_TARGET
+            reason = f"no path leads to {candidates.num_unreachable} vertices since a step was refused"
+        elif stagnating:
+            reason = (
+                f"stagnation: next to no new surface in the last {config.stagnation_share:.0%} of the steps, and the "
+                f"best tour among {num_places} reachable places has less than {config.stagnation_gain_m2:g} m²"
+            )
+        else:
+            reason = f"best expected gain of {num_places} reachable places: {best_m2:.2f} m²"
+        return Plan(
+            reason,
+            np.zeros((0, 2)),
+            stop=stop,
+            topdown=state.topdown,
+            graph=state.graph,
+            stage_ms=state.watch.ms,
+        )
+
+    def _unexplored(self, state: PlanningState, gain: InformationGain) -> tuple[UnexploredPatch, ...]:
+        """What stays unexplored where the run ends."""
+        return unexplored_patches(
+            gain.occupancy,
+            state.topdown,
+            state.pose,
+            safe_m=state.paths.safe_m,
+            range_m=gain.range_m,
+            camera=gain.camera,
+        )
+
+
+def _first_views(places: Places, tours: list[Tour]) -> tuple[Candidate, ...]:
+    """The first view of every tour, for each place that of the best tour."""
+    found: dict[int, Candidate] = {}
+    for tour in tours:
+        first = tour.views[0]
+        found.setdefault(first.place, Candidate(places.xy_m[first.place], tour.value, first.gain_m2, first.at_step))
+    return tuple(found.values())

@@ -1,0 +1,157 @@
+"""Brings the robot back to where it began, whatever policy explores, before the budget of steps is spent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.frames import wrap_angle
+from anm_mj.planning.grid_route import GridRoutes
+from anm_mj.planning.paths import path_steps
+from anm_mj.planning.planning_config import PlanningConfig
+from anm_mj.planning.stages import Stages
+from anm_mj.protocols import Mapper, Policy
+from anm_mj.types import ARRIVED_M, TURN_STEP_RAD, Action, Footprint, Observation, Plan, Pose2, StopReason
+from anm_mj.utils.stopwatch import Stopwatch
+
+HALF_TURN = round(math.pi / TURN_STEP_RAD)
+"""Turns that reverse the heading."""
+SLOWER, SPARE_STEPS = 1.25, 12
+"""A way back takes this factor more steps than its length says, and these: turns on the way, detours."""
+NEAR_START_M = 1.0
+"""Nearer to the start than this, the direction of the way back changes quickly [m]."""
+REPLAN_STEPS = 25
+"""The way back is planned anew after this many steps."""
+ALIGNED_RAD = 0.56 * TURN_STEP_RAD
+"""The robot looks where it looked at the start when it is off by no more than this [rad]; no turn brings it nearer."""
+ENDS = (StopReason.COMPLETE, StopReason.NO_REACHABLE_TARGET)
+"""After these ends of the exploration the robot drives back; after all others it stops where it is."""
+
+
+@dataclass(frozen=True)
+class _WayBack:
+    """A path to the start, or as near to it as the map allows."""
+
+    path_xy_m: Float[np.ndarray, "k 2"]
+    steps: float
+    arrives: bool
+
+
+class Returning:
+    """A policy that ends at its start: it drives back when the exploration is over, or in time for the budget."""
+
+    def __init__(self, policy: Policy, config: PlanningConfig, footprint: Footprint, num_steps: int) -> None:
+        """Wrap a policy.
+
+        Args:
+            policy: it explores.
+            config: settings of the planning stages.
+            footprint: the robot's body.
+            num_steps: budget of discrete actions.
+        """
+        self._policy = policy
+        self._stages = Stages(config, footprint)
+        self._clearances_m = self._stages.safe_m, footprint.radius_m, 0.5 * footprint.radius_m
+        self._num_steps = num_steps
+        self._start: Pose2 | None = None
+        self._end: Plan | None = None
+        """The end of the exploration; None while it goes on."""
+        self._end_step = 0
+
+    @property
+    def explored_steps(self) -> int | None:
+        """Steps before the way back; None as long as the robot explores."""
+        return None if self._end is None else self._end_step
+
+    def observe(self, observation: Observation) -> None:
+        """Note where the robot is; the first place is where it goes back to."""
+        self._start = self._start or observation.pose
+        self._stages.observe(observation)
+        self._policy.observe(observation)
+
+    def plan(self, mapper: Mapper, observation: Observation) -> Plan:
+        """The policy's decision as long as the way back leaves steps for it, then the way back."""
+        if self._end is not None:
+            return self._go_back(mapper, observation, self._end)
+        spare = self._spare_steps(mapper, observation)
+        if spare < 1:
+            reason = f"exploring ends at step {observation.step} of {self._num_steps}, in time for the way back"
+            return self._turn_back(mapper, observation, Plan(reason, np.zeros((0, 2)), stop=StopReason.RETURNED))
+        plan = self._policy.plan(mapper, observation)
+        if plan.stop in ENDS:
+            return self._turn_back(mapper, observation, plan)
+        if plan.stop is not None:
+            return plan
+        most_steps = math.floor(spare)
+        if plan.actions:
+            return replace(plan, actions=plan.actions[:most_steps])
+        return replace(plan, valid_steps=min(plan.valid_steps or most_steps, most_steps))
+
+    def on_collision(self, pose: Pose2, action: Action) -> None:
+        """Mark the obstacle, and pass it on to the policy."""
+        self._stages.on_collision(pose, action)
+        if self._end is None:
+            self._policy.on_collision(pose, action)
+
+    def _turn_back(self, mapper: Mapper, observation: Observation, end: Plan) -> Plan:
+        self._end, self._end_step = end, observation.step
+        return self._go_back(mapper, observation, end)
+
+    def _go_back(self, mapper: Mapper, observation: Observation, end: Plan) -> Plan:
+        """The next part of the way back, or the end."""
+        assert self._start is not None, "observe comes first"
+        pose = observation.pose
+        taken = observation.step - self._end_step
+        if math.dist(pose.xy_m, self._start.xy_m) < ARRIVED_M:
+            if abs(wrap_angle(self._start.yaw_rad - pose.yaw_rad)) > ALIGNED_RAD:
+                return Plan("way back: the heading of the start", np.zeros((0, 2)), (self._start.yaw_rad,))
+            return replace(end, reason=f"{end.reason}; back at the start after {taken} steps")
+        way = self._way_back(mapper, observation)
+        if not len(way.path_xy_m):
+            away_m = math.dist(pose.xy_m, self._start.xy_m)
+            stop = StopReason.NO_REACHABLE_TARGET if end.stop is StopReason.RETURNED else end.stop
+            return replace(end, reason=f"{end.reason}; no way leads back to the start, {away_m:.1f} m away", stop=stop)
+        reason = (
+            f"way back: {way.steps:.0f} steps to {'the start' if way.arrives else 'the nearest place to the start'}"
+        )
+        return Plan(reason, way.path_xy_m, valid_steps=REPLAN_STEPS)
+
+    def _spare_steps(self, mapper: Mapper, observation: Observation) -> float:
+        """Steps that the robot may still take before it has to think of the way back again."""
+        assert self._start is not None, "observe comes first"
+        left = self._num_steps - observation.step - SPARE_STEPS
+        # Nobody needs more steps to go back than to come here, with a turn at both ends.
+        spare = (left - SLOWER * (observation.step + 2 * HALF_TURN)) / (1.0 + SLOWER)
+        if spare >= REPLAN_STEPS:
+            return spare
+        way_steps = self._way_back(mapper, observation).steps
+        if math.dist(observation.pose.xy_m, self._start.xy_m) < NEAR_START_M:
+            # One step away from here may take a turn at both ends.
+            return (left - SLOWER * (way_steps + 2 * HALF_TURN)) / (1.0 + SLOWER)
+        # Each step away costs another one on the way back, or a turn, or a bit of both.
+        return (left - SLOWER * way_steps) / (1.0 + 1.5 * SLOWER)
+
+    def _way_back(self, mapper: Mapper, observation: Observation) -> _WayBack:
+        """The shortest path to the start, with less clearance where there is none with enough."""
+        assert self._start is not None, "observe comes first"
+        start, pose = self._start, observation.pose
+        topdown, _ = self._stages.update_map(mapper, observation, Stopwatch())
+        if math.dist(pose.xy_m, start.xy_m) < ARRIVED_M:
+            turns = abs(wrap_angle(start.yaw_rad - pose.yaw_rad)) / TURN_STEP_RAD
+            return _WayBack(np.zeros((0, 2)), turns, arrives=True)
+        routes = GridRoutes(topdown, pose, self._clearances_m[0])
+        for safe_m in (*self._clearances_m[1:], None):
+            if math.isfinite(routes.cost_at(start.xy_m)):
+                path = routes.path_to(start.xy_m)
+                path = np.concatenate([path[:-1], start.xy_m[None]]) if len(path) > 1 else path
+                return _WayBack(path, path_steps(path, pose.yaw_rad, start.yaw_rad), arrives=True)
+            if safe_m is not None:
+                routes = GridRoutes(topdown, pose, safe_m)
+        nearest = routes.nearest(start.xy_m)
+        if math.dist(nearest, pose.xy_m) < 2 * ARRIVED_M:
+            return _WayBack(np.zeros((0, 2)), 0.0, arrives=False)
+        path = routes.path_to(nearest)
+        return _WayBack(path, path_steps(path, pose.yaw_rad), arrives=False)

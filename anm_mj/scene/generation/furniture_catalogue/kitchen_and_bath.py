@@ -1,0 +1,88 @@
+"""Furniture catalogue: kitchens and bathrooms. Each function draws one piece of a room's style, its sizes by chance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anm_mj.scene.generation.furniture import clutter, kitchen, storage
+from anm_mj.scene.generation.piece import GAP_M, Design, Piece, against_wall, furniture, on_wall
+from anm_mj.scene.generation.quads import box
+from anm_mj.scene.generation.room_style import PORCELAIN, RoomStyle
+from anm_mj.scene.generation.textures import plain, rgb, stone, tiles
+
+
+@furniture
+def kitchen_counter(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
+    """Worktop with oven and sink, cupboards above, things lying about, a fridge at its end."""
+    total, x = width_m + 0.65, -0.325
+    solids = ((-total / 2, -0.65, total / 2 - 0.62, 0.0), (total / 2 - 0.64, -0.71, total / 2, 0.0))
+    yield Piece("kitchen counter", "wall", solids, 0.8, 1.8, GAP_M)
+    top = stone(rgb("e4ded2"), rgb("8f8578"))
+    yield kitchen.counter(width_m, s.paint, top, oven_at_m=-width_m / 4).placed(x)
+    yield kitchen.sink().placed(x + width_m / 4, 0.0, 0.0, 0.9)
+    yield kitchen.wall_units(0.45 * width_m, s.paint).placed(x - 0.25 * width_m)
+    yield kitchen.fridge(plain(rgb("dfe3e6"))).placed(total / 2 - 0.31)
+    yield clutter.bottle(s.colours[2]).placed(x - width_m / 2 + 0.12, -0.15, 0.0, 0.9)
+    yield clutter.bottle(s.colours[7]).placed(x - width_m / 2 + 0.22, -0.12, 0.0, 0.9)
+    yield clutter.cup(s.colours[3]).placed(x + width_m / 2 - 0.2, -0.3, 0.0, 0.9)
+    yield clutter.bowl_of_fruit(plain(s.colours[0])).placed(x, -0.3, 0.0, 0.9)
+
+
+@furniture
+def worktop(s: RoomStyle, rng: np.random.Generator, width_m: float) -> Design:
+    """Worktop with oven and sink, low enough for below a window."""
+    yield Piece("worktop", "wall", ((-width_m / 2, -0.65, width_m / 2, 0.0),), 0.7, 0.9, GAP_M)
+    yield kitchen.counter(width_m, s.paint, stone(rgb("e4ded2"), rgb("8f8578")), oven_at_m=-width_m / 4)
+    yield kitchen.sink().placed(width_m / 4, 0.0, 0.0, 0.9)
+    yield clutter.bottle(s.colours[2]).placed(-width_m / 2 + 0.12, -0.15, 0.0, 0.9)
+    yield clutter.cup(s.colours[3]).placed(0.0, -0.3, 0.0, 0.9)
+
+
+@furniture
+def bathtub(s: RoomStyle, rng: np.random.Generator) -> Design:
+    """A tub with tiles before it."""
+    apron = tiles(s.colours[0], s.colours[0], 0.1, rgb("e9f2f4"))
+    width = float(rng.uniform(1.5, 1.75))
+    yield against_wall("bathtub", width, 0.76, 0.8, 0.5)
+    yield kitchen.bathtub(width - 0.01, 0.74, apron)
+    for x in (-width / 2 + 0.01, width / 2 - 0.01):
+        yield box((x - 0.01, -0.72, 0.0), (x + 0.01, 0.0, 0.53), apron, "-z")
+
+
+@furniture
+def toilet(s: RoomStyle, rng: np.random.Generator) -> Design:
+    """A toilet."""
+    yield against_wall("toilet", 0.46, 0.66, 0.82, 0.5)
+    yield kitchen.toilet()
+
+
+@furniture
+def basin(s: RoomStyle, rng: np.random.Generator) -> Design:
+    """A wash-basin with a mirror."""
+    yield against_wall("basin", 0.74, 0.48, 1.9, 0.6)
+    yield kitchen.basin(s.paint)
+    yield clutter.bottle(s.colours[4]).placed(-0.25, -0.12, 0.0, 0.82)
+    yield clutter.cup(rgb("f4f1de")).placed(0.24, -0.12, 0.0, 0.82)
+
+
+@furniture
+def washing_machine(s: RoomStyle, rng: np.random.Generator) -> Design:
+    """A washing machine."""
+    yield against_wall("washing machine", 0.6, 0.6, 0.85, 0.6)
+    yield kitchen.washing_machine()
+
+
+@furniture
+def towels(s: RoomStyle, rng: np.random.Generator) -> Design:
+    """Towels on a rail."""
+    yield on_wall("towels", 0.37, 0.09, 1.3)
+    yield kitchen.towel_rail(0.7, (s.cloth, s.cloth_2))
+
+
+@furniture
+def bottle_shelf(s: RoomStyle, rng: np.random.Generator) -> Design:
+    """A board with bottles."""
+    yield on_wall("shelf", 0.3, 0.2, 1.6)
+    yield storage.wall_shelf(0.6, 1.25, PORCELAIN)
+    yield clutter.bottle(rgb("5aa9c9")).placed(-0.15, -0.1, 0.0, 1.28)
+    yield clutter.bottle(rgb("e5659d")).placed(0.1, -0.1, 0.0, 1.28)

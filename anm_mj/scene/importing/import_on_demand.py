@@ -1,0 +1,66 @@
+"""Scenes given as the file that they would be imported from."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from pathlib import Path
+
+from anm_mj.scene.folder import TOML, XML
+from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.named_scenes import find_named, is_name
+from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
+from anm_mj.utils.files import cache_folder
+from anm_mj.utils.read_mjcf import named_files
+
+_logger = logging.getLogger(__name__)
+
+_MAX_FILES = 2000
+
+
+def folder_of(name_or_path: str) -> str:
+    """What names a scene folder for what a user gave: a file, or a data set's scene, is imported first.
+
+    Imported scenes are kept in the user's cache folder, until the file or what lies beside it changes.
+
+    Raises:
+        SceneError: if the file cannot be imported.
+    """
+    path = Path(name_or_path)
+    if is_name(name_or_path):
+        path = find_named(name_or_path).path
+    elif not os.path.isfile(path):
+        return name_or_path
+    elif path.name in (XML, TOML) and (path.parent / TOML).is_file():
+        # The scene's own file means the scene.
+        return str(path.parent)
+    out = cache_folder("imported") / f"{path.stem}-{_state_of(path)}"
+    if not (out / TOML).is_file():
+        import_scene(Path(name_or_path), out, name=path.stem)
+        _logger.info(
+            "imported %s as it is; `anm-mj scene import` has options, and keeps the scene where you want it",
+            name_or_path,
+        )
+    return str(out)
+
+
+def _state_of(path: Path) -> str:
+    """A word for a file, its size and age, and those of the files that it names and of those beside and below it."""
+    digest = hashlib.sha256(str(path.resolve()).encode())
+    files = [path]
+    for parent, below, names in os.walk(path.parent):
+        below.sort()
+        files += [Path(parent) / name for name in sorted(names)]
+        if len(files) > _MAX_FILES:
+            break
+    if is_mjcf(path):
+        # An MJCF file names others that lie above it, too.
+        files = [*named_files(path), *files]
+    for file in files[:_MAX_FILES]:
+        try:
+            stat = file.stat()
+        except OSError:
+            continue
+        digest.update(f"{file}\0{stat.st_size}\0{stat.st_mtime_ns}\0".encode())
+    return digest.hexdigest()[:12]

@@ -1,0 +1,126 @@
+"""Puts the models that an SDF world includes in their places, wherever their files are."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from copy import deepcopy
+from pathlib import Path
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.import_report import NO_SHAPE, ImportReport
+from anm_mj.scene.importing.readers.model_path import Places, find_uri, model_file
+from anm_mj.utils.read_file import read_bytes
+
+FOLDER = "anm_mj_folder"
+"""Attribute of a model: the folder of its file, from which relative paths start."""
+_MAX_DEPTH = 16
+_NO_MODEL = (
+    "Not found: the models {names}, which are left out; give the folders that hold them with --model-path, "
+    "or in GZ_SIM_RESOURCE_PATH or GAZEBO_MODEL_PATH."
+)
+_NO_WORLD = "Of several worlds the first is taken; left out: {names}."
+_GROUND_PLANE = (
+    '<model name="ground_plane"><link name="link"><visual name="visual"><geometry><plane><normal>0 0 1</normal>'
+    "<size>100 100</size></plane></geometry></visual></link></model>"
+)
+"""Gazebo's own ground plane, for where Gazebo is not installed."""
+
+
+def read_world(file: Path, places: Places, report: ImportReport) -> tuple[ET.Element, set[str]]:
+    """The first world of an SDF file, or its models if it has none, and the names of the model folders that it uses.
+
+    Models that a saved state inserts are among the world's own.
+
+    Raises:
+        SceneError: The file is no SDF, or models include themselves.
+    """
+    root = _parse(file)
+    if root.tag != "sdf":
+        raise SceneError(f"{file} is no SDF file: it begins with <{root.tag}>, not <sdf>.")
+    worlds = root.findall("world")
+    for other in worlds[1:]:
+        report.add(_NO_WORLD, other.get("name", "without a name"))
+    world = worlds[0] if worlds else root
+    world.extend(deepcopy(list(world.findall("state/insertions/model"))))
+    includes = _Includes(file, places, report)
+    for child in list(world):
+        includes.expand(world, child, file.absolute().parent, 0)
+    return world, includes.models
+
+
+class _Includes:
+    def __init__(self, file: Path, places: Places, report: ImportReport) -> None:
+        self.models: set[str] = set()
+        """Names of the model folders that were used."""
+        self._file = file
+        self._places = places
+        self._report = report
+
+    def expand(self, parent: ET.Element, child: ET.Element, folder: Path, depth: int) -> None:
+        """Put the model that an <include> names in its place, and mark models with the folder they came from."""
+        if depth > _MAX_DEPTH:
+            raise SceneError(
+                f"Models are included in one another more than {_MAX_DEPTH} deep: does one include itself?"
+            )
+        if child.tag == "include":
+            self._include(parent, child, folder, depth)
+        elif child.tag == "model":
+            child.set(FOLDER, str(folder))
+            for inner in list(child):
+                self.expand(child, inner, folder, depth + 1)
+
+    def _include(self, parent: ET.Element, include: ET.Element, folder: Path, depth: int) -> None:
+        """Replace an <include> by its model, under the name and pose that the <include> gives."""
+        at = list(parent).index(include)
+        parent.remove(include)
+        uri = (include.findtext("uri") or "").strip()
+        name = uri.rstrip("/").rpartition("/")[2] or uri
+        found = find_uri(uri, folder, self._places, self._report)
+        file = None if found is None else model_file(found)
+        # The file may be linked from elsewhere.
+        file = None if file is None else self._places.first([file], folder, self._report)
+        if file is None:
+            if name == "ground_plane":
+                parent.insert(at, ET.fromstring(_GROUND_PLANE))
+            # Gazebo's sun is a light.
+            elif name != "sun":
+                self._report.add(_NO_MODEL, name)
+            return
+        if file.samefile(self._file):
+            raise SceneError(f"{file} includes itself: remove that <include>.")
+        root = _parse(file)
+        model = next((root.find(tag) for tag in ("model", "world/model") if root.find(tag) is not None), None)
+        if model is None:
+            # A light has no surface.
+            others = [root.tag] if root.tag != "sdf" else [child.tag for child in root if child.tag != "light"]
+            for kind in others:
+                self._report.add(NO_SHAPE, f"<{kind}> of {file.name}")
+            return
+        self.models.add(file.parent.name)
+        if include.findtext("name"):
+            model.set("name", (include.findtext("name") or "").strip())
+        if include.get("placement_frame") or include.findtext("placement_frame"):
+            model.set("placement_frame", include.get("placement_frame") or include.findtext("placement_frame") or "")
+        pose, stated = include.find("pose"), model.find("pose")
+        if pose is not None:
+            if stated is not None:
+                model.remove(stated)
+            model.append(pose)
+        parent.insert(at, model)
+        self.expand(parent, model, file.absolute().parent, depth + 1)
+
+
+def _parse(file: Path) -> ET.Element:
+    try:
+        # Gazebo reads a file with blank lines before its declaration too.
+        return ET.fromstring(read_bytes(file).lstrip())
+    except ET.ParseError as err:
+        raise SceneError(f"{file} is damaged or no SDF file ({err}): fix it or save the world again.") from err
+    except (OSError, ValueError, LookupError) as err:
+        raise SceneError(f"{file} cannot be read ({err}): check its permissions and its encoding.") from err
+
+
+def part_path(part: str, element: ET.Element, default: str) -> str:
+    """The part that a model or link is, within another."""
+    name = (element.get("name") or default).replace("/", "_")
+    return f"{part}/{name}" if part else name

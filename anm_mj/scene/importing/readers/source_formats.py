@@ -1,0 +1,85 @@
+"""The formats that can be imported, and how the format of a source is found."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.readers.gazebo import is_gazebo, read_gazebo
+from anm_mj.scene.importing.readers.habitat import DATASETS, is_scene_instance, read_scene_instance
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.mesh_check import MESH_SUFFIXES
+from anm_mj.scene.importing.readers.mjcf.compile_world import is_mjcf
+from anm_mj.scene.importing.readers.mjcf.read_world import read_mjcf
+from anm_mj.scene.importing.readers.parsed_scene import ParsedScene
+from anm_mj.scene.importing.readers.read_mesh import read_mesh_scene
+from anm_mj.scene.importing.readers.scans import SCAN_LAYOUTS, read_scan
+
+
+@dataclass(frozen=True)
+class SceneFormat:
+    """One format of source."""
+
+    name: str
+    """What ``--format`` calls it."""
+    matches: Callable[[Path], bool]
+    """Whether a file or folder that is there has this format."""
+    read: Callable[[Path, Sequence[Path], ImportReport], ParsedScene]
+    """Reads a source, given folders to look for models in; reports what it must leave out."""
+
+
+FORMATS = (
+    SceneFormat("gazebo", is_gazebo, read_gazebo),
+    SceneFormat("mjcf", is_mjcf, read_mjcf),
+    *(
+        SceneFormat(data.name, partial(is_scene_instance, dataset=data), partial(read_scene_instance, data))
+        for data in DATASETS
+    ),
+    *(SceneFormat(layout.name, layout.matches, partial(read_scan, layout)) for layout in SCAN_LAYOUTS),
+    SceneFormat("mesh", lambda src: src.is_file() and src.suffix.lower() in MESH_SUFFIXES, read_mesh_scene),
+)
+"""All formats; the first that matches a source is taken."""
+
+
+def format_names() -> tuple[str, ...]:
+    """What ``--format`` takes, but for "auto"."""
+    return tuple(form.name for form in FORMATS)
+
+
+def find_format(src: Path, name: str = "auto") -> SceneFormat:
+    """The format of a source, or the one of that name.
+
+    Raises:
+        SceneError: if the source is missing, no format has that name, or the source has none.
+    """
+    if not os.path.exists(src):  # Unlike Path.exists, never an error.
+        raise SceneError(
+            f"{src} does not exist: give the path of a mesh file, a world, a data set's scene or a floor plan."
+        )
+    if name != "auto":
+        named = next((form for form in FORMATS if form.name == name), None)
+        if named is None:
+            raise SceneError(
+                f"There is no format {name!r}: give auto, floorplan or one of {', '.join(format_names())}."
+            )
+        return named
+    try:
+        found = next((form for form in FORMATS if form.matches(src)), None)
+    except OSError as err:
+        raise SceneError(f"{src} cannot be read ({err.strerror}): check its permissions.") from err
+    if found is not None:
+        return found
+    if src.is_dir():
+        raise SceneError(
+            f"{src} is a folder of no format that can be imported: give a scene's own folder of Gibson, Matterport3D, "
+            "HM3D or Replica, or a file in it."
+        )
+    raise SceneError(
+        f"{src} is in no format that can be imported: give a mesh file ({', '.join(MESH_SUFFIXES)}), a Gazebo world "
+        "(.world, .sdf), a MuJoCo world (.xml), a scene of a Habitat data set (.scene_instance.json) or a floor plan "
+        "(.json)."
+    )

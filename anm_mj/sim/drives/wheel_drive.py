@@ -1,0 +1,114 @@
+"""Common part of the two drives: the simulated base, its kinematics, its odometer and the look-at controller."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from anm_mj.control.action_motion import MotionLimits
+from anm_mj.control.look_at import LookAt, PlanarLookAt
+from anm_mj.errors import RobotError
+from anm_mj.localisation.odometry import Odometer, odometer_of
+from anm_mj.robot.base_joints import simulated_base
+from anm_mj.robot.description import RobotDescription
+from anm_mj.robot.kinematics import PlanarKinematics, kinematics_of
+from anm_mj.sim.drives.traction import TractionMonitor
+from anm_mj.types import Pose2, Twist, WheelSpeeds
+
+STILL = WheelSpeeds(0.0, 0.0)
+
+
+class WheelDrive:
+    """A base in a simulation; the subclasses move it."""
+
+    REBUILT = ("_data", "_base", "_kinematics", "_description", "_look_at")
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        description: RobotDescription,
+        limits: MotionLimits | None,
+        odometer: Odometer | None,
+        prefix: str,
+        *,
+        period_s: float,
+    ):
+        """Drive ``data`` from the present pose of its base.
+
+        Args:
+            model: the robot, alone or in a scene.
+            data: of that model.
+            description: the robot.
+            limits: speeds and accelerations of the base; None = the defaults.
+            odometer: reads the wheels; None = one without noise.
+            prefix: stands before the robot's names in the scene.
+            period_s: time between two commands of the look-at controller [s].
+
+        Raises:
+            RobotError: if the model lacks a joint of the robot.
+        """
+        self._data = data
+        self._base = simulated_base(model, data, prefix, description)
+        self._kinematics = kinematics_of(description)
+        self._limits = limits or MotionLimits()
+        self._odometer = odometer or odometer_of(self._kinematics)
+        self._odometer.reset(self._base.pose, self._base.wheel_angles_rad)
+        self._description = description
+        self._period_s = period_s
+        self._look_at: LookAt | None = None
+        self._traction = TractionMonitor()
+        self._sticks = (False, False)
+        """Whether the wheels of the left and of the right side stick."""
+
+    def stick(self, *, left: bool, right: bool) -> None:
+        """Say of the wheels of each side whether they stick from now on, to try how a run takes it."""
+        self._sticks = left, right
+
+    @property
+    def pose(self) -> Pose2:
+        """True pose of the base."""
+        return self._base.pose
+
+    @property
+    def odometry(self) -> Pose2:
+        """Pose of the base by wheel odometry; slip and encoder noise make it drift."""
+        return self._odometer.pose
+
+    def _look_at_controller(self) -> LookAt:
+        """The look-at controller at rest; made at the first call."""
+        if self._look_at is None:
+            if isinstance(self._kinematics, PlanarKinematics):
+                self._look_at = PlanarLookAt(self._kinematics, self._limits, period_s=self._period_s)
+            else:
+                self._look_at = LookAt(self._description, self._kinematics, self._limits, period_s=self._period_s)
+        self._look_at.reset()
+        return self._look_at
+
+    def _turned_rad(self, start_angles_rad: Float[np.ndarray, " n"]) -> tuple[float, float]:
+        """What the encoders of both sides measured since they read these angles [rad]; 0 without wheels."""
+        if not self._description.wheel_joints:
+            return 0.0, 0.0
+        left, right = (self._base.wheel_angles_rad - start_angles_rad).tolist()
+        return left, right
+
+    def _mean_speeds(self, start_s: float, start_angles_rad: Float[np.ndarray, " n"]) -> WheelSpeeds:
+        """Mean wheel speeds since a time and its wheel angles; 0 without wheels."""
+        if not self._description.wheel_joints:
+            return STILL
+        duration_s = max(self._data.time - start_s, self._period_s)
+        left, right = ((self._base.wheel_angles_rad - start_angles_rad) / duration_s).tolist()
+        return WheelSpeeds(left, right)
+
+
+def require_motion(twist: Twist, duration_s: float) -> None:
+    """Raises RobotError unless the velocity is finite and the duration finite and positive."""
+    if not (math.isfinite(twist.forward_mps) and math.isfinite(twist.turn_radps)):
+        raise RobotError(
+            f"A velocity of {twist.forward_mps} m/s and {twist.turn_radps} rad/s cannot be driven; both must be finite."
+        )
+    if not (math.isfinite(duration_s) and duration_s > 0.0):
+        raise RobotError(f"A motion of {duration_s} s cannot be made; its duration must be positive, as 0.1.")

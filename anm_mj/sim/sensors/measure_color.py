@@ -1,0 +1,30 @@
+"""Colour as a camera records it: shot and read noise, and an exposure that is never quite the same."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import UInt8
+
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+
+
+def measure_color(
+    rgb: UInt8[np.ndarray, "h w 3"], config: SensorConfig, generator: np.random.Generator
+) -> UInt8[np.ndarray, "h w 3"]:
+    """One colour image of a camera.
+
+    The variance of a value is ``color_sigma^2 + color_gain * value`` (Foi et al., Practical Poissonian-Gaussian noise
+    modeling and fitting for single-image raw-data, IEEE Transactions on Image Processing 17(10), 2008).
+
+    Args:
+        rgb: what the renderer drew.
+        config: the sensor, with ``noise_scale`` multiplied in.
+        generator: draws this frame's noise.
+    """
+    if config.color_sigma == config.color_gain == config.exposure_sigma == 0.0:
+        return rgb
+    value = rgb * np.float32(np.exp(config.exposure_sigma * generator.standard_normal()))
+    value += np.sqrt(config.color_sigma**2 + config.color_gain * value) * generator.standard_normal(
+        rgb.shape, np.float32
+    )
+    return np.clip(np.rint(value), 0, 255).astype(np.uint8)

@@ -1,0 +1,69 @@
+"""Wheel odometry with the errors of a real drive: the odometry motion model."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from anm_mj.frames import wrap_angle
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.types import Pose2
+
+_STILL_M = 1e-6
+"""A shorter translation has no direction [m]."""
+
+
+class NoisyOdometry:
+    """Adds up what odometry reports between observations, each part with an error of its own.
+
+    A motion is a rotation towards its end, a translation and a rotation to its heading; the variance of each grows with
+    both kinds of motion. Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, table 5.6.
+    """
+
+    def __init__(self, config: SensorConfig, seed: int) -> None:
+        """Start without a pose.
+
+        Args:
+            config: the sensor, with its ``odometry_alpha``.
+            seed: of the noise.
+        """
+        self._alpha = config.scaled().odometry_alpha
+        self._seed = seed
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the past; the next reading is believed as it is."""
+        self._generator = np.random.default_rng([self._seed, 11])
+        self._last: Pose2 | None = None
+        self._believed: Pose2 | None = None
+
+    def read(self, odometry: Pose2) -> Pose2:
+        """Where the robot is believed to stand, from the encoders' pose as it is now."""
+        if self._last is None or self._believed is None or not any(self._alpha):
+            self._last = self._believed = odometry
+            return odometry
+        dx, dy = odometry.x_m - self._last.x_m, odometry.y_m - self._last.y_m
+        distance = math.hypot(dx, dy)
+        turned = wrap_angle(odometry.yaw_rad - self._last.yaw_rad)
+        first = wrap_angle(math.atan2(dy, dx) - self._last.yaw_rad) if distance > _STILL_M else 0.0
+        # A robot that backs up does not turn about for it.
+        backwards = abs(first) > math.pi / 2
+        if backwards:
+            first, distance = wrap_angle(first + math.pi), -distance
+        second = wrap_angle(turned - first)
+        self._last = odometry
+        if distance == 0.0 and turned == 0.0:
+            return self._believed
+        a1, a2, a3, a4 = self._alpha
+        noise = self._generator.standard_normal(3)
+        noisy_first = first + math.sqrt(a1 * first**2 + a2 * distance**2) * noise[0]
+        noisy_distance = distance + math.sqrt(a3 * distance**2 + a4 * (first**2 + second**2)) * noise[1]
+        noisy_second = second + math.sqrt(a1 * second**2 + a2 * distance**2) * noise[2]
+        yaw = self._believed.yaw_rad + noisy_first
+        self._believed = Pose2(
+            self._believed.x_m + noisy_distance * math.cos(yaw),
+            self._believed.y_m + noisy_distance * math.sin(yaw),
+            wrap_angle(yaw + noisy_second),
+        )
+        return self._believed

@@ -1,0 +1,294 @@
+"""The simulated robot: implements :class:`anm_mj.protocols.Robot`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Float32
+
+from anm_mj.errors import RobotError
+from anm_mj.frames import pose_matrix
+from anm_mj.protocols import Drive
+from anm_mj.sim.ahead_camera import AheadCamera
+from anm_mj.sim.camera import Camera
+from anm_mj.sim.motion_config import MotionConfig
+from anm_mj.sim.sensors.camera_sensor import Sensor
+from anm_mj.sim.sensors.faults import SensorFaults
+from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
+
+
+@runtime_checkable
+class AnticipatingDrive(Protocol):
+    """A drive that knows where actions will bring the robot."""
+
+    def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
+        """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
+        ...
+
+
+@runtime_checkable
+class StickingDrive(Protocol):
+    """A drive whose wheels can be made to stick."""
+
+    def stick(self, *, left: bool, right: bool) -> None:
+        """Say of the wheels of each side whether they stick from now on."""
+        ...
+
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class SimRobot:
+    """A robot in a MuJoCo simulation: a drive and a camera.
+
+    Close it, or use it in a ``with`` statement, to free the camera's GL context.
+    """
+
+    REBUILT = ("_model", "_data", "_camera", "_coming", "_spare")
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        camera: Camera,
+        drive: Drive,
+        footprint: Footprint,
+        T_base_camera: Float[np.ndarray, "4 4"] | None = None,
+        robot_hash: str = "",
+        sensor: SensorConfig | None = None,
+        seed: int = 0,
+        motion: MotionConfig | None = None,
+    ):
+        """Combine the parts.
+
+        Args:
+            model: the model of camera and drive.
+            data: of that model.
+            camera: renders the observations.
+            drive: moves the robot.
+            footprint: must stay clear of obstacles.
+            T_base_camera: camera to base (camera axes x right, y down, z forward). Given, observations report poses by
+                wheel odometry; None, true poses.
+            robot_hash: identifies the robot.
+            sensor: errors of camera and odometry; None = none.
+            seed: of these errors.
+            motion: names a fault of the wheels; None = none.
+        """
+        self._model = model
+        self._data = data
+        self._camera = camera
+        self._drive = drive
+        self._footprint = footprint
+        self._T_base_camera = T_base_camera
+        self._robot_hash = robot_hash
+        self._sensor_config = sensor or SensorConfig()
+        self._sensor = Sensor(self._sensor_config, seed)
+        self._odometry = NoisyOdometry(self._sensor_config, seed)
+        self._faults = SensorFaults(sensor or SensorConfig(), seed)
+        self._motion = motion or MotionConfig()
+        self._looked: tuple[Observation, Float32[np.ndarray, "h w"], bool] | None = None
+        """The last observation, the exact depth at its time [m], and whether its image is an older one's."""
+        self._step = 0
+        self._coming: list[tuple[Action, mujoco.MjData]] = []
+        """The next actions whose images were begun, and the state after each."""
+        self._spare: list[mujoco.MjData] = []
+        """States that no image is made of any more."""
+
+    @property
+    def footprint(self) -> Footprint:
+        """The cylinder that must stay clear of obstacles."""
+        return self._footprint
+
+    @property
+    def pose(self) -> Pose2:
+        """True pose of the base."""
+        return self._drive.pose
+
+    def true_view(self) -> TrueView:
+        """What the last observation was truly made of: poses, and exact depth where the sensor gave a value.
+
+        Raises:
+            RobotError: before the first observation.
+        """
+        if self._looked is None:
+            raise RobotError("There is no view yet; call observe first.")
+        given, exact_m, stale = self._looked
+        same = given.depth_m.shape == exact_m.shape and not stale
+        valued = np.isfinite(given.depth_m) & (given.depth_m > 0.0) if same else np.zeros(exact_m.shape, bool)
+        depth_m = np.where(valued, exact_m, np.float32(np.nan))
+        return TrueView(self._drive.pose, self._camera.T_world_camera(self._data), depth_m)
+
+    @property
+    def camera_kind(self) -> str:
+        """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
+        return self._camera.kind
+
+    @property
+    def odometry(self) -> Pose2:
+        """Pose of the base by wheel odometry, with the errors of the sensor."""
+        return self._odometry.read(self._drive.odometry)
+
+    @property
+    def robot_hash(self) -> str:
+        """sha256 of the robot in MuJoCo's reading."""
+        return self._robot_hash
+
+    @property
+    def step(self) -> int:
+        """Number of executed actions, including refused ones, without STOP."""
+        return self._step
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The simulated model."""
+        return self._model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The simulation's state."""
+        return self._data
+
+    def observe(self) -> Observation:
+        """The view from the present pose, with true poses or poses by wheel odometry.
+
+        Raises:
+            RenderError: after ``close``.
+        """
+        self._update_poses(self._data)
+        rgb, exact_m = self._camera.render(self._data)
+        self._forget_coming()
+        # Frames are told apart by their time: velocities do not count as steps.
+        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
+        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
+        if self._T_base_camera is not None:
+            pose = self.odometry
+            T_world_camera = pose_matrix(pose) @ self._T_base_camera
+        seen = Observation(
+            step=self._step,
+            time_s=float(self._data.time),
+            rgb=rgb,
+            depth_m=depth_m,
+            intrinsics=self._camera.intrinsics,
+            T_world_camera=T_world_camera,
+            pose=pose,
+            range_m=self._sensor.range_m,
+        )
+        given = self._faults.put_on(seen)
+        self._looked = given, exact_m, self._faults.is_stale(seen)
+        return given
+
+    def _update_poses(self, data: mujoco.MjData) -> None:
+        """After any joint motion the poses of bodies and cameras are outdated."""
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        mujoco.mj_camlight(self._model, data)
+
+    def anticipate(self, *actions: Action) -> None:
+        """Begin the images after actions, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
+        if not isinstance(self._camera, AheadCamera) or not isinstance(self._drive, AnticipatingDrive):
+            return
+        pairs = zip(self._coming, actions, strict=False)
+        wrong = next((k for k, (known, action) in enumerate(pairs) if known[0] != action), None)
+        if wrong is not None:
+            self._camera.give_up(wrong)
+            self._spare += [data for _, data in self._coming[wrong:]]
+            del self._coming[wrong:]
+        for number in range(len(self._coming), len(actions)):
+            coming = self._spare.pop() if self._spare else mujoco.MjData(self._model)
+            self._drive.anticipate(actions[: number + 1], coming)
+            self._update_poses(coming)
+            self._coming.append((actions[number], coming))
+            self._camera.begin(coming)
+
+    def _forget_coming(self) -> None:
+        """Forget the states whose images were given out or given up."""
+        if isinstance(self._camera, AheadCamera):
+            done = len(self._coming) - self._camera.num_begun
+            self._spare += [data for _, data in self._coming[:done]]
+            del self._coming[:done]
+
+    def act(self, action: Action) -> ActionResult:
+        """Execute one action to its end."""
+        self._begin_fault()
+        result = self._drive.act(action)
+        self._step += action != Action.STOP
+        return result
+
+    def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
+        """Reset the simulation: the robot at rest at a pose, time and step 0, everything else at its initial state.
+
+        Args:
+            pose: where the robot starts.
+            seed: of the sensor's errors from now on; None = as before.
+        """
+        if seed is not None:
+            self._sensor = Sensor(self._sensor_config, seed)
+            self._odometry = NoisyOdometry(self._sensor_config, seed)
+            self._faults = SensorFaults(self._sensor_config, seed)
+        mujoco.mj_resetData(self._model, self._data)
+        self.place(pose)
+        self._step = 0
+
+    def drive(self, twist: Twist, duration_s: float) -> MotionResult:
+        """Move at a velocity for a time [s]; ``step`` does not count it.
+
+        Raises:
+            RobotError: if the duration is not positive, or the velocity not finite.
+        """
+        self._begin_fault()
+        return self._drive.drive(twist, duration_s)
+
+    def _begin_fault(self) -> None:
+        """Let a wheel stick from the step on that the settings name."""
+        fault = self._motion.fault
+        if fault != "none" and isinstance(self._drive, StickingDrive):
+            now = self._step >= self._motion.fault_step
+            self._drive.stick(left=now and fault == "left-wheel", right=now and fault == "right-wheel")
+
+    def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
+        """Turn on the spot until the camera's axis and a point share a vertical plane.
+
+        The point [m] is in the frame of the observations' poses. ``step`` does not count the motion; the result has the
+        equivalent number of steps.
+        """
+        if self._T_base_camera is not None:
+            T_true_believed = pose_matrix(self._drive.pose) @ np.linalg.inv(pose_matrix(self.odometry))
+            point_m = T_true_believed[:3, :3] @ point_m + T_true_believed[:3, 3]
+        return self._drive.look_at(point_m)
+
+    def place(self, pose: Pose2) -> None:
+        """Move the robot to a pose without driving, at rest and without a collision test."""
+        self._drive.place(pose)
+        self._odometry.restart()
+
+    def get_state(self) -> Float[np.ndarray, " n"]:
+        """The simulation's state, for a checkpoint: all that its next step depends on."""
+        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, state, _STATE)
+        return state
+
+    def set_state(self, state: Float[np.ndarray, " n"]) -> None:
+        """Take over what :meth:`get_state` gave.
+
+        Raises:
+            RobotError: It is that of another model.
+        """
+        if state.shape != (mujoco.mj_stateSize(self._model, _STATE),):
+            raise RobotError(f"The stored state of the simulation has {state.size} numbers, not those of this scene.")
+        mujoco.mj_setState(self._model, self._data, state, _STATE)
+        self._update_poses(self._data)
+
+    def close(self) -> None:
+        """Free the camera's GL context; may be called again."""
+        self._camera.close()
+
+    def __enter__(self) -> SimRobot:
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()

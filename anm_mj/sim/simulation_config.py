@@ -1,0 +1,87 @@
+"""What a simulated robot in a scene is made of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import cast
+
+from anm_mj.errors import ConfigError
+from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
+from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
+from anm_mj.robot.robot_presets import preset_config
+from anm_mj.sim.motion_config import MotionConfig
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.types import Pose2
+from anm_mj.utils.close_names import close_name
+
+DRIVES = ("kinematic", "physics")
+POSES = ("true", "odometry")
+LARGEST_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """All that makes a simulated robot in a scene; the configurations of runs, comparisons and environments build on
+    it, and take their defaults from here.
+    """
+
+    scene: str
+    """Name from the catalogue, or path of a scene folder."""
+    robot: str = DEFAULT_ROBOT
+    """Name of a robot, or an MJCF file."""
+    drive: str = "kinematic"
+    """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
+    pose: str = "true"
+    """The pose in the observations: the ``true`` one, or the one from wheel ``odometry``."""
+    image_px: int = 256
+    """Width and height of the camera image [px]."""
+    start: tuple[float, float, float] | None = None
+    """Start pose x [m], y [m], yaw [deg]; None = the scene's first."""
+    seed: int = 0
+    """Seed of everything random: training, policy, evaluation samples, noise."""
+    model: RobotConfig = field(default=cast(RobotConfig, None))
+    """How to read the robot's file, and the noise of its encoders; without it, what the robot's name asks for."""
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    """Optics and mount of the camera where they differ from the robot's file."""
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    """Errors of camera and odometry."""
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    """Faults of the wheels."""
+
+    def __post_init__(self) -> None:
+        """Fill in the settings of the named robot, and check the values.
+
+        Raises:
+            ConfigError: a choice is unknown or a number out of range.
+            RobotError: the settings of the named robots cannot be read.
+        """
+        if self.model is None:
+            object.__setattr__(self, "model", preset_config(self.robot))
+        require_choice("drive", self.drive, DRIVES)
+        require_choice("pose", self.pose, POSES)
+        low, high = IMAGE_PX
+        if not low <= self.image_px <= high:
+            raise ConfigError(f"image_px is {self.image_px}; it must lie between {low} and {high}.")
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise ConfigError(f"The seed is {self.seed}; give a whole number from 0 up to {LARGEST_SEED}.")
+
+    @property
+    def start_pose(self) -> Pose2 | None:
+        """The start with its yaw in radians; None = the scene's first."""
+        if self.start is None:
+            return None
+        x_m, y_m, yaw_deg = self.start
+        return Pose2(x_m, y_m, math.radians(yaw_deg))
+
+
+def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """Check that a setting is one of its choices.
+
+    Raises:
+        ConfigError: it is not.
+    """
+    if value not in choices:
+        raise ConfigError(
+            f"There is no {name} '{value}'{close_name(value, choices)}; choose one of {', '.join(choices)}."
+        )

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from anm_mj.bench.overview_figure import draw_overview
+from anm_mj.bench.report_page import badge_svg, headline
+from anm_mj.bench.results_table import tidy_rows
+from anm_mj.bench.run_result import of_all_starts
+from anm_mj.bench.scene_figure import median_run
+from anm_mj.viz.figure_file import KINDS
+from tests.bench.test_best_known import RISE, result
+
+
+def runs_in(scene, policies):
+    return [result(name, ratios, scene_name=scene) for name, ratios in policies.items()]
+
+
+POLICIES = {"gvg": RISE, "my:Own": RISE[:6], "oracle": [value + 2.0 for value in RISE], "random": RISE[:2]}
+
+
+def test_the_figure_has_the_same_bytes_every_time(tmp_path):
+    runs = [run for scene in ("a", "b", "c") for run in runs_in(scene, POLICIES)]
+    for name in ("one", "two"):
+        draw_overview(tmp_path / f"{name}.png", runs, KINDS)
+    for kind in KINDS:
+        assert (tmp_path / f"one.{kind}").read_bytes() == (tmp_path / f"two.{kind}").read_bytes()
+
+
+def test_a_comparison_is_about_the_users_own_policy():
+    rows = tidy_rows([*runs_in("a", POLICIES), *runs_in("b", POLICIES)])
+    name, share = headline(rows) or ("", 0.0)
+    assert name == "my:Own"
+    assert share == pytest.approx(rows[1]["share_of_best_auc"])
+    assert (headline([row for row in rows if ":" not in row["policy"]]) or ("",))[0] == "gvg"
+    assert headline(tidy_rows(runs_in("a", {"gvg": RISE}))) is None
+
+
+def test_the_badge_is_of_the_first_budget():
+    # Both end before the shorter budget.
+    cuts = {"cuts": [["area", 70], ["rooms", 100]]}
+    rows = tidy_rows([result("gvg", RISE[:6], **cuts), result("oracle", [*RISE[:4], 95.0], **cuts)])
+    assert headline(rows) == ("gvg", pytest.approx(rows[0]["share_of_best_auc"]))
+    assert rows[0]["share_of_best_auc"] != pytest.approx(rows[1]["share_of_best_auc"])
+
+
+def test_variants_of_fewer_starts_are_not_drawn_beside_the_others():
+    runs = [run for scene in ("a", "b", "c") for run in runs_in(scene, {"gvg": RISE, "random": RISE[:2]})]
+    seeds = [result("gvg", RISE, scene_name=scene, seed=k) for scene in ("a", "b", "c") for k in (1, 2)]
+    drawn, count = of_all_starts([*runs, *seeds, *runs_in("a", {"anm": RISE})])
+    assert drawn == [*runs, *seeds]
+    assert count == 1
+    assert of_all_starts([*runs_in("a", {"gvg": RISE}), *runs_in("b", {"anm": RISE})])[1] == 0
+
+
+def test_a_badge_holds_its_words():
+    badge = badge_svg("my:<Own>", "87 % of best known AUC")
+    assert "my:&lt;Own&gt;" in badge
+    assert "87 %" in badge
+
+
+def test_the_median_run_is_one_of_the_runs():
+    runs = [result("gvg", np.array(RISE) * scale, start=k) for k, scale in enumerate((0.5, 1.0, 0.7, 0.9))]
+    assert median_run(runs).job["start"] == 2
+    assert median_run(runs[:1]) is runs[0]

@@ -1,0 +1,133 @@
+import numpy as np
+
+from anm_mj.planning.policies.context import PolicyContext
+from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
+from anm_mj.planning.policies.gvg.gvg_policy import Gvg
+from anm_mj.planning.stages import TRY_AGAIN
+from anm_mj.types import Action, Footprint, Observation, Pose2, StopReason, SurfaceErrors
+from tests.box_room import CAMERA, camera_pose, room_depth
+from tests.planning.worlds import room
+
+START = Pose2(1.5, 2.0, 2.0)
+
+
+def observation(pose: Pose2, step: int = 0) -> Observation:
+    T_world_camera = camera_pose(pose)
+    rgb = np.zeros((256, 256, 3), np.uint8)
+    return Observation(step, 0.0, rgb, room_depth(T_world_camera), CAMERA, T_world_camera, pose)
+
+
+def half_known_room():
+    return room(8, 4, unknown=[(5.2, 0.2, 8.2, 4.2)])
+
+
+def policy(**settings):
+    return Gvg(PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(**{"bootstrap_turns": 0} | settings)))
+
+
+def test_begins_with_a_rotation():
+    first = policy(bootstrap_turns=5).plan(half_known_room(), observation(START))
+    assert first.actions == (Action.TURN_LEFT,) * 5
+
+
+def test_looks_towards_the_unknown():
+    plan = policy().plan(half_known_room(), observation(START))
+    end = plan.path_xy_m[-1] if len(plan.path_xy_m) else START.xy_m
+    assert end[0] + 4.5 * np.cos(plan.headings_rad[-1]) > 5.2
+    assert plan.reason.startswith("target chosen: expected gain ")
+
+
+def test_known_room_is_complete():
+    world = room(4, 3)
+    world.occupancy.state[:2] = world.occupancy.state[-2:] = 1
+    assert policy().plan(world, observation(Pose2(1.5, 1.5, 0.0))).stop is StopReason.COMPLETE
+
+
+def test_plan_is_reused_while_nothing_new_is_seen():
+    world, gvg = half_known_room(), policy()
+    first, second = gvg.plan(world, observation(START)), gvg.plan(world, observation(START, 1))
+    assert second.reason.startswith("plan reused: ")
+    assert second.headings_rad == first.headings_rad
+
+
+def test_plan_is_dropped_after_a_collision():
+    world, gvg = half_known_room(), policy()
+    gvg.plan(world, observation(START))
+    gvg.on_collision(START, Action.MOVE_FORWARD)
+    assert gvg.plan(world, observation(START, 1)).reason.startswith("target chosen: ")
+
+
+def plan_without_news(stagnation_gain_m2, min_stagnation_steps):
+    """The decision after 100 steps at one place that showed nothing new."""
+    settings = {"stagnation_gain_m2": stagnation_gain_m2, "min_stagnation_steps": min_stagnation_steps}
+    world, gvg = half_known_room(), policy(max_plan_reuse=1, **settings)
+    return [gvg.plan(world, observation(START, step)) for step in (0, 50, 100)][-1]
+
+
+def test_residual_gain_is_left_during_stagnation():
+    plan = plan_without_news(1000.0, 50)
+    assert plan.stop is StopReason.COMPLETE
+    assert plan.reason.startswith("stagnation: next to no new surface in the last 10% of the steps")
+
+
+def test_stagnation_does_not_end_a_tour_with_enough_gain():
+    assert plan_without_news(0.01, 50).stop is None
+
+
+def test_residual_gain_is_taken_before_stagnation():
+    assert plan_without_news(1000.0, 500).stop is None
+
+
+class BadlyKnownRoom:
+    """A room that was seen as a whole, with surface of which one part is known badly."""
+
+    def __init__(self, error_m=0.04):
+        self.world = room(4, 3)
+        self.world.occupancy.state[:2] = self.world.occupancy.state[-2:] = 1
+        self.error_m = error_m
+
+    def __getattr__(self, name):
+        return getattr(self.world, name)
+
+    def surface_errors(self, centre_xy_m, radius_m):
+        y, z = np.meshgrid(np.arange(0.2, 3.2, 0.1), np.arange(0.1, 2.5, 0.1))
+        xyz = np.stack([np.full(y.size, 4.22), y.ravel(), z.ravel()], axis=1).astype(np.float32)
+        return SurfaceErrors(xyz, np.full(len(xyz), self.error_m, np.float32), np.full(len(xyz), 3.0, np.float32), 0.3)
+
+
+def with_goal(goal):
+    return Gvg(PolicyContext(Footprint(0.18, 0.05, 1.35), GvgConfig(bootstrap_turns=0), goal=goal))
+
+
+def test_when_all_is_seen_the_robot_looks_at_what_is_known_badly():
+    here = observation(Pose2(1.5, 1.5, np.pi))
+    assert with_goal("coverage").plan(BadlyKnownRoom(), here).stop is StopReason.COMPLETE
+    for goal in ("both", "reconstruction"):
+        plan = with_goal(goal).plan(BadlyKnownRoom(), here)
+        assert plan.stop is None
+        assert plan.reason.startswith("target chosen to improve the map: ")
+        end = plan.path_xy_m[-1] if len(plan.path_xy_m) else here.pose.xy_m
+        towards = np.array([4.2, 1.7]) - end
+        off_axis = plan.headings_rad[-1] - np.arctan2(towards[1], towards[0])
+        assert np.cos(off_axis) > np.cos(np.radians(50.0))
+
+
+def test_a_run_is_complete_when_improvement_is_not_worth_a_step():
+    plan = with_goal("both").plan(BadlyKnownRoom(error_m=0.0005), observation(Pose2(1.5, 1.5, np.pi)))
+    assert plan.stop is StopReason.COMPLETE
+    assert "with improvement" in plan.reason
+
+
+def plans_before_a_passage(low_m, high_m):
+    """Decisions in a known room with a passage between two heights of its wall; a dark hall lies round the corner."""
+    boxes = [(4.2, 0.2, 4.3, low_m), (4.2, high_m, 4.3, 4.2), (5.2, 0.2, 5.3, 3.4)]
+    world = room(8, 4, boxes=boxes, unknown=[(5.3, 0.2, 8.2, 4.2)])
+    gvg = policy(min_gain_m2=0.6, large_gain_m2=0.6)
+    return [gvg.plan(world, observation(Pose2(1.5, 2.0, 0.0), step)) for step in (0, 1)]
+
+
+def test_a_passage_without_room_for_a_margin_is_tried_before_the_end():
+    first, second = plans_before_a_passage(0.6, 0.95)
+    assert first.reason == TRY_AGAIN
+    # It is too narrow for the body as well.
+    assert second.stop is StopReason.COMPLETE

@@ -1,0 +1,22 @@
+"""The robot pushes what the import kept movable, and stops at what is too heavy."""
+
+import pytest
+
+from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.sim.make_robot import make_robot
+from anm_mj.types import Action, Pose2
+from tests.scene.importing.readers.mjcf.test_read_world import room_xml, write_world
+
+
+@pytest.mark.parametrize(("mass", "gives_way"), [(2.0, True), (2000.0, False)])
+def test_the_physics_drive_pushes_what_gives_way(tmp_path, mass, gives_way):
+    crate = (
+        f'<body name="crate" pos="1 0 0.3"><freejoint/><geom type="box" size="0.2 0.2 0.3" mass="{mass}" '
+        'friction="0.3 0.005 0.0001"/></body>'
+    )
+    scene = import_scene(write_world(tmp_path / "a.xml", room_xml() + crate), tmp_path / "out", movable=True)
+    with make_robot(scene, start=Pose2(0.3, 0.0, 0.0), drive="physics", image_px=16) as robot:
+        collided = [robot.act(Action.MOVE_FORWARD).collided for _ in range(10)]
+        moved_m = robot.data.body("movable_0").xpos[0] - 1.0
+    assert any(collided) != gives_way
+    assert (moved_m > 0.2) == gives_way

@@ -1,0 +1,351 @@
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers import import_limits as limits
+from anm_mj.scene.importing.readers.import_limits import LimitError
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.read_mesh import read_mesh
+from anm_mj.scene.submesh import Submesh
+from anm_mj.scene.writer import SceneInfo, write_scene
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype="<f4")
+TEXT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def _gltf(path, change=lambda header: None):
+    (path.parent / "data.bin").write_bytes(CORNERS.tobytes() + b"junk")
+    header = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 4},
+        ],
+        "buffers": [{"byteLength": 40, "uri": "data.bin"}],
+    }
+    change(header)
+    path.write_text(json.dumps(header))
+    return path
+
+
+def _primitive(**entries):
+    return lambda header: header["meshes"][0]["primitives"][0].update(entries)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_primitive(mode=6), "triangle fan"),
+        (_primitive(mode=7), "mode 7"),
+        (_primitive(material=4), "entry 4 of its 0 materials"),
+        (lambda header: header["accessors"][0].update(sparse={"count": 1}), "sparse accessor"),
+        (lambda header: header["nodes"][0].update(extensions={"EXT_mesh_gpu_instancing": {}}), "node for each copy"),
+        (lambda header: header.update(extensionsRequired=["VENDOR_own"]), "requires VENDOR_own"),
+        (lambda header: header["nodes"][0].update(mesh=9), "entry 9 of its 1 meshes"),
+        (lambda header: header["nodes"][0].update(mesh=-1), "entry -1 of its 1 meshes"),
+        (
+            lambda header: header.update(
+                nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}], scenes=[{"nodes": [0, 1]}]
+            ),
+            "node 2 stands in several",
+        ),
+        (lambda header: header["nodes"][0].update(children=[0]), "node 0 stands in several others, or in itself"),
+        (lambda header: header["accessors"][0].update(count=-3), "count or an offset of -3"),
+        (lambda header: header["accessors"][0].update(count=2.5), "count or an offset of 2.5"),
+        (lambda header: header["bufferViews"][0].update(byteOffset=-12), "offset of -12"),
+        (lambda header: header["bufferViews"][0].update(byteStride=4), "elements of 12 bytes are stored every 4 bytes"),
+    ],
+)
+def test_a_gltf_with_triangles_that_are_not_read_is_refused(tmp_path, change, said):
+    assert len(read_mesh(_gltf(tmp_path / "a.gltf"), ImportReport())) == 1
+    with pytest.raises(SceneError, match=said):
+        read_mesh(_gltf(tmp_path / "a.gltf", change), ImportReport())
+
+
+def test_draco_triangles_that_cannot_be_decoded_are_refused(tmp_path):
+    def compress(header):
+        draco = {"KHR_draco_mesh_compression": {"bufferView": 1, "attributes": {"POSITION": 0}}}
+        header.update(extensionsUsed=list(draco), extensionsRequired=list(draco))
+        header["accessors"] = [{"componentType": 5126, "count": 3, "type": "VEC3"}]
+        header["meshes"][0]["primitives"][0]["extensions"] = draco
+
+    with pytest.raises(SceneError, match="Draco"):
+        read_mesh(_gltf(tmp_path / "a.gltf", compress), ImportReport())
+
+
+def test_an_embedded_picture_that_cannot_be_decoded_is_reported(tmp_path):
+    def paint(header):
+        header["images"] = [{"bufferView": 1, "mimeType": "image/png", "name": "wall"}]
+        header["textures"] = [{"source": 0}]
+        header["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+        header["meshes"][0]["primitives"][0]["material"] = 0
+
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", paint), report)
+    assert "wall of a.gltf" in report.sentences()[0]
+
+
+def test_copies_of_a_gltf_mesh_count_before_they_are_made(tmp_path, monkeypatch):
+    def copy(header):
+        header["nodes"] *= 9
+        header["scenes"][0]["nodes"] = list(range(9))
+
+    src = _gltf(tmp_path / "a.gltf", copy)
+    assert len(read_mesh(src, ImportReport())) == 9
+    monkeypatch.setattr(limits, "MAX_TRIANGLES", 8)
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_TRIANGLES"):
+        read_mesh(src, ImportReport())
+    monkeypatch.setattr(limits, "MAX_PARTS", 8)
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_PARTS"):
+        read_mesh(src, ImportReport())
+
+
+def test_large_triangles_over_one_another_end_somewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MAX_SPREAD_KM", 0.01)
+    small = np.full((100_000, 3, 3), CORNERS * 0.04)
+    limits.check_spread(tmp_path, small)
+    with pytest.raises(LimitError, match=r"11 triangles.*0\.01045 km.*ANM_MJ_MAX_SPREAD_KM"):
+        limits.check_spread(tmp_path, np.full((11, 3, 3), CORNERS))
+    src = _gltf(tmp_path / "a.gltf", lambda header: header["scenes"][0].update(nodes=[0] * 3))
+    monkeypatch.setattr(limits, "MAX_SPREAD_KM", 0)
+    with pytest.raises(LimitError, match="ANM_MJ_MAX_SPREAD_KM"):
+        import_scene(src, tmp_path / "out")
+
+
+def test_copies_in_a_world_and_pixels_of_textures_end_somewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MAX_TRIANGLES", 1200)
+    budget = limits.TriangleBudget(tmp_path)
+    submesh = Submesh("a", CORNERS, np.array([[0, 1, 2]]))
+    budget.spend(submesh)
+    budget.spend(submesh)
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_TRIANGLES"):
+        budget.spend(submesh)
+    monkeypatch.setattr(limits, "MAX_TEXTURE_MEGAPIXELS", 3)
+    limits.check_textures(tmp_path, [(2048, 2048)], 1024)
+    with pytest.raises(SceneError, match="ANM_MJ_MAX_TEXTURE_MEGAPIXELS"):
+        limits.check_textures(tmp_path, [(2048, 2048)] * 2, 1024)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["\ufeff" + TEXT, TEXT.replace("f 1 2 3", "f\t1\t2\t3"), TEXT.replace("f ", "  f "), TEXT.replace("v", " v")],
+)
+def test_an_obj_may_be_indented_and_begin_with_a_byte_order_mark(tmp_path, text):
+    (tmp_path / "a.obj").write_text(text, encoding="utf-8")
+    (part,) = read_mesh(tmp_path / "a.obj", ImportReport())
+    assert part.vertices_m.shape == part.faces.repeat(3, axis=0).shape
+
+
+@pytest.mark.parametrize(
+    ("line", "said"), [("f 0 1 2", "line 5: a face names vertex 0"), ("v 1 2", "line 5: a vertex has 2 numbers")]
+)
+def test_a_line_of_an_obj_that_means_nothing_is_named(tmp_path, line, said):
+    (tmp_path / "a.obj").write_text(TEXT + line + "\n")
+    with pytest.raises(SceneError, match=said):
+        read_mesh(tmp_path / "a.obj", ImportReport())
+
+
+def test_a_ply_with_faces_of_another_name_is_refused(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int own\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    with pytest.raises(SceneError, match="faces with own, but none with vertex_indices"):
+        read_mesh(tmp_path / "a.ply", ImportReport())
+
+
+def _dae_geometry(name, corners="0 1 2"):
+    return (
+        f'<geometry id="{name}"><mesh><source id="{name}p"><float_array id="{name}a" count="9">0 0 0 1 0 0 0 1 0'
+        f'</float_array><technique_common><accessor source="#{name}a" count="3" stride="3"><param name="X" '
+        'type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>'
+        f'</source><vertices id="{name}v"><input semantic="POSITION" source="#{name}p"/></vertices><triangles '
+        f'count="1"><input offset="0" semantic="VERTEX" source="#{name}v"/><p>{corners}</p>'
+        "</triangles></mesh></geometry>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("other", "instance", "said"),
+    [
+        (_dae_geometry("h"), "geometry", ""),
+        (_dae_geometry("h", "0 1 77"), "geometry", "geometry 'h' of a.dae"),
+        ("", "geometry", "geometry 'h' of a.dae"),
+        ('<geometry id="h"><convex_mesh/></geometry>', "geometry", "geometry 'h' of a.dae"),
+        ("", "controller", "animated mesh 'h' of a.dae"),
+    ],
+)
+def test_what_of_a_collada_scene_is_not_read_is_named(tmp_path, other, instance, said):
+    (tmp_path / "a.dae").write_text(
+        '<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
+        f"<library_geometries>{_dae_geometry('g')}{other}</library_geometries><library_visual_scenes><visual_scene "
+        f'id="s"><node><instance_geometry url="#g"/></node><node><instance_{instance} url="#h"/></node></visual_scene>'
+        '</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+    report = ImportReport()
+    read_mesh(tmp_path / "a.dae", report)
+    assert report.sentences() == ([f"Left out, because they cannot be read: {said}."] if said else [])
+
+
+def test_a_mesh_without_area_is_named(tmp_path, caplog):
+    flat = Submesh("flat", np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    floor = np.array([[-2.0, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]])
+    room = Submesh("room", floor, np.array([[0, 1, 2], [0, 2, 3]]))
+    info = SceneInfo("a", "own", "none")
+    write_scene([room, flat], info, tmp_path / "out")
+    assert "none of their triangles has an area: flat." in caplog.text
+
+
+@pytest.mark.parametrize("word", ["surf 0 1 0 1 1 2 3", "fo 1 2 3", "call other.obj"])
+def test_surfaces_of_an_obj_file_that_are_not_read_are_named(tmp_path, word):
+    (tmp_path / "a.obj").write_text(f"{TEXT}{word}\n")
+    report = ImportReport()
+    read_mesh(tmp_path / "a.obj", report)
+    assert report.sentences() == [f"Left out, because they cannot be read: '{word.split()[0]}' in line 5 of a.obj."]
+
+
+def test_strips_in_a_ply_file_are_refused_even_beside_faces(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    lists = [f"element {kind} 1\nproperty list int int vertex_indices\n" for kind in ("face", "tristrips")]
+    (tmp_path / "a.ply").write_text(f"{head}{''.join(lists)}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 2\n")
+    with pytest.raises(SceneError, match="strips of triangles"):
+        read_mesh(tmp_path / "a.ply", ImportReport())
+
+
+def test_what_is_far_too_small_is_said_with_its_size(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1e-9 0 0\nv 0 1e-9 0\nf 1 2 3\n")
+    with pytest.raises(SceneError, match=r"would be 1e-12 m large .*give another scale"):
+        import_scene(tmp_path / "a.obj", tmp_path / "out", scale=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("3 0 1 2\n2 0 1\n", r"a face that is none \('2 0 1', row 2"),
+        ("3 0 1 2\n3 0 1\n", r"a face that is none \('3 0 1', row 2"),
+        ("3 0 1 2\n", "states 2 rows of face and holds 1"),
+    ],
+)
+def test_a_ply_whose_rows_are_short_is_refused(tmp_path, rows, said):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    lists = "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(f"{head}{lists}0 0 0\n1 0 0\n0 1 0\n{rows}")
+    with pytest.raises(SceneError, match=said):
+        read_mesh(tmp_path / "a.ply", ImportReport())
+
+
+@pytest.mark.parametrize("kind", ["meshes", "nodes"])
+def test_a_gltf_whose_weights_move_vertices_is_named(tmp_path, kind):
+    def morph(header):
+        header["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}]
+        holder = next(one for one in header[kind] if kind == "meshes" or "mesh" in one)
+        holder["weights"] = [0.5]
+
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", morph), report)
+    assert any("Morph targets are not applied: mesh" in said for said in report.sentences())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda header: header["buffers"][0].update(uri="gone.bin"),
+            "names the buffer 'gone.bin', which is not beside",
+        ),
+        (lambda header: header["buffers"][0].update(byteLength=99), "ends after 40 of 99 bytes"),
+        (lambda header: header["buffers"][0].update(uri="data:,%00"), "not base64"),
+        (lambda header: header.pop("scenes"), "1 meshes and no scene that places one"),
+    ],
+)
+def test_a_gltf_without_its_numbers_or_places_says_so(tmp_path, change, said):
+    with pytest.raises(SceneError, match=said):
+        read_mesh(_gltf(tmp_path / "a.gltf", change), ImportReport())
+
+
+def test_what_a_reader_says_does_not_quote_the_file(tmp_path):
+    uri = "data:;base64," + "!" * 9999
+    with pytest.raises(SceneError) as caught:
+        read_mesh(_gltf(tmp_path / "a.gltf", lambda header: header["buffers"][0].update(uri=uri)), ImportReport())
+    assert len(str(caught.value)) < 500
+
+
+def test_bones_that_are_not_applied_are_named(tmp_path):
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", lambda header: header["nodes"][0].update(skin=0)), report)
+    assert report.sentences() == [
+        "Skins are not applied: node 0 of a.gltf stand as they were made, without their bones."
+    ]
+
+
+def _coloured(path, numbers, kind, entries, **primitive):
+    """A triangle with one more attribute of a kind for each of its corners."""
+
+    def add(header):
+        header["buffers"].append({"byteLength": numbers.nbytes, "uri": "more.bin"})
+        header["bufferViews"].append({"buffer": 1, "byteLength": numbers.nbytes})
+        kinds = {"<u2": 5123, "<f4": 5126}
+        header["accessors"].append(
+            {"bufferView": 2, "componentType": kinds[numbers.dtype.str], "count": 3, "type": f"VEC{numbers.shape[1]}"}
+        )
+        header["meshes"][0]["primitives"][0]["attributes"][kind] = 1
+        header["meshes"][0]["primitives"][0].update(primitive)
+        header.update(entries)
+
+    numbers.tofile(path.parent / "more.bin")
+    return _gltf(path, add)
+
+
+def test_colours_of_16_bits_without_a_material_keep_their_value(tmp_path):
+    numbers = np.full((3, 4), (65535, 32768, 0, 65535), dtype="<u2")
+    (submesh,) = read_mesh(_coloured(tmp_path / "a.gltf", numbers, "COLOR_0", {}), ImportReport())
+    assert np.allclose(submesh.rgb, (1.0, 0.5, 0.0), atol=0.01)
+
+
+@pytest.mark.parametrize("slot", [{"texCoord": 1}, {"extensions": {"KHR_texture_transform": {"texCoord": 1}}}])
+def test_a_texture_takes_the_coordinates_that_its_material_names(tmp_path, slot):
+    Image.new("RGB", (8, 8), (10, 200, 10)).save(tmp_path / "wall.png")
+    entries = {
+        "images": [{"uri": "wall.png"}],
+        "textures": [{"source": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **slot}}}],
+    }
+    numbers = np.full((3, 2), (0.25, 0.75), dtype="<f4")
+    report = ImportReport()
+    (submesh,) = read_mesh(_coloured(tmp_path / "a.gltf", numbers, "TEXCOORD_1", entries, material=0), report)
+    assert np.allclose(submesh.uv, (0.25, 0.25))
+    assert bool(report.sentences()) == ("extensions" in slot)
+
+
+def test_a_texture_without_a_picture_that_is_read_is_reported(tmp_path):
+    def paint(header):
+        header["textures"] = [{"extensions": {"EXT_texture_avif": {"source": 0}}}]
+        header["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+        header["meshes"][0]["primitives"][0]["material"] = 0
+
+    report = ImportReport()
+    read_mesh(_gltf(tmp_path / "a.gltf", paint), report)
+    assert "texture 0 of a.gltf" in report.sentences()[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (bytes(80) + b"\3\0\0\0" + bytes(100), "states 3 triangles, which take 234 bytes, and has 184"),
+        (bytes(80) + b"\1\0\0\0" + bytes(59), "states 1 triangles, which take 134 bytes, and has 143"),
+        (bytes(40), "40 bytes"),
+        (b"solid a\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0", "'endsolid' is missing"),
+    ],
+)
+def test_an_stl_file_of_another_length_than_it_states_says_so(tmp_path, content, said):
+    (tmp_path / "a.stl").write_bytes(content)
+    with pytest.raises(SceneError, match=said):
+        read_mesh(tmp_path / "a.stl", ImportReport())

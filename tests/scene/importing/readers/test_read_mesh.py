@@ -1,0 +1,122 @@
+import numpy as np
+import pytest
+import trimesh
+from trimesh.exchange.gltf import export_glb
+
+from anm_mj.errors import SceneError
+from anm_mj.scene.importing.import_scene import import_scene
+from anm_mj.scene.importing.readers.import_report import ImportReport
+from anm_mj.scene.importing.readers.read_mesh import read_mesh, usual_up
+from tests.scene.furnished import BOUNDS_M, furnished, looks_at_the_poster, write_glb, write_obj
+from tests.scene.glb import patch_glb
+from tests.scene.shapes import to_y_up
+from tests.scene.view import look
+
+
+def _furnished_glb(path, **extensions):
+    path.write_bytes(export_glb(trimesh.Scene([to_y_up(mesh) for mesh in furnished()]), **extensions))
+    return path
+
+
+@pytest.mark.parametrize("extension", ["extension_draco", "extension_webp"])
+def test_draco_triangles_and_webp_textures_are_decoded(tmp_path, caplog, extension):
+    scene = import_scene(_furnished_glb(tmp_path / "a.glb", **{extension: True}), tmp_path / "out")
+    # Draco keeps 14 bits of 6.2 m.
+    assert np.allclose(scene.bounds_m, BOUNDS_M, atol=2e-3)
+    assert looks_at_the_poster(scene)
+    assert not [record for record in caplog.records if record.levelname == "WARNING"]
+
+
+@pytest.mark.parametrize("extension", ["KHR_texture_basisu", "GOOGLE_texture_basis"])
+def test_basis_textures_give_plain_surfaces_and_one_sentence(tmp_path, caplog, extension):
+    def compress(header):
+        header["extensionsUsed"] = [extension]
+        header["textures"] = [{"extensions": {extension: {"source": 0}}}]
+
+    src = patch_glb(_furnished_glb(tmp_path / "a.glb"), compress)
+    scene = import_scene(src, tmp_path / "out")
+    (said,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert said.startswith("Basis Universal textures")
+    assert "a.glb" in said
+    assert scene.num_triangles == sum(len(mesh.faces) for mesh in furnished())
+    # Grey, as surfaces without colour are, and not the white of a material without its texture.
+    assert np.abs(look(scene, (3.0, 2.9, 1.5), (1.0, 0.0, 0.0))[32, 32].astype(int) - 178).max() <= 2
+
+
+def test_a_basis_texture_with_an_ordinary_one_beside_it_shows(tmp_path, caplog):
+    def compress(header):
+        header["extensionsUsed"] = ["KHR_texture_basisu"]
+        header["textures"] = [{"source": 0, "extensions": {"KHR_texture_basisu": {"source": 1}}}]
+        header["images"].append(header["images"][0])
+
+    assert looks_at_the_poster(import_scene(patch_glb(_furnished_glb(tmp_path / "a.glb"), compress), tmp_path / "out"))
+    assert "Basis" not in caplog.text
+
+
+def test_coordinates_as_normalised_integers_are_refused_with_the_way_out(tmp_path):
+    def quantise(header):
+        header["accessors"][header["meshes"][0]["primitives"][0]["attributes"]["POSITION"]]["normalized"] = True
+
+    with pytest.raises(SceneError, match="gltf-transform dequantize"):
+        import_scene(patch_glb(_furnished_glb(tmp_path / "a.glb"), quantise), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.001])
+def test_an_stl_has_no_colour_and_often_millimetres(tmp_path, unit):
+    mesh = trimesh.util.concatenate([mesh for mesh in furnished() if len(mesh.faces) > 2])
+    mesh.apply_scale(1.0 / unit)
+    mesh.export(tmp_path / "a.stl")
+    scene = import_scene(tmp_path / "a.stl", tmp_path / "out")
+    assert np.allclose(scene.bounds_m, BOUNDS_M, atol=1e-3)
+    assert (look(scene, (3.0, 2.9, 1.5), (1.0, 0.0, 0.0))[32, 32] == 178).all()
+
+
+def test_a_texture_is_found_where_it_was_moved_to(tmp_path, caplog):
+    # Written on another system, and kept where Gazebo's models keep them.
+    src = write_obj(tmp_path / "chair" / "meshes" / "a.obj", texture="..\\maps\\picture.jpg")
+    (tmp_path / "chair" / "materials" / "textures").mkdir(parents=True)
+    (src.parent / "picture.jpg").rename(tmp_path / "chair" / "materials" / "textures" / "picture.jpg")
+    assert looks_at_the_poster(import_scene(src, tmp_path / "out", up="z"))
+    assert "Not found" not in caplog.text
+
+
+def _dae(path, unit: float, up: str):
+    mesh = trimesh.util.concatenate([mesh for mesh in furnished() if len(mesh.faces) > 2])
+    mesh = to_y_up(mesh) if up == "Y" else mesh
+    mesh.apply_scale(1.0 / unit)
+    path.write_bytes(trimesh.exchange.dae.export_collada(mesh))
+    text = path.read_text()
+    asset = f'<unit name="own" meter="{unit}"/><up_axis>{up}_UP</up_axis>'
+    path.write_text(text.replace("<up_axis>Y_UP</up_axis>", asset))
+    return path
+
+
+@pytest.mark.parametrize(("unit", "up"), [(0.0254, "Z"), (0.01, "Y")])
+def test_a_collada_file_has_the_unit_and_the_up_axis_that_it_states(tmp_path, unit, up):
+    src = _dae(tmp_path / "a.dae", unit, up)
+    assert usual_up(src) == up.lower()
+    assert np.allclose(import_scene(src, tmp_path / "out").bounds_m, BOUNDS_M, atol=2e-3)
+
+
+def test_a_texture_that_many_meshes_share_is_kept_once(tmp_path):
+    one, other = furnished()[1], furnished()[1]
+    other.apply_translation([0.0, -2.0, 0.0])
+    other.visual.material = one.visual.material
+    parts = read_mesh(write_glb(tmp_path / "a.glb", one, other), ImportReport())
+    assert parts[0].texture is parts[1].texture
+    assert len({id(part.texture) for part in parts}) == 1
+
+
+def test_a_mirrored_node_keeps_its_outside_outside(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(furnished()[3], transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
+    scene.export(tmp_path / "a.glb")
+    (part,) = read_mesh(tmp_path / "a.glb", ImportReport())
+    assert trimesh.Trimesh(part.vertices_m, part.faces).volume == pytest.approx(0.5 * 1.0 * 1.8, rel=1e-5)
+
+
+def test_a_picture_that_cannot_be_decoded_is_survived(tmp_path):
+    src = write_obj(tmp_path / "a.obj")
+    (tmp_path / "picture.jpg").write_bytes(b"no picture")
+    assert import_scene(src, tmp_path / "out", up="z").num_triangles > 0

@@ -1,0 +1,42 @@
+import pytest
+
+from anm_mj.bench.comparison import run_bench
+from anm_mj.errors import AnmError
+from scripts.publish_benchmark import BEGIN, END, main
+
+
+def test_tables_pictures_and_rows_take_the_place_of_the_former_ones(tmp_path):
+    file = tmp_path / "small.toml"
+    file.write_text('scenes = ["home"]\npolicies = ["random", "gvg"]\nstarts = 1\nseeds = [0]\nsteps = 300\n')
+    run_bench(file, tmp_path / "small", num_workers=2, function="tests.bench.fake:quick")
+    pages = tmp_path / "docs"
+    main(tmp_path / "small", pages)
+    page = pages / "small.md"
+    page.write_text(f"# Own title\n\nSaid by hand.\n\n{BEGIN}\nformer tables\n{END}\n\nSaid below.\n")
+    (pages / "small" / "former.png").write_text("")
+
+    main(tmp_path / "small", pages)
+
+    text = page.read_text()
+    assert text.startswith("# Own title\n\nSaid by hand.")
+    assert text.endswith("Said below.\n")
+    assert "former" not in text
+    assert (tmp_path / "small" / "table.md").read_text().splitlines()[2] in text
+    shown = {line.partition("](")[2][:-1] for line in text.splitlines() if line.startswith("![")}
+    assert shown == {f"small/{path.name}" for path in (pages / "small").glob("*.png")}
+    assert "[results.csv](small/results.csv)" in text
+    assert (pages / "small" / "results.csv").read_bytes() == (tmp_path / "small" / "results.csv").read_bytes()
+    assert {"small/curves_home.png", "small/scene_home.png"} <= shown
+
+
+def test_a_folder_without_tables_or_rows_and_a_page_without_marks_are_refused(tmp_path):
+    with pytest.raises(AnmError, match=r"cannot be published .*table\.md"):
+        main(tmp_path, tmp_path / "docs")
+    (tmp_path / "table.md").write_text("")
+    with pytest.raises(AnmError, match=r"cannot be published .*results\.csv"):
+        main(tmp_path, tmp_path / "docs")
+    assert not (tmp_path / "docs").exists()
+    (tmp_path / "results.csv").write_text("")
+    (tmp_path / f"{tmp_path.name}.md").write_text("no marks")
+    with pytest.raises(AnmError, match="holds no marks"):
+        main(tmp_path, tmp_path)

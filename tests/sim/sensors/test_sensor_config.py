@@ -1,0 +1,39 @@
+import math
+
+import pytest
+
+from anm_mj.errors import RobotError
+from anm_mj.sim.sensors.sensor_config import SensorConfig
+from anm_mj.sim.sensors.sensor_presets import SENSORS, sensor_config
+
+
+def test_unknown_sensor_is_named():
+    with pytest.raises(RobotError, match="no sensor 'lidar'; choose one of exact, d435i"):
+        sensor_config("lidar")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"depth": "sonar"}, "sensor.depth is 'sonar'"),
+        ({"subpixel_sigma_px": -0.1}, "sensor.subpixel_sigma_px is -0.1"),
+        ({"noise_scale": math.nan}, "sensor.noise_scale is nan"),
+        ({"lateral_sigma_px": 1e300}, "within 0 and 1e\\+09"),
+        ({"exposure_sigma": 1e9}, "sensor.exposure_sigma is 1e\\+09"),
+        ({"edge_missing": 1.5}, "probability"),
+        ({"min_range_m": 3.0, "max_range_m": 2.0}, "sensor.max_range_m is 2"),
+        ({"depth": "stereo", "baseline_m": 0.0}, "sensor.baseline_m is 0"),
+        ({"grazing_missing_deg": 120.0}, "at most 90"),
+        ({"odometry_alpha": (0.1, -0.1, 0.0, 0.0)}, "sensor.odometry_alpha"),
+    ],
+)
+def test_impossible_values_are_refused(values: dict, message: str):
+    with pytest.raises(RobotError, match=message):
+        SensorConfig(**values)
+
+
+@pytest.mark.parametrize("name", list(SENSORS))
+def test_twice_the_noise_is_possible(name: str):
+    twice = SensorConfig(**{**vars(SENSORS[name]), "noise_scale": 2.0}).scaled()
+    assert twice.noise_scale == 1.0
+    assert twice.edge_missing <= 1.0
