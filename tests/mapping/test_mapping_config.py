@@ -52,11 +52,6 @@ def test_values_out_of_range(make, message):
         make()
 
 
-def test_the_former_name_of_the_method_is_accepted():
-    config = config_from_dict({"uncertainty": {"method": "evidence"}})
-    assert config.uncertainty.method == "last_layer_variance"
-
-
 def test_unknown_field_is_refused():
     with pytest.raises(MapError, match="does not know"):
         config_from_dict({"field": {"levels": 3}})

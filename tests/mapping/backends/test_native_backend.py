@@ -163,7 +163,7 @@ def test_steps_that_overlap_give_the_same_bytes_as_one_after_another(config, ker
     expected = [one.step(batch, *draw) for batch, draw in zip(batches, draws, strict=True)]
     for num_threads in (1, 2, 5):
         together = NativeBackend(config, seed=0, num_threads=num_threads, kernel=kernel)
-        assert together.steps(batches[:5], draws[:5]) + together.steps(iter(batches[5:]), draws[5:]) == expected
+        assert together.steps(batches[:5], draws[:5]) + together.steps(batches[5:], draws[5:]) == expected
         assert together.steps([], []) == []
         for name, value in together.get_state().items():
             np.testing.assert_array_equal(value, one.get_state()[name])
