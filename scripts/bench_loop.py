@@ -247,9 +247,9 @@ def floors(config: MappingConfig, grid: VoxelGrid, iterations: float, renderer_m
     """The least milliseconds per step of the stages whose least is known."""
     from bench_mapper import LEVEL_BYTES, step_limit_ms
 
-    from anm_mj.mapping.backends.native_backend import roofline
+    from anm_mj import _native
 
-    rates = roofline(LEVEL_BYTES)
+    rates = _native.roofline(LEVEL_BYTES, "")
     cores = len(os.sched_getaffinity(0))
     sampling, schedule = config.sampling, config.schedule
     samples = sampling.samples_per_ray * (schedule.num_rays + schedule.min_current_rays)

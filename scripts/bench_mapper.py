@@ -31,9 +31,10 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
+from anm_mj import _native
 from anm_mj.io.manifest import cpu_model
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
+from anm_mj.mapping.backends.native_backend import NativeBackend
 from anm_mj.mapping.backends.parameters import decoder_shapes
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.keyframes import KeyframeStore
@@ -226,7 +227,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=ENGINES, help="engines to measure")
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="thread counts to measure")
-    parser.add_argument("--kernels", nargs="+", default=kernel_names(), help="instruction sets of the native engine")
+    parser.add_argument(
+        "--kernels", nargs="+", default=_native.kernel_names(), help="instruction sets of the native engine"
+    )
     parser.add_argument("--runs", type=int, default=15, help="runs per native row; the slow torch rows get fewer")
     parser.add_argument("--out", type=Path, default=Path("bench_mapper.json"), help="where the JSON goes")
     options = parser.parse_args()
@@ -243,7 +246,7 @@ def main() -> int:
             for name in ("torch", "torch eager"):
                 if name in options.engines:
                     rows += bench_engine(engine_maker(name, "", threads), threads, torch_runs)
-        rates = {kernel: roofline(LEVEL_BYTES, kernel) for kernel in kernels}
+        rates = {kernel: _native.roofline(LEVEL_BYTES, kernel) for kernel in kernels}
     print_table(rows, console)
     medians = {(row.workload, row.threads, row.engine): row.median_ms for row in rows}
     limits = {}

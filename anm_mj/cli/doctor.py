@@ -43,8 +43,8 @@ print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda e
 """
 
 ENGINE_PROGRAM = """
-from anm_mj.mapping.backends.native_backend import kernel_names
-print(kernel_names()[0])
+from anm_mj import _native
+print(_native.kernel_names()[0])
 """
 
 

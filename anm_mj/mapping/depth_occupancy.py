@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int64, UInt16
+from jaxtyping import Bool, Float, Float32, Int, Int32, Int64, UInt16
 
 from anm_mj.errors import MapError
 from anm_mj.frames import pixel_directions
@@ -98,6 +98,12 @@ class DepthOccupancy:
     def surface_volume_m3(self) -> float:
         """Volume of the blocks that ever had a hit in them [m3]: a measure of the scene."""
         return float(np.count_nonzero(self.voxels.block_stamp) * (BLOCK * self.config.voxel_m) ** 3)
+
+    def blocks_with_hits(self) -> tuple[Int64[np.ndarray, "n 3"], Int32[np.ndarray, " n"]]:
+        """Blocks that ever had a hit in them, by x, y, z in blocks of the world, and the frame of the last one."""
+        layer, row, col = np.nonzero(self.voxels.block_stamp)
+        blocks = np.stack((col, row, layer), axis=1) + self.voxels.corner // BLOCK
+        return blocks, self.voxels.block_stamp[layer, row, col]
 
     def integrate(
         self,

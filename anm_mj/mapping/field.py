@@ -6,6 +6,7 @@ parameters are the same bit for bit on a CPU.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,15 +19,18 @@ from anm_mj.mapping.backends.backend import MapperBackend, Parameters
 from anm_mj.mapping.backends.grid_layout import doubled_table
 from anm_mj.mapping.backends.select import make_backend
 from anm_mj.mapping.effort import TrainingEffort
-from anm_mj.mapping.keyframes import KeyframeStore
-from anm_mj.mapping.last_good import LastGood
+from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.types import MapUpdate, Observation, VoxelGrid
+
+_logger = logging.getLogger(__name__)
 
 _FINAL_RATES = (1 / 2, 1 / 4, 1 / 8, 1 / 16)
 """Factors on the learning rates over the parts of the final training."""
 _DRAWN_TOGETHER = 10
 """Iterations whose rays are drawn in one go, because the price of a draw hardly depends on its size."""
+KEEP_EVERY_FRAMES = 20
+"""A copy of the parameters costs milliseconds; a loss that is not finite takes back this many frames at most."""
 MAX_FAILURES = 5
 """So many frames in a row whose loss was not finite end the training."""
 
@@ -38,7 +42,7 @@ class _NotFinite(Exception):
 class Field:
     """Trains an engine frame by frame, and replaces it by a larger one as the scene grows."""
 
-    REBUILT = ("backend", "_device", "_good")
+    REBUILT = ("backend", "_device", "_good", "_good_frame")
 
     def __init__(self, config: MappingConfig, *, seed: int, device: str) -> None:
         """An untrained field; see :class:`anm_mj.mapping.neural_map.NeuralMap`.
@@ -57,8 +61,9 @@ class Field:
         self.num_frames = 0
         self._rng = np.random.default_rng([seed, 1])
         self._last: Observation | None = None
-        self._good = LastGood()
-        """After a resume, the state that the run resumed from."""
+        self._good: Parameters | None = None
+        """Parameters that were all finite, to go back to when training fails; after a resume those of then."""
+        self._good_frame = 0
         self._failures = 0
         """Frames in a row whose loss was not finite."""
 
@@ -79,10 +84,20 @@ class Field:
         """
         self.keyframes.add(observation, self._rng, weight)
 
+    def continue_from(self, keyframes: Keyframes, num_frames: int) -> None:
+        """Replay keyframes of a prior run; the next frame is a keyframe, and one to train on.
+
+        Raises:
+            MapError: The store has no room for them.
+        """
+        self.keyframes.replace(0, keyframes)
+        round_up = math.lcm(self.config.schedule.keyframe_every, self.config.schedule.train_every)
+        self.num_frames = math.ceil(num_frames / round_up) * round_up
+
     def learn(self, observation: Observation, grid: VoxelGrid, effort: TrainingEffort | None = None) -> MapUpdate:
         """Train on the next frame.
 
-        A loss that is not finite takes the parameters back to the last good ones (:mod:`.last_good`); the frame's
+        A loss that is not finite takes the parameters back to the last good ones; the frame's
         training ends there, its loss is NaN, and the next frame goes on from them.
 
         Args:
@@ -104,8 +119,8 @@ class Field:
         self.num_frames += 1
         self._last = observation
         loss, done = math.nan, 0
-        if num_iterations and self._good.is_due(self.num_frames):
-            self._good.keep_or_restore(self.backend, self.num_frames, observation.step)
+        if num_iterations and (self._good is None or self.num_frames - self._good_frame >= KEEP_EVERY_FRAMES):
+            self._keep_or_restore(observation.step)
         try:
             current_rays = None if effort is None else effort.current_rays
             for latest in self._train(observation, num_iterations, grid, first=first, current_rays=current_rays):
@@ -114,7 +129,7 @@ class Field:
             loss = math.nan
             self._failures += 1
             said = f"The training loss became {err} at step {observation.step}"
-            self._good.restore(self.backend, self.num_frames, said)
+            self._restore(said)
             if self._failures >= MAX_FAILURES:
                 raise MapError(
                     f"{said}, as in the {MAX_FAILURES - 1} frames before; check that depth and pose are possible, or "
@@ -137,7 +152,7 @@ class Field:
         count, optimizer = self.config.schedule.final_iterations // len(_FINAL_RATES), self.config.optimizer
         if self._last is None or not count:
             return 0
-        self._good.keep_or_restore(self.backend, self.num_frames, self._last.step)
+        self._keep_or_restore(self._last.step)
         done = count * len(_FINAL_RATES)
         try:
             for share in _FINAL_RATES:
@@ -148,17 +163,21 @@ class Field:
                     pass
         except _NotFinite as err:
             done = 0
-            self._good.restore(self.backend, self.num_frames, f"The loss of the final training became {err}")
+            self._restore(f"The loss of the final training became {err}")
         self._replace_backend(self.config, self.finite_parameters())
         return done
 
     def finite_parameters(self) -> Parameters:
         """Copies of the parameters, all of which are finite, by name; the last good ones where one is not."""
-        return self._good.finite_parameters(self.backend, self.num_frames)
+        parameters = self.backend.parameters()
+        if _are_finite(parameters) or self._good is None:
+            return parameters
+        self._restore("Parameters of the map were not finite any more")
+        return self.backend.parameters()
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Parameters and optimiser of the engine, for a checkpoint."""
-        self._good.finite_parameters(self.backend, self.num_frames)  # Goes back where one is not finite.
+        self.finite_parameters()  # Goes back where one is not finite.
         return self.backend.get_state()
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
@@ -187,16 +206,35 @@ class Field:
                 return
             parameters = self.backend.parameters()
             parameters["table"] = doubled_table(parameters["table"], field)
-            self._good.double_table(field)
+            if self._good is not None:
+                self._good = {**self._good, "table": doubled_table(self._good["table"], field)}
             self.config = replace(self.config, field=replace(field, log2_table_size=field.log2_table_size + 1))
             self._replace_backend(self.config, parameters)
 
     def close(self) -> None:
         """Free engine and keyframes; the field can neither be trained nor asked afterwards."""
         self.keyframes = KeyframeStore(0, 1.0)
-        self._good = LastGood()
+        self._good = None
         self._last = None
         del self.backend
+
+    def _keep_or_restore(self, step: int) -> None:
+        """Keep the parameters, or go back where one of them is not finite; the log names the step."""
+        parameters = self.backend.parameters()
+        if _are_finite(parameters):
+            self._good, self._good_frame = parameters, self.num_frames
+        else:
+            self._restore(f"Parameters of the map were not finite any more at step {step}")
+
+    def _restore(self, why: str) -> None:
+        """Go back to the parameters that were kept, with an optimiser that starts afresh; ``why`` is logged."""
+        if self._good is None:
+            _logger.warning("%s, and no good ones were kept.", why)
+            return
+        frames = self.num_frames - self._good_frame
+        ago = f" {frames} frames ago" if frames > 0 else " before"
+        _logger.warning("%s; the map goes back to what it was%s.", why, ago)
+        self.backend.set_parameters(self._good)
 
     def _replace_backend(self, config: MappingConfig, parameters: Parameters) -> None:
         self.backend = make_backend(config, seed=self.seed, device=self._device, parameters=parameters)
@@ -236,3 +274,9 @@ class Field:
         size = np.array(grid.state.shape[::-1]) * grid.resolution_m
         room = size - (loss.smoothness_points - 1) * loss.smoothness_spacing_m
         return grid.origin_m + np.where(room > 0.0, self._rng.random(3), 0.5) * room
+
+
+def _are_finite(parameters: Parameters) -> bool:
+    """Whether no parameter is NaN or infinite, nor so large that their sum overflows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return all(bool(np.isfinite(array.sum())) for array in parameters.values())

@@ -11,6 +11,8 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from anm_mj.errors import MapError
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
+from anm_mj.mapping.field import Field
 from anm_mj.mapping.mapping_config import MappingConfig, config_from_dict
 from anm_mj.utils.files import write_tensors
 from anm_mj.utils.read_file import convert, parse_json, read_tensors
@@ -33,6 +35,26 @@ class SavedMap:
     """Of the field, by name; ``field.*`` in the file."""
     occupancy: dict[str, np.ndarray]
     """As :meth:`anm_mj.mapping.depth_occupancy.DepthOccupancy.arrays` has it; ``occupancy.*`` in the file."""
+
+    @classmethod
+    def of(cls, field: Field, by_depth: DepthOccupancy) -> SavedMap:
+        """A map as it is now; arrays of the occupancy are views."""
+        return cls(field.config, field.seed, field.num_frames, field.finite_parameters(), by_depth.arrays())
+
+    def fill(self, field: Field, by_depth: DepthOccupancy) -> None:
+        """Put everything into new parts of a map.
+
+        Raises:
+            MapError: It is not what the configuration says, or damaged.
+        """
+        try:
+            field.backend.set_parameters(self.parameters)
+            by_depth.set_arrays(self.occupancy)
+        except (ValueError, KeyError) as err:
+            raise MapError(f"The saved map is damaged ({err}); explore again.") from err
+        schedule = self.config.schedule
+        field.is_trained = max(schedule.first_iterations, schedule.iterations, schedule.final_iterations) > 0
+        field.num_frames = self.num_frames
 
 
 class _About(Struct):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from anm_mj.errors import MapError
-from anm_mj.utils.settings import check_settings, of_type, setting
+from anm_mj.utils.read_file import convert
+from anm_mj.utils.settings import check_settings, setting
 
 ENGINES = ("auto", "native", "torch", "mlp")
 """Names of the engines that compute the map, see :mod:`anm_mj.mapping.backends.select`."""
@@ -301,24 +302,20 @@ def config_from_dict(values: dict[str, Any]) -> MappingConfig:
     Raises:
         MapError: If a field is unknown or a value is out of range.
     """
-    default = MappingConfig()
     try:
-        built = {}
-        for name, value in values.items():
-            part = getattr(default, name, None)
-            built[name] = _part(type(part), value) if is_dataclass(part) else of_type(MappingConfig, name, value)
-        return MappingConfig(**built)
-    except KeyError as err:
-        raise MapError(f"The mapping configuration has a field that this version does not know: {err}.") from err
+        config = convert(values, MappingConfig)
     except ValueError as err:
         raise MapError(f"The mapping configuration is damaged: {err}.") from err
+    _require_known(values, config)
+    return config
 
 
-def _part(config: type, values: Any) -> Any:
-    """One part of the configuration."""
-    if not isinstance(values, dict):
-        raise ValueError(f"it holds {type(values).__name__} for settings")
-    return config(**{name: of_type(config, name, value) for name, value in values.items()})
+def _require_known(values: dict[str, Any], config: Any) -> None:
+    for name, value in values.items():
+        if not hasattr(config, name):
+            raise MapError(f"The mapping configuration has a field that this version does not know: {name!r}.")
+        if isinstance(value, dict):
+            _require_known(value, getattr(config, name))
 
 
 MAPPING_PRESETS: dict[str, Callable[[], MappingConfig]] = {

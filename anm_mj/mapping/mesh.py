@@ -91,11 +91,9 @@ class MeshExtractor:
 
     def _touched_places(self) -> list[tuple[tuple[int, int, int], int]]:
         """Parts of space with hits in or next to them, by x, y, z index, and the last frame that hit them."""
-        stamp = self._occupancy.voxels.block_stamp
-        layer, row, col = np.nonzero(stamp)
-        block = np.stack((col, row, layer), axis=1) + self._occupancy.voxels.corner // BLOCK
+        block, stamp = self._occupancy.blocks_with_hits()
         last: dict[tuple[int, int, int], int] = {}
-        for (x, y, z), frame in zip((block // _GROUP).tolist(), stamp[layer, row, col].tolist(), strict=True):
+        for (x, y, z), frame in zip((block // _GROUP).tolist(), stamp.tolist(), strict=True):
             last[x, y, z] = max(last.get((x, y, z), 0), frame)
         # A voxel on the rim supports faces of cells that belong to the next part.
         for x, y, z in list(last):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.mapping.expected_error import expected_errors
@@ -97,11 +96,7 @@ class NeuralMap:
         return self.field.learn(observation, by_depth.grid, effort)
 
     def finish(self) -> int:
-        """Train on the keyframes once more, when no frame is to come; see :meth:`anm_mj.mapping.field.Field.finish`.
-
-        Returns:
-            The number of iterations.
-        """
+        """Train on the keyframes once more, when no frame is to come; the number of iterations."""
         done = self.field.finish(self.occupancy.by_depth.grid)
         if done:
             self._start_readers()
@@ -135,8 +130,7 @@ class NeuralMap:
     ) -> SurfacePoints:
         """Zero-crossings near occupied voxels within ``radius_m`` [m] in the plane, with present uncertainties.
 
-        Positions and normals of a block are those of the last frame that saw it. Points above ``max_height_m`` are left
-        out.
+        Positions and normals of a block are those of the last frame that saw it. Points above ``max_height_m`` are out.
         """
         points, normals = self._surface.extract(self.backend.query_sdf, centre_xy_m, radius_m, max_height_m)
         return SurfacePoints(points, normals, self.uncertainty(points))
@@ -148,8 +142,7 @@ class NeuralMap:
         predicts the true error best (:mod:`anm_mj.mapping.expected_error`).
         """
         points = self._surface.places(self.backend.query_sdf, centre_xy_m, radius_m)
-        exponent = self.config.schedule.density_exponent
-        return expected_errors(self.backend, self.occupancy.by_depth, points, exponent)
+        return expected_errors(self.backend, self.occupancy.by_depth, points, self.config.schedule.density_exponent)
 
     def occupancy_grid(
         self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
@@ -197,9 +190,7 @@ class NeuralMap:
         Raises:
             OSError: The file cannot be written.
         """
-        field = self.field
-        parameters, occupancy = field.finite_parameters(), self.occupancy.by_depth.arrays()
-        write_map(path, SavedMap(self.config, field.seed, field.num_frames, parameters, occupancy))
+        write_map(path, SavedMap.of(self.field, self.occupancy.by_depth))
 
     @classmethod
     def load(cls, path: Path, *, device: str = "auto", geometry: str | None = None) -> NeuralMap:
@@ -216,8 +207,7 @@ class NeuralMap:
         saved = read_map(path)
         config = saved.config if geometry is None else replace(saved.config, geometry=geometry)
         loaded = cls(config, seed=saved.seed, device=device)
-        loaded._take_arrays(saved)
-        loaded.field.num_frames = saved.num_frames
+        saved.fill(loaded.field, loaded.occupancy.by_depth)
         return loaded
 
     def continue_from(self, saved: SavedMap, keyframes: Keyframes) -> None:
@@ -232,28 +222,11 @@ class NeuralMap:
         Raises:
             MapError: They do not fit this map.
         """
-        self._take_arrays(saved)
+        saved.fill(self.field, self.occupancy.by_depth)
         prior = self.occupancy_grid()
         self.occupancy.by_depth.soften()
-        self.field.keyframes.replace(0, keyframes)
+        self.field.continue_from(keyframes, saved.num_frames)
         self._prior = PriorSurface(prior, self.occupancy.by_depth.voxels.corner, keyframes)
-        # The next frame is a keyframe, and one to train on.
-        round_up = math.lcm(self.config.schedule.keyframe_every, self.config.schedule.train_every)
-        self.field.num_frames = math.ceil(saved.num_frames / round_up) * round_up
-
-    def _take_arrays(self, saved: SavedMap) -> None:
-        """Take over field and occupancy.
-
-        Raises:
-            MapError: They are not what the configuration says, or damaged.
-        """
-        try:
-            self.backend.set_parameters(saved.parameters)
-            self.occupancy.by_depth.set_arrays(saved.occupancy)
-        except (ValueError, KeyError) as err:
-            raise MapError(f"The saved map is damaged ({err}); explore again.") from err
-        schedule = saved.config.schedule
-        self.field.is_trained = max(schedule.first_iterations, schedule.iterations, schedule.final_iterations) > 0
 
     def changes(self) -> tuple[SurfaceChange, ...] | None:
         """What new frames have found to be gone or new, largest first; None for a map that began empty."""

@@ -79,14 +79,12 @@ class SurfaceExtractor:
 
     def _blocks_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> dict[tuple[int, int, int], int]:
         """Blocks with hits that reach into the disc, by x, y, z indices, and the frames that last hit them."""
-        stamp = self._occupancy.voxels.block_stamp
-        layer, row, col = np.nonzero(stamp)
-        block = np.stack((col, row, layer), axis=1) + self._occupancy.voxels.corner // BLOCK
+        block, stamp = self._occupancy.blocks_with_hits()
         edge_m = BLOCK * self._occupancy.config.voxel_m
         centre = (block[:, :2] + 0.5) * edge_m
         near = np.hypot(*(centre - centre_xy_m).T) <= radius_m + edge_m
         keys = [(int(x), int(y), int(z)) for x, y, z in block[near]]
-        return dict(zip(keys, stamp[layer, row, col][near].tolist(), strict=True))
+        return dict(zip(keys, stamp[near].tolist(), strict=True))
 
     def _refresh(self, sdf: SdfQuery, stale: dict[tuple[int, int, int], int], normals_up_to_m: float) -> None:
         """Look for crossings in the given blocks, all in one query."""

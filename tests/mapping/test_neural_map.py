@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.mapping import last_good
+from anm_mj.mapping import field
 from anm_mj.mapping.field import MAX_FAILURES
 from anm_mj.mapping.mapping_config import FieldConfig
 from anm_mj.mapping.neural_map import NeuralMap
@@ -137,7 +137,7 @@ def test_a_loss_that_is_not_finite_takes_the_map_back_to_the_last_good_state(tin
     for observation in views[:6]:
         neural_map.integrate(observation)
     good = neural_map.backend.parameters()
-    assert neural_map.field._good.keep(good, 6)
+    neural_map.field._keep_or_restore(5)
     spoilt(neural_map, "sdf_out")
     update = neural_map.integrate(views[6])
     assert math.isnan(update.loss)
@@ -153,7 +153,7 @@ def test_a_loss_that_is_not_finite_takes_the_map_back_to_the_last_good_state(tin
 
 def test_features_that_are_not_finite_are_found_before_the_loss_shows_them(tiny_config, room, monkeypatch, caplog):
     """The activations of the decoders may turn them into zeros."""
-    monkeypatch.setattr(last_good, "KEEP_EVERY_FRAMES", 2)
+    monkeypatch.setattr(field, "KEEP_EVERY_FRAMES", 2)
     neural_map = NeuralMap(tiny_config, seed=0, device="cpu")
     views = room.turn(1.5, 1.5, 6)
     for observation in views[:3]:

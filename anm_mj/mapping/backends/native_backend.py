@@ -56,7 +56,7 @@ class NativeBackend(MapperBackend):
             seed: What the start values are drawn from.
             num_threads: Threads to compute with; None for OMP_NUM_THREADS, or one per core that
                 the process may use.
-            kernel: Instruction set to use, as in :func:`kernel_names`; empty for the best of this processor.
+            kernel: Instruction set to use, one of ``_native.kernel_names()``; empty for the best of this processor.
             parameters: To start from; None = the start values.
 
         Raises:
@@ -99,25 +99,6 @@ class NativeBackend(MapperBackend):
         arrays = [_ray_arrays(rays) for rays in batches]
         seeds, corners = [seed & 0xFFFFFFFF for seed, _ in draws], [_optional(corner_m) for _, corner_m in draws]
         return [StepLosses(*losses) for losses in self._engine.steps(arrays, seeds, corners)]
-
-    def sample_depths(self, depth_m: Float[np.ndarray, " n"], seed: int) -> Float32[np.ndarray, "n samples"]:
-        """The planar depths [m] that :meth:`step` samples rays of these measured depths at."""
-        return self._engine.sample(_floats(depth_m), seed & 0xFFFFFFFF)
-
-    def gradients(
-        self,
-        rays: RayBatch,
-        z_m: Float[np.ndarray, "n samples"],
-        smoothness_corner_m: Float[np.ndarray, "3"] | None = None,
-    ) -> tuple[StepLosses, dict[str, Float32[np.ndarray, "..."]]]:
-        """Losses at given sample depths [m] and their gradients by parameter name; nothing is trained.
-
-        The decoders' weight decay, which is the optimiser's, is not in them.
-        """
-        losses, table, decoders = self._engine.gradients(
-            *_ray_arrays(rays), _floats(z_m), _optional(smoothness_corner_m)
-        )
-        return StepLosses(*losses), {"table": table, **self._split(decoders)}
 
     def query_sdf(self, points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
         """The SDF s at world points, in fractions of the truncation; see the base class."""
@@ -205,25 +186,6 @@ class NativeBackend(MapperBackend):
     def _split(self, decoders: Float32[np.ndarray, " weights"]) -> dict[str, Float32[np.ndarray, "rows cols"]]:
         parts = split_flat(decoders, decoder_shapes(self.config.field))
         return {name: part.copy() for name, part in parts.items()}
-
-
-def kernel_names() -> list[str]:
-    """Instruction sets that both the engine and this processor know, best first."""
-    return _native.kernel_names()
-
-
-def roofline(table_bytes: int, kernel: str = "") -> dict[str, float]:
-    """Limits of one core of this machine, measured in about a second of its time.
-
-    Args:
-        table_bytes: Size of the table that is read and updated at random; one level's, 512 KiB by default.
-        kernel: As for :class:`NativeBackend`.
-
-    Returns:
-        "fma_gflops": multiply-adds on registers; "load_ns" and "update_ns": per random pair of floats read and
-        accumulated, or read, changed and written; "stream_gb_per_s": reading and writing 28 MiB in order.
-    """
-    return _native.roofline(table_bytes, kernel)
 
 
 def _settings(config: MappingConfig) -> _native.Settings:

@@ -24,10 +24,8 @@ def resolve_device(device: str) -> torch.device:
     """The torch device for "auto", "cpu" or "cuda".
 
     Raises:
-        MapError: If the name is another one, or CUDA is asked for and not there.
+        MapError: If CUDA is asked for and not there.
     """
-    if device not in ("auto", "cpu", "cuda"):
-        raise MapError(f"The mapping device is {device!r}, but it must be 'auto', 'cpu' or 'cuda'.")
     if device == "cuda" and not torch.cuda.is_available():
         raise MapError("The mapping device is 'cuda', but torch finds no CUDA device; use 'auto' or 'cpu'.")
     use_cuda = device == "cuda" or (device == "auto" and torch.cuda.is_available())

@@ -9,7 +9,7 @@ import torch
 
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.backends.native_backend import NativeBackend, kernel_names, roofline
+from anm_mj.mapping.backends.native_backend import NativeBackend, _optional, _ray_arrays
 from anm_mj.mapping.backends.parameters import DECODER_NAMES
 from anm_mj.mapping.backends.torch_backend import TorchBackend
 from anm_mj.mapping.backends.torch_sampling import sample_depths
@@ -44,7 +44,7 @@ def config(request) -> MappingConfig:
 
 
 all_configs = pytest.mark.parametrize("config", CONFIGS, indirect=True)
-all_kernels = pytest.mark.parametrize("kernel", kernel_names())
+all_kernels = pytest.mark.parametrize("kernel", _native.kernel_names())
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +78,14 @@ def relative_error(ours, theirs):
 def test_the_name_says_the_instruction_set():
     backend = NativeBackend(CONFIGS["odd"], seed=0)
     assert backend.device == "cpu"
-    assert backend.name == f"native-{kernel_names()[0]}"
+    assert backend.name == f"native-{_native.kernel_names()[0]}"
 
 
 @all_configs
 @all_kernels
 def test_sample_depths_are_those_of_the_torch_engine_bit_for_bit(config, kernel, rays):
     depth = np.concatenate((rays.depth_m, np.float32([0.05, 0.1, 9.99, 10.0, 10.01, 0.0, -1.0, np.inf])))
-    ours = NativeBackend(config, seed=0, kernel=kernel).sample_depths(depth, 2**40 + 7)
+    ours = NativeBackend(config, seed=0, kernel=kernel)._engine.sample(depth, 7)
     theirs = sample_depths(torch.from_numpy(depth), config.sampling, config.field.truncation_m, 2**40 + 7)
     np.testing.assert_array_equal(ours, theirs.numpy())
 
@@ -95,8 +95,9 @@ def test_sample_depths_are_those_of_the_torch_engine_bit_for_bit(config, kernel,
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_losses_and_gradients_are_those_of_autograd(config, kernel, dtype, rays):
     native, reference = trained_pair(config, rays, kernel)
-    z = native.sample_depths(rays.depth_m, 3)
-    losses, gradients = native.gradients(rays, z, corner(config))
+    z = native._engine.sample(rays.depth_m, 3)
+    losses, table, decoders = native._engine.gradients(*_ray_arrays(rays), z, _optional(corner(config)))
+    gradients = {"table": table, **native._split(decoders)}
     expected_losses, expected = reference_gradients(reference, rays, z, dtype, corner(config))
     np.testing.assert_allclose(losses, expected_losses, rtol=1e-5)
     for name, gradient in gradients.items():
@@ -230,7 +231,7 @@ def test_large_queries_do_not_depend_on_how_points_are_chunked():
 
 
 def test_the_roofline_is_in_the_range_of_real_machines():
-    limits = roofline(1 << 19)
+    limits = _native.roofline(1 << 19, "")
     assert 0.5 < limits["fma_gflops"] < 5000.0
     assert 0.0 < limits["load_ns"] < 1000.0
     assert 0.0 < limits["update_ns"] < 1000.0
