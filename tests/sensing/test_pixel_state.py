@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from tests.mapping.test_occupancy import camera_pose
 
-from anm_mj.mapping.config import OccupancyConfig
+from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.sensing.pixel_state import (
     AGREEMENT,
@@ -21,7 +22,6 @@ from anm_mj.sensing.pixel_state import (
 )
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, PixelState, Pose2
 from tests.fake_robot import FakeRobot
-from tests.mapping.test_occupancy import camera_pose
 from tests.planning.worlds import room
 
 CAMERA = Intrinsics.from_fov(128, 128, math.pi / 2)
