@@ -11,7 +11,7 @@ from anm_mj.cli.option_types import place, require_ending
 
 if TYPE_CHECKING:
     from anm_mj.robot.description import RobotDescription
-    from anm_mj.sim.drives.drive_trial import DriveTest
+    from anm_mj.sim.drives.drive_trial import DriveTrial
 
 UNUSABLE = 1
 """Exit status when the robot loads but does not drive."""
@@ -71,7 +71,7 @@ def _check(parsed: argparse.Namespace) -> int:
     return UNUSABLE if faults else 0
 
 
-def describe(robot: RobotDescription, test: DriveTest) -> list[str]:
+def describe(robot: RobotDescription, test: DriveTrial) -> list[str]:
     """One line per thing that was understood."""
     x, y, z = robot.T_base_camera[:3, 3]
     ahead = robot.T_base_camera[:3, 2]
@@ -113,7 +113,7 @@ def describe(robot: RobotDescription, test: DriveTest) -> list[str]:
     return lines
 
 
-def problems(robot: RobotDescription, test: DriveTest) -> list[str]:
+def problems(robot: RobotDescription, test: DriveTrial) -> list[str]:
     """Why the robot does not drive, with what to do; empty where it does."""
     found = []
     if len(robot.support_xy_m) and robot.wheel_joints:
