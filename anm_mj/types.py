@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, UInt8
@@ -77,6 +78,8 @@ class StopReason(StrEnum):
     """A wheel did not turn although it was driven, again and again."""
     DIVERGED = "DIVERGED"
     """The simulation of the robot became unstable."""
+    LOST = "LOST"
+    """The robot did not know where it was, and no place in its map fitted what it saw."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
 
@@ -339,6 +342,17 @@ class FormerRun:
     """What its policy remembered (:meth:`anm_mj.protocols.Continues.memory`)."""
 
 
+class TrainingEffort(NamedTuple):
+    """Effort on one frame, in place of the schedule's."""
+
+    iterations: int
+    """Training iterations."""
+    current_rays: int
+    """Rays per iteration from the frame at hand, at most; the others come from keyframes."""
+    is_keyframe: bool | None = None
+    """Whether the frame is kept for replay; None = as the schedule says."""
+
+
 @dataclass(frozen=True)
 class MapUpdate:
     """The effect of one call of ``Mapper.integrate``."""
@@ -430,7 +444,7 @@ class Plan:
 
     reason: str
     """Why the policy decided so, in one line for a person."""
-    path_xy_m: Float[np.ndarray, "k 2"]
+    path_xy_m: Float[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Polyline from the robot to the target [m]; empty for a turn on the spot or a stop."""
     headings_rad: tuple[float, ...] = ()
     """Yaws to turn to, in this order, after arrival."""

@@ -15,7 +15,6 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.select import make_backend, with_available_engine
 from anm_mj.mapping.config import MappingConfig
-from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.mapping.expected_error import EXPONENT, reducible_error_m
 from anm_mj.mapping.field_geometry import FieldGeometry
 from anm_mj.mapping.former_surface import FormerSurface
@@ -38,6 +37,7 @@ from anm_mj.types import (
     SurfaceChange,
     SurfaceErrors,
     SurfacePoints,
+    TrainingEffort,
     VoxelGrid,
 )
 
@@ -129,7 +129,8 @@ class NeuralMap:
             return MapUpdate(math.nan, 0, len(self._keyframes))
         self._fit_table()
         first = self._num_frames == 0
-        if self._num_frames % schedule.keyframe_every == 0:
+        is_keyframe = None if effort is None or first else effort.is_keyframe
+        if self._num_frames % schedule.keyframe_every == 0 if is_keyframe is None else is_keyframe:
             self._keyframes.add(observation, self._rng, self._replay_weight(observation))
             if self._former is not None:
                 self._former.forget_contradicted(self._keyframes, self._occupancy.grid, self._occupancy.corner)

@@ -84,6 +84,7 @@ class SensorMonitor:
         action: Action | None = None,
         moved: bool = False,
         sdf_m: SdfQuery | None = None,
+        judges_pose: bool = True,
     ) -> Observation:
         """Take a frame in.
 
@@ -92,6 +93,7 @@ class SensorMonitor:
             action: what the robot did since the last one; None for nothing, or unknown.
             moved: whether it moved, or turned, by that.
             sdf_m: signed distance of the map before this frame, which judges a jump of the pose [m]; None: nobody does.
+            judges_pose: whether a pose that is not where the action led is a jump; False where localisation judges it.
 
         Returns:
             The frame as far as it can be believed: with a pose, without outliers, without any depth where it is faulty.
@@ -115,7 +117,8 @@ class SensorMonitor:
         if not self._count(BLACK, not black or not self._has_colour or faulty, observation):
             faulty = True
         self._last = raw
-        observation = self._pose.check(observation, action if moved else None, None if faulty else sdf_m)
+        judge = None if faulty else sdf_m
+        observation = self._pose.check(observation, action if moved else None, judge, judges=judges_pose)
         if faulty:
             observation = replace(observation, depth_m=np.full_like(observation.depth_m, np.nan))
             return judge_pixels(observation)

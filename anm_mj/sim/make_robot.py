@@ -106,7 +106,7 @@ def make_robot(
     )
     if forgets_textures and imager.kind == GlCamera.kind:
         forget_content(model.tex_data)
-    T_base_camera = description.T_base_camera if config.pose == "odometry" else None
+    T_base_camera = description.T_base_camera if config.pose != "true" else None
     return SimRobot(
         model,
         data,

@@ -162,22 +162,21 @@ class NativeBackend(MapperBackend):
         """Normal equations of a frame at a camera pose (``native/frame_to_field.h``); see the base class."""
         if not hasattr(self._engine, "align"):
             raise MapError("The native engine was built by an older version and cannot localise; run make setup.")
-        return NormalEquations(
-            *self._engine.align(
-                points.camera_m,
-                points.rgb,
-                points.variance_m2,
-                points.trust,
-                _floats(T_world_camera[:3, :3]),
-                _floats(T_world_camera[:3, 3]),
-                settings.levels or self.config.field.num_levels,
-                (settings.saturation, settings.least_slope, settings.most_slope),
-                settings.field_deviation_m**2,
-                settings.kernel,
-                settings.color_deviation,
-                settings.color_kernel,
-            )
+        sums, distance_m = self._engine.align(
+            points.camera_m,
+            points.rgb,
+            points.variance_m2,
+            points.trust,
+            _floats(T_world_camera[:3, :3]),
+            _floats(T_world_camera[:3, 3]),
+            settings.levels or self.config.field.num_levels,
+            (settings.saturation, settings.least_slope, settings.most_slope),
+            settings.field_deviation_m**2,
+            settings.kernel,
+            settings.color_deviation,
+            settings.color_kernel,
         )
+        return NormalEquations(*sums, distance_m)
 
     def get_state(self) -> dict[str, Float32[np.ndarray, "..."]]:
         """Copies of all parameters by name."""
