@@ -41,7 +41,7 @@ def test_worlds_with_more_contacts_than_memory_and_places_that_are_no_numbers(tm
     model = mujoco.MjModel.from_xml_path(str(src))
     with pytest.raises(mujoco.FatalError):
         mujoco.mj_forward(model, mujoco.MjData(model))
-    assert len(import_scene(src, tmp_path / "many").geometry().faces) > 200 * 12
+    assert len(import_scene(src, tmp_path / "many").triangles()[1]) > 200 * 12
     src = write_world(tmp_path / "nan.xml", room_xml() + '<geom name="lost" size="0.1" pos="nan 0 0"/>')
     with pytest.raises(SceneError, match="place of the geom lost is no number"):
         import_scene(src, tmp_path / "nan")
@@ -79,4 +79,4 @@ def test_bodies_that_touch_are_settled_within_a_budget(tmp_path, monkeypatch):
     with pytest.raises(SceneError, match=r"360 degrees of freedom and \d+ contacts.*ANM_MJ_MAX_SETTLE_WORK"):
         import_scene(src, tmp_path / "out", settle=True)
     src = write_world(tmp_path / "world.xml", room_xml() + one.format(0.05))
-    assert len(import_scene(src, tmp_path / "out", settle=True).geometry().faces)
+    assert len(import_scene(src, tmp_path / "out", settle=True).triangles()[1])

@@ -98,12 +98,12 @@ def test_a_project_scene_exported_as_mjcf_keeps_its_depth_and_its_room(tmp_path)
 def test_bodies_stand_at_the_key_frame_or_drop_to_rest(house, tmp_path):
     src, scene = house
     fallen = import_scene(src, tmp_path / "fallen", settle=True)
-    high = [own.geometry().vertices[:, 2][near(own.geometry().vertices, (-1.0, 2.5), 0.25)] for own in (scene, fallen)]
+    high = [own.triangles()[0][:, 2][near(own.triangles()[0], (-1.0, 2.5), 0.25)] for own in (scene, fallen)]
     assert high[0][high[0] > 0.01].min() == pytest.approx(1.3, abs=0.01)
     assert high[1][high[1] > 0.01].max() == pytest.approx(0.4, abs=0.03)
     # The key frame has the chair a metre from where the file has it.
-    assert near(scene.geometry().vertices, (2.0, -2.0), 0.5).any()
-    assert not (near(scene.geometry().vertices, (1.0, -2.0), 0.3) & (scene.geometry().vertices[:, 2] > 0.1)).any()
+    assert near(scene.triangles()[0], (2.0, -2.0), 0.5).any()
+    assert not (near(scene.triangles()[0], (1.0, -2.0), 0.3) & (scene.triangles()[0][:, 2] > 0.1)).any()
 
 
 def test_planes_that_stand_upright_are_walls(tmp_path):
