@@ -24,8 +24,7 @@ from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_c
 from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
-from anm_mj.scene.budget import default_steps
-from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.scene.folder import Scene, default_steps, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import TrueView
 

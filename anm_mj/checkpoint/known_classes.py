@@ -9,7 +9,20 @@ from typing import Any
 from anm_mj.errors import CheckpointError
 
 _PACKAGE = __name__.partition(".")[0]
-_MAKEABLE = ("types", "planning", "mapping", "control", "robot", "geometry", "evaluation", "utils", "explore")
+_MAKEABLE = (
+    "types",
+    "planning",
+    "mapping",
+    "localisation",
+    "sensing",
+    "control",
+    "robot",
+    "geometry",
+    "ground_truth",
+    "evaluation",
+    "utils",
+    "loop_state",
+)
 """Parts of the package whose objects a checkpoint may make. They only compute: none of them writes files, opens
 connections or starts programs when it is made without its constructor."""
 

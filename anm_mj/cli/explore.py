@@ -116,11 +116,11 @@ def explore(
         title = resume.resolve().name
         start = functools.partial(resume_run, resume, policy=policy)
     else:
-        from anm_mj.run import run
-
         if scene is None:
             raise ConfigError("No scene is named; give one of anm-mj scene list, a scene folder, or --resume RUN.")
         config = run_config(scene, **setup)
+        from anm_mj.run import run
+
         title = f"{Path(scene).name}, {config.policy}, seed {config.seed}"
         start = functools.partial(run, config, out=out)
     return _show(start, title if view else None, port, verbose=verbose)
@@ -151,12 +151,15 @@ def _show(
     from anm_mj.cli.progress import Interrupt, ProgressLine
     from anm_mj.cli.run_summary import print_metrics
     from anm_mj.types import StopReason
-    from anm_mj.viz.meshcat_viewer import MeshcatViewer
 
     console = PlainConsole()
     if console.is_terminal:
         log_to(console, verbose=verbose)  # The live line makes room for what its own console prints.
-    viewer = None if title is None else MeshcatViewer(port=port, title=title)
+    viewer = None
+    if title is not None:
+        from anm_mj.viz.meshcat_viewer import MeshcatViewer
+
+        viewer = MeshcatViewer(port=port, title=title)
     try:
         with Interrupt(console) as interrupt, ProgressLine(console, details=verbose) as line:
             folder, metrics = start(observers=[interrupt, line, *([] if viewer is None else [viewer])])

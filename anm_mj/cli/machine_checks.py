@@ -22,7 +22,6 @@ from anm_mj.io.manifest import cpu_model
 from anm_mj.sim.gl import ProbeError, forget_backend, probe, select_backend
 from anm_mj.utils.raycast import embree_installed
 
-MIN_PYTHON = (3, 11)
 MIN_MEMORY_MIB = 3072
 """A run of the default preset in a house needs less."""
 MIN_DISK_MIB = 1024
@@ -83,12 +82,10 @@ def diagnose() -> list[Check]:
         ]
 
 
-def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
+def check_python() -> Check:
     """The interpreter's version and the machine."""
     found = f"{platform.python_version()}, {platform.system()} on {cpu_model()}, {os.cpu_count()} cores"
-    if version >= MIN_PYTHON:
-        return Check("Python", State.GOOD, found)
-    return Check("Python", State.BAD, found, "Install Python 3.11 or newer and run make setup again.")
+    return Check("Python", State.GOOD, found)
 
 
 def check_mujoco() -> Check:

@@ -52,14 +52,15 @@ COMMANDS = Group(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    for word in words:
-        if not _is_text(word):
-            fail(PROGRAM, f"{word!a} is no UTF-8; rename the file, or write it otherwise")
     if words[:1] == ["--version"]:
         sys.stdout.write(f"{PROGRAM} {version()}\n")
-        sys.exit(0)
-    prog, command, rest = find(PROGRAM, COMMANDS, words)
-    given, verbose = parse(prog, command, rest)
+        return 0
+    try:
+        _require_text(words)
+        prog, command, rest = find(PROGRAM, COMMANDS, words)
+        given, verbose = parse(prog, command, rest)
+    except SystemExit as end:
+        return int(end.code or 0)
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.log import log_to
 
@@ -90,12 +91,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return USAGE_ERROR
 
 
-def _is_text(word: str) -> bool:
-    """Whether the files of runs and scenes, which are UTF-8, can hold a word."""
-    try:
-        return bool(word.encode()) or not word
-    except UnicodeEncodeError:
-        return False
+def _require_text(words: Sequence[str]) -> None:
+    """End the program for a word that the files of runs and scenes, which are UTF-8, cannot hold."""
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            fail(PROGRAM, f"{word!a} is no UTF-8; rename the file, or write it otherwise")
 
 
 def _unforeseen(err: Exception) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.alignment import AlignSettings
 from anm_mj.utils.settings import check_settings, setting
+
+if TYPE_CHECKING:
+    from anm_mj.mapping.alignment import AlignSettings
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,8 @@ class RegistrationConfig:
 
     def settings(self, share: float) -> AlignSettings:
         """How residuals are weighted after a share of the shrinking, in [0, 1]."""
+        from anm_mj.mapping.alignment import AlignSettings  # Settings alone should not cost the import of numpy.
+
         kernel = self.first_kernel * (self.kernel / self.first_kernel) ** share
         return AlignSettings(kernel, self.field_deviation_m, self.color_deviation, self.color_kernel)
 

@@ -11,11 +11,11 @@ from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
 from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.sensor_config import SensorConfig
-from anm_mj.types import Pose2
 from anm_mj.utils.close_names import close_name
 
 if TYPE_CHECKING:
     from anm_mj.types import Pose2
+
 DRIVES = ("kinematic", "physics")
 POSES = ("true", "odometry", "slam")
 LARGEST_SEED = 2**63 - 1
@@ -23,9 +23,7 @@ LARGEST_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """All that makes a simulated robot in a scene; the configurations of runs, comparisons and environments build on
-    it, and take their defaults from here.
-    """
+    """All that makes a simulated robot in a scene; runs, comparisons and environments have their defaults from here."""
 
     scene: str
     """Name from the catalogue, or path of a scene folder."""
@@ -35,7 +33,8 @@ class SimulationConfig:
     drive: str = "kinematic"
     """How the robot executes actions: ``kinematic`` (exactly) or ``physics`` (wheel torque and contact)."""
     pose: str = "true"
-    """Where poses come from: ``true``, wheel ``odometry``, or ``slam`` (odometry, corrected by localisation in the map)."""
+    """Where poses come from: ``true``, wheel ``odometry``, or ``slam`` (odometry, corrected by localisation in
+    the map)."""
     image_px: int = 256
     """Width and height of the camera image [px]."""
     start: tuple[float, float, float] | None = None
