@@ -64,14 +64,14 @@ def test_a_policy_with_other_settings_is_another_row(tmp_path):
     sweep = '[[sweep]]\nscenes = ["home"]\npolicies = ["anm-s"]\nsteps = 300\n'
     file = tmp_path / "ablation.toml"
     file.write_text(
-        f'{sweep}{sweep}settings = ["planning.target=random"]\n{sweep}preset = "paper"\n{sweep}sensor = "d435i"\n'
+        f'{sweep}{sweep}settings = ["policy.target=random"]\n{sweep}preset = "paper"\n{sweep}sensor = "d435i"\n'
     )
 
     run_bench(file, tmp_path / "out", num_workers=2, function="tests.bench.fake:quick")
 
     text = (tmp_path / "out" / "table.md").read_text().partition("## home")[2]
     names = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| anm-s")][:4]
-    assert names == ["anm-s", "anm-s (planning.target=random)", "anm-s (paper)", "anm-s (d435i)"]
+    assert names == ["anm-s", "anm-s (policy.target=random)", "anm-s (paper)", "anm-s (d435i)"]
 
 
 OWN = """
