@@ -100,7 +100,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
 def true_view(parts: Parts) -> Callable[[], TrueView] | None:
     """A function that gives true poses and depth; None where observations hold them."""
     config = parts.config
-    exact = config.pose == "true" and not config.sensor.misses and config.sensor.fault == "none"
+    exact = config.pose == "true" and not config.sensor.misses
     return None if exact else parts.robot.true_view
 
 

@@ -28,6 +28,7 @@ from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import view_samples
+from anm_mj.sensing.pixel_state import judge_pixels, valid_pixels
 from anm_mj.types import (
     UNKNOWN,
     Intrinsics,
@@ -119,12 +120,12 @@ class NeuralMap:
             MapError: If the loss is not finite in :data:`MAX_FAILURES` frames in a row.
         """
         schedule = self.config.schedule
-        observation = _measured(observation)
+        observation = judge_pixels(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
         self._occupancy.integrate(
             observation.depth_m, observation.intrinsics, observation.T_world_camera, observation.range_m
         )
-        if np.isnan(observation.depth_m).all():
+        if not valid_pixels(observation).any():
             return MapUpdate(math.nan, 0, len(self._keyframes))
         self._fit_table()
         first = self._num_frames == 0
@@ -479,14 +480,6 @@ class NeuralMap:
         size = np.array(grid.state.shape[::-1]) * grid.resolution_m
         room = size - (loss.smoothness_points - 1) * loss.smoothness_spacing_m
         return grid.origin_m + np.where(room > 0.0, self._rng.random(3), 0.5) * room
-
-
-def _measured(observation: Observation) -> Observation:
-    """The observation, with NaN wherever its depth is nothing that a camera measures."""
-    measured = observation.depth_m > 0.0
-    if measured.all():
-        return observation
-    return replace(observation, depth_m=np.where(measured, observation.depth_m, np.float32(np.nan)))
 
 
 def _part(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:

@@ -97,7 +97,7 @@ def test_maps_that_nobody_asks_are_a_choice(tmp_path):
     # What such a sensor shows blocks other paths without a field.
     assert dataclasses.replace(seldom[1], sensor="d435i").trains
     assert dataclasses.replace(seldom[1], pose="odometry").trains
-    assert dataclasses.replace(seldom[1], settings=("sensor.fault=outliers",)).trains
+    assert dataclasses.replace(seldom[1], settings=("sensor.max_range_m=3",)).trains
 
 
 def test_policies_that_ask_no_map_are_those_that_drop_it_unread():
