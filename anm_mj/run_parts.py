@@ -24,8 +24,7 @@ from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_c
 from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
-from anm_mj.scene.budget import default_steps
-from anm_mj.scene.folder import Scene, load_scene
+from anm_mj.scene.folder import Scene, default_steps, load_scene
 from anm_mj.sim.gl import GlBackend, select_backend
 from anm_mj.types import TrueView
 
@@ -73,7 +72,8 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
         AnmError: see :func:`run`.
     """
     scene = load_scene(config.scene)
-    config = replace(config, steps=config.steps or scene.budget_steps or default_steps(scene.rooms))
+    steps = config.steps or scene.budget_steps or default_steps(scene.rooms)
+    config = replace(config, steps=steps)
     if prior is not None:
         prior.compare_scene(config.scene, scene.hash)
         config = prior.config(config)
@@ -82,7 +82,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
     if prior is not None:
         prior.begin(mapper)
     with _make_robot(config, scene) as robot:
-        truth = functools.cache(lambda: _true_scene(scene, robot, config.steps, observers))
+        truth = functools.cache(lambda: _true_scene(scene, robot, steps, observers))
         told = truth() if needs_truth(config.policy) else None
         context = PolicyContext(
             robot.footprint, config.policy_settings, config.planning, config.seed, told, config.goal
@@ -147,7 +147,7 @@ def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     return make_robot(scene, config, anticipates=True, forgets_textures=True)
 
 
-def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int | None, observers: Sequence[Observer]) -> SceneTruth:
+def _true_scene(scene: Scene, robot: SimRobot, budget_steps: int, observers: Sequence[Observer]) -> SceneTruth:
     """The true surface with its observable part; the search for that part takes minutes at the first run in a scene."""
 
     def tell(done: int, total: int) -> None:

@@ -430,7 +430,7 @@ class Plan:
 
     reason: str
     """Why the policy decided so, in one line for a person."""
-    path_xy_m: Float[np.ndarray, "k 2"]
+    path_xy_m: Float[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Polyline from the robot to the target [m]; empty for a turn on the spot or a stop."""
     headings_rad: tuple[float, ...] = ()
     """Yaws to turn to, in this order, after arrival."""

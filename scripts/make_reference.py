@@ -15,7 +15,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from anm_mj.bench.sweep import FIELDS, Sweep
+from anm_mj.bench.sweep import Sweep
 from anm_mj.cli import command_line
 from anm_mj.cli.main import COMMANDS, PROGRAM
 from anm_mj.config import make_config
@@ -112,7 +112,7 @@ def reference() -> str:
             if rows:
                 parts.append(_section(f"`policy.*` of {', '.join(f'`{name}`' for name in names)}", "", rows))
     parts.append("## Metrics\n\nFields of `metrics.json`; `null` where unknown.\n\n" + _table(_metrics()))
-    rows = [(f"`{entry.name}`", _default(entry), texts) for entry, texts in _documented(Sweep) if entry.name in FIELDS]
+    rows = [(f"`{entry.name}`", _default(entry), texts) for entry, texts in _documented(Sweep)]
     parts.append("## Keys of a comparison\n\nOf the TOML file of `anm-mj bench`.\n\n" + _table(rows))
     rows = [(f"`{entry.name}`", _default(entry), text) for entry, text in _documented(EnvironmentConfig)]
     parts.append("## Options of an environment\n\n" + _table(rows))

@@ -154,7 +154,7 @@ def scene_list() -> int:
     from rich.table import Table
 
     from anm_mj.cli.console import PlainConsole
-    from anm_mj.scene.catalogue import list_scenes
+    from anm_mj.scene.folder import list_scenes
 
     table = Table("name", "rooms", "size [m]", "triangles", "licence", box=None)
     table.add_column("folder", overflow="fold")

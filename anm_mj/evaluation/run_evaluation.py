@@ -96,9 +96,7 @@ def evaluate_run(
     write_curve(run.folder, curve, statistics)
     mesh = quality_of_mesh(run.folder, truth, curve)
     trajectory = trajectory_metrics(run, truth, curve)
-    metrics = summarise(
-        statistics, curve.rows, curve.path_m, uncapped_cm, truth, mesh, summary, views, trajectory, before=curve.before
-    )
+    metrics = summarise(statistics, curve, uncapped_cm, truth, mesh, summary, views, trajectory)
     write_json(run.folder.metrics, metrics)
     return metrics
 

@@ -184,17 +184,7 @@ def write_results(
     if trajectory is not None:
         lines = [tum_line(frame.time_s, frame.true_pose) for frame in run.frames]
         write_text(folder.true_trajectory, "\n".join(lines) + "\n")
-    metrics = summarise(
-        statistics,
-        curve.rows,
-        curve.path_m,
-        uncapped_cm[0],
-        recorder.truth,
-        mesh,
-        summary,
-        trajectory=trajectory,
-        before=curve.before,
-    )
+    metrics = summarise(statistics, curve, uncapped_cm[0], recorder.truth, mesh, summary, trajectory=trajectory)
     # Before the pictures, which may find no room.
     write_json(folder.metrics, metrics)
     recorder.flush()
