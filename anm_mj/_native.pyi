@@ -97,7 +97,7 @@ class Engine:
         kernel: float,
         color_deviation: float,
         color_kernel: float,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], _Floats]: ...
+    ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], _Floats]: ...
 
 class Occupancy:
     def __init__(self, num_threads: int, kernel: str) -> None: ...
@@ -170,6 +170,17 @@ def write_blocks(
     out: NDArray[np.int8],
     moved: NDArray[np.uint8],
 ) -> None: ...
+def frame_to_frame(
+    points: _Floats,
+    gray: _Floats,
+    variance: _Floats,
+    trust: _Floats,
+    depth: _Floats,
+    image_gray: _Floats,
+    camera: NDArray[np.float64],
+    T: NDArray[np.float64],
+    settings: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 def ray_batches(
     pixels: NDArray[np.uint8],
     cameras: _Floats,
@@ -289,6 +300,7 @@ def cover_samples(
 ) -> int: ...
 def lend_cores(cores: int) -> None: ...
 def kernel_names() -> list[str]: ...
+
 # Limits of one core, measured in about a second of its time. "fma_gflops": multiply-adds on registers; "load_ns" and
 # "update_ns": per random pair of floats of a table read and accumulated, or read, changed and written;
 # "stream_gb_per_s": reading and writing 28 MiB in order.

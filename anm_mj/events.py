@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
+from anm_mj.localisation.localiser import PoseEstimate
 from anm_mj.protocols import Mapper
 from anm_mj.types import ActionResult, MapUpdate, Observation, Plan, StopReason
 
@@ -22,6 +23,8 @@ class Observed:
     """As the robot believes it: with its estimated pose, and without what the camera got wrong."""
     update: MapUpdate
     """What the map learnt from it."""
+    estimate: PoseEstimate | None = None
+    """What localisation says of its pose; None where poses are taken as they come."""
 
 
 @dataclass(frozen=True)

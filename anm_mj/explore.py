@@ -8,20 +8,19 @@ what happens (:mod:`anm_mj.events`). Each stage can be replaced: by a real robot
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Sequence
 
-from anm_mj.errors import MapError, PlanError
+from anm_mj.errors import PlanError
 from anm_mj.events import Decided, Ended, Event, Observed, Observer, Stepped
+from anm_mj.localisation.localiser import Localiser
+from anm_mj.localisation.look_around import look_around
+from anm_mj.loop_stages import UNTRAINED, is_blocked, learn, localise, observe
 from anm_mj.loop_state import LoopState
-from anm_mj.planning.blocked_path import lookahead_radius_m, path_is_blocked
 from anm_mj.protocols import Mapper, Policy, Robot
-from anm_mj.types import Action, MapUpdate, Observation, Plan, StopReason
+from anm_mj.types import Action, StopReason
 from anm_mj.utils.stopwatch import Stopwatch
 
 _logger = logging.getLogger(__name__)
-
-_UNTRAINED = MapUpdate(math.nan, 0, 0)
 
 STUCK_COLLISIONS = 12
 """A robot that collides this often on its path, without a free step in between, is stuck."""
@@ -33,6 +32,7 @@ def explore(
     policy: Policy,
     *,
     num_steps: int,
+    localiser: Localiser | None = None,
     observers: Sequence[Observer] = (),
     state: LoopState | None = None,
 ) -> Ended:
@@ -43,6 +43,7 @@ def explore(
         mapper: learns from every observation.
         policy: hears every observation, and plans whenever the last plan is done, outdated or blocked.
         num_steps: budget of discrete actions; turns and collisions count.
+        localiser: estimates the pose of every observation; None = poses are taken as they come.
         observers: hear every event in this order; any of them may end the run.
         state: where a former call stood, to go on from there with the robot, mapper and policy of then; None = at the
             start. It is kept up to date.
@@ -66,9 +67,10 @@ def explore(
     if state.observation is None:
         with state.total.stage("observe"):
             first = state.monitor.check(robot.observe())
-        update = _learn(first, mapper, policy, state.total)
+        first, estimate = localise(first, localiser, state, state.total)
+        update = learn(first, estimate, localiser, mapper, policy, state.total)
         state.map_failed, state.observation = update is None, first
-        interrupted = tell(Observed(first, update or _UNTRAINED))
+        interrupted = tell(Observed(first, update or UNTRAINED, estimate))
     if state.map_failed:
         return end(StopReason.MAP_ERROR)
 
@@ -78,9 +80,9 @@ def explore(
         watch, observation, plan = Stopwatch(), state.observation, state.plan
         with watch.stage("plan"):
             action = state.follower.next_action(observation.pose)
-            decided = action is None or _is_blocked(action, plan, robot, mapper, observation)
+            decided = action is None or is_blocked(action, plan, robot, mapper, observation)
             if decided:
-                plan = policy.plan(mapper, observation)
+                plan = look_around(state.lost_steps) or policy.plan(mapper, observation)
                 state.follower.start(plan)
                 action = state.follower.next_action(observation.pose)
         assert plan is not None  # The follower has no action without a plan.
@@ -102,18 +104,21 @@ def explore(
         elif action is Action.MOVE_FORWARD:
             state.collisions = 0
         with watch.stage("observe"):
-            seen = _observe(robot)
+            seen = observe(robot)
             if seen is not None:
-                seen = state.monitor.check(seen, action=action, moved=not result.collided, sdf_m=mapper.sdf)
+                free = not result.collided
+                judges = localiser is None
+                seen = state.monitor.check(seen, action=action, moved=free, sdf_m=mapper.sdf, judges_pose=judges)
         if seen is None:
             state.total.add(watch)
             state.step = step
             return end(StopReason.SENSOR_FAULT)
-        update = _learn(seen, mapper, policy, watch)
+        seen, estimate = localise(seen, localiser, state, watch)
+        update = learn(seen, estimate, localiser, mapper, policy, watch)
         state.total.add(watch)
         state.step, state.plan, state.observation, state.map_failed = step, plan, seen, update is None
-        update = update or _UNTRAINED
-        interrupted |= tell(Observed(seen, update))
+        update = update or UNTRAINED
+        interrupted |= tell(Observed(seen, update, estimate))
         interrupted |= tell(Stepped(step, result, seen, update, plan, mapper, watch.ms, state.loop_s))
         if state.map_failed:
             return end(StopReason.MAP_ERROR)
@@ -126,35 +131,3 @@ def explore(
         if state.collisions >= STUCK_COLLISIONS:
             return end(StopReason.STUCK)
     return end(StopReason.BUDGET)
-
-
-def _observe(robot: Robot) -> Observation | None:
-    """The next frame; None where the camera fails, whatever its driver raises then."""
-    try:
-        return robot.observe()
-    except Exception as err:
-        _logger.error("The camera failed (%s: %s); the run ends.", type(err).__name__, err)
-        return None
-
-
-def _learn(observation: Observation, mapper: Mapper, policy: Policy, watch: Stopwatch) -> MapUpdate | None:
-    """Take a frame into the map, and tell the policy; None where the map cannot be trained any further."""
-    try:
-        with watch.stage("map"):
-            update = mapper.integrate(observation)
-    except MapError as err:
-        _logger.error("%s The run ends.", err)
-        return None
-    with watch.stage("plan"):
-        policy.observe(observation)
-    return update
-
-
-def _is_blocked(
-    action: Action | None, plan: Plan | None, robot: Robot, mapper: Mapper, observation: Observation
-) -> bool:
-    """Whether the map now shows an obstacle on the planned path; fixed actions are executed without a check."""
-    if action is not Action.MOVE_FORWARD or plan is None or plan.actions:
-        return False
-    grid = mapper.occupancy_grid(observation.pose.xy_m, lookahead_radius_m(robot.footprint))
-    return path_is_blocked(grid, robot.footprint, observation.pose)

@@ -140,7 +140,15 @@ def run_loop(
     robot = AnticipatingRobot(parts.robot, state)
     keeper = _StateKeeper(checkpointer, config.steps)
     followers = (robot, recorder, *observers, keeper)
-    ended = explore(robot, mapper, parts.policy, num_steps=config.steps, observers=followers, state=state)
+    ended = explore(
+        robot,
+        mapper,
+        parts.policy,
+        num_steps=config.steps,
+        localiser=parts.localiser,
+        observers=followers,
+        state=state,
+    )
     interrupted = ended.stop_reason is StopReason.INTERRUPTED
     if interrupted:
         checkpointer.finish(ended.num_steps, resumable=True)
@@ -167,13 +175,14 @@ def run_loop(
 def checkpoint_roots(parts: Parts, recorder: RunRecorder, state: LoopState) -> dict[str, Any]:
     """Everything that a checkpoint holds, by name."""
     recorder.flush()
-    return {
+    roots = {
         "loop": state,
         "robot": parts.robot,
         "mapper": parts.mapper,
         "policy": parts.policy,
         "recorder": recorder,
     }
+    return roots if parts.localiser is None else {**roots, "localiser": parts.localiser}
 
 
 def _what_is_left(parts: Parts, recorder: RunRecorder, ended: Ended) -> RegionState:

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int8, UInt8
@@ -77,8 +78,22 @@ class StopReason(StrEnum):
     """A wheel did not turn although it was driven, again and again."""
     DIVERGED = "DIVERGED"
     """The simulation of the robot became unstable."""
+    LOST = "LOST"
+    """The robot did not know where it was, and no place in its map fitted what it saw."""
     INTERRUPTED = "INTERRUPTED"
     """A person ended the run."""
+
+
+class PixelState(IntEnum):
+    """What a pixel of a depth image is; the first two tell where free space is."""
+
+    MEASURED = 0
+    OUT_OF_RANGE = 1
+    """The sensor says that it looked farther than its range."""
+    LOST = 2
+    """Nothing was measured."""
+    OUTLIER = 3
+    """Something was measured that the pixels beside it contradict."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +169,8 @@ class Observation:
     """Where the base stands, as the robot believes it."""
     range_m: float = math.inf
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
+    pixel_state: UInt8[np.ndarray, "h w"] | None = None
+    """What each pixel is (:class:`PixelState`); None before :func:`anm_mj.sensing.pixel_state.judge_pixels`."""
 
 
 @dataclass(frozen=True)
@@ -325,6 +342,17 @@ class FormerRun:
     """What its policy remembered (:meth:`anm_mj.protocols.Continues.memory`)."""
 
 
+class TrainingEffort(NamedTuple):
+    """Effort on one frame, in place of the schedule's."""
+
+    iterations: int
+    """Training iterations."""
+    current_rays: int
+    """Rays per iteration from the frame at hand, at most; the others come from keyframes."""
+    is_keyframe: bool | None = None
+    """Whether the frame is kept for replay; None = as the schedule says."""
+
+
 @dataclass(frozen=True)
 class MapUpdate:
     """The effect of one call of ``Mapper.integrate``."""
@@ -416,7 +444,7 @@ class Plan:
 
     reason: str
     """Why the policy decided so, in one line for a person."""
-    path_xy_m: Float[np.ndarray, "k 2"]
+    path_xy_m: Float[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     """Polyline from the robot to the target [m]; empty for a turn on the spot or a stop."""
     headings_rad: tuple[float, ...] = ()
     """Yaws to turn to, in this order, after arrival."""

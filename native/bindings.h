@@ -43,6 +43,27 @@ Doubles make_doubles(const std::size_t (&shape)[N], double*& data) {
     return Doubles(data, N, shape, nb::capsule(data, [](void* p) noexcept { delete[] static_cast<double*>(p); }));
 }
 
+// Normal equations of two kinds of residuals: matrices, gradients, and cost, weight and count of each.
+inline nb::tuple as_arrays(const anm::NormalEquations (&sums)[2]) {
+    double *hessian = nullptr, *gradient = nullptr, *facts = nullptr;
+    Doubles hessian_out = make_doubles({2, 6, 6}, hessian), gradient_out = make_doubles({2, 6}, gradient);
+    Doubles facts_out = make_doubles({2, 3}, facts);
+    for (std::size_t kind = 0; kind < 2; ++kind) {
+        const anm::NormalEquations& of = sums[kind];
+        std::size_t k = 0;
+        for (std::size_t i = 0; i < 6; ++i) {
+            gradient[6 * kind + i] = of.gradient[i];
+            for (std::size_t j = i; j < 6; ++j) {
+                hessian[36 * kind + 6 * i + j] = hessian[36 * kind + 6 * j + i] = of.hessian[k++];
+            }
+        }
+        facts[3 * kind] = of.cost;
+        facts[3 * kind + 1] = of.weight;
+        facts[3 * kind + 2] = of.count;
+    }
+    return nb::make_tuple(hessian_out, gradient_out, facts_out);
+}
+
 // Names of the kernels that this processor can run, best first.
 std::vector<std::string> kernel_names();
 // The kernel of that name; the best one for an empty name.
@@ -53,3 +74,4 @@ void bind_engine(nb::module_& m);
 void bind_occupancy(nb::module_& m);
 void bind_functions(nb::module_& m);
 void bind_planning(nb::module_& m);
+void bind_localisation(nb::module_& m);

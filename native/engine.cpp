@@ -267,30 +267,14 @@ public:
         at.color_deviation = color_deviation;
         at.color_kernel = color_kernel;
         anm::NormalEquations sums[2];
-        double *hessian = nullptr, *gradient = nullptr, *facts = nullptr;
         float* residuals = nullptr;
-        Doubles hessian_out = make_doubles({2, 6, 6}, hessian), gradient_out = make_doubles({2, 6}, gradient);
-        Doubles facts_out = make_doubles({2, 3}, facts);
         Out residuals_out = make_array({count}, residuals);
         {
             nb::gil_scoped_release release;
             const std::lock_guard<std::mutex> lock(mutex_);
             kernel_.align(model_, frame, at, sums, residuals, work_.parallel(), work_.arena());
         }
-        for (std::size_t kind = 0; kind < 2; ++kind) {
-            const anm::NormalEquations& of = sums[kind];
-            std::size_t k = 0;
-            for (std::size_t i = 0; i < 6; ++i) {
-                gradient[6 * kind + i] = of.gradient[i];
-                for (std::size_t j = i; j < 6; ++j) {
-                    hessian[36 * kind + 6 * i + j] = hessian[36 * kind + 6 * j + i] = of.hessian[k++];
-                }
-            }
-            facts[3 * kind] = of.cost;
-            facts[3 * kind + 1] = of.weight;
-            facts[3 * kind + 2] = of.count;
-        }
-        return nb::make_tuple(hessian_out, gradient_out, facts_out, residuals_out);
+        return nb::make_tuple(as_arrays(sums), residuals_out);
     }
 
 private:

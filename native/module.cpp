@@ -45,4 +45,5 @@ NB_MODULE(_native, m) {
     bind_occupancy(m);
     bind_functions(m);
     bind_planning(m);
+    bind_localisation(m);
 }

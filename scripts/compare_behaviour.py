@@ -135,7 +135,7 @@ def _csv_rows(path: Path) -> list[list[str]]:
 
 
 def _renamed(row: dict[str, Any], left_out: frozenset[str]) -> dict[str, Any]:
-    return {RENAMED.get(key, key): value for key, value in row.items() if key not in left_out}
+    return {RENAMED.get(key, key): value for key, value in row.items() if key not in left_out and value is not None}
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ _FLOORS = {
         ("mapping", "planning"),
         ("localisation",),
         ("events", "loop_state"),
+        ("loop_stages",),
         ("anticipating_robot", "explore"),
     ),
     # What a simulation needs.

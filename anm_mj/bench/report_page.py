@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markdown_it import MarkdownIt
 
-from anm_mj.bench.run_result import variant
+from anm_mj.bench.job import variant
 from anm_mj.planning.policies.registry import DEFAULT_POLICY, needs_truth
 from anm_mj.utils.files import write_text
 

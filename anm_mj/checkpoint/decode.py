@@ -163,12 +163,9 @@ class _Decoder:
 
     def _method(self, owner: Any, name: str) -> Any:
         function = next((vars(base)[name] for base in type(owner).__mro__ if name in vars(base)), None)
-        if not callable(function) or name.startswith("__") or not self._is_ours(type(owner)):
+        if not callable(function) or name.startswith("__") or not self._known.allows(type(owner).__module__):
             raise CheckpointError(f"It names the method {name!r} of {name_of(type(owner))}, which there is not.")
         return getattr(owner, name)
-
-    def _is_ours(self, cls: type) -> bool:
-        return self._known.allows(cls.__module__)
 
     def _array(self, kind: str, node: list[Any]) -> np.ndarray:
         dtype, shape, writeable = _dtype(node[-3]), tuple(node[-2]), node[-1]
@@ -237,15 +234,10 @@ def _is_frozen(cls: type) -> bool:
 
 def _dtype(text: Any) -> np.dtype:
     """A data type without objects."""
-    described = text if isinstance(text, str) else [_field(part) for part in text]
-    dtype = np.dtype(described)
+    dtype = np.dtype(text if isinstance(text, str) else [(*part[:2], *map(tuple, part[2:])) for part in text])
     if dtype.hasobject:
         raise CheckpointError("It holds an array of objects.")
     return dtype
-
-
-def _field(part: list[Any]) -> tuple[Any, ...]:
-    return (part[0], part[1]) if len(part) == 2 else (part[0], part[1], tuple(part[2]))
 
 
 def _generator(state: dict[str, Any]) -> np.random.Generator:

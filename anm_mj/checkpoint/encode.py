@@ -8,6 +8,7 @@ Arrays that share memory stay views of the same memory.
 from __future__ import annotations
 
 import base64
+import enum
 import types
 from collections import Counter, OrderedDict, defaultdict, deque
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from anm_mj.checkpoint.known_classes import KnownClasses, attributes_of, is_enum, name_of
+from anm_mj.checkpoint.known_classes import KnownClasses, attributes_of, name_of
 from anm_mj.errors import CheckpointError
 
 MAX_INLINE_BYTES = 256
@@ -115,7 +116,7 @@ class _Encoder:
             return ["method", self._value(thing.__self__, where), thing.__func__.__name__]
         if kind is slice:
             return ["slice", *(self._value(part, where) for part in (thing.start, thing.stop, thing.step))]
-        if is_enum(thing):
+        if isinstance(thing, enum.Enum):
             self._require(kind.__module__, thing, where)
             return ["enum", name_of(kind), thing.name]
         return self._object(thing, where, path)
@@ -167,7 +168,7 @@ class _Encoder:
                 if id(owner) not in stored:
                     stored[id(owner)] = len(self._graph.arrays)
                     self._graph.arrays.append(_bytes_of(owner))
-                offset = array.__array_interface__["data"][0] - _lowest_address(owner)
+                offset = _address(array) - _address(owner)
                 node = ["view", stored[id(owner)], offset, list(array.strides)]
             else:
                 order = _axes_order(array)
@@ -189,7 +190,7 @@ def _owner(array: np.ndarray) -> np.ndarray:
     return owner if owner.flags.c_contiguous or owner.flags.f_contiguous else array
 
 
-def _lowest_address(array: np.ndarray) -> int:
+def _address(array: np.ndarray) -> int:
     return array.__array_interface__["data"][0]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int64
 from scipy import ndimage
 
-from anm_mj.localisation.config import RelocalisationConfig
+from anm_mj.localisation.localisation_config import RelocalisationConfig
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
 

@@ -12,15 +12,15 @@ from jaxtyping import Bool, Float
 
 from anm_mj.frames import pose_matrix, wrap_angle
 from anm_mj.localisation.agreement import REACH_M, agreement
-from anm_mj.localisation.config import LocalisationConfig
 from anm_mj.localisation.frame_points import draw_points
+from anm_mj.localisation.key_images import KeyImages
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
-from anm_mj.localisation.registration import FREE, PLANAR, Prior, Registration, register
+from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, register
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.mapping.effort import TrainingEffort
-from anm_mj.types import Observation, Pose2
+from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
@@ -71,10 +71,12 @@ class FieldLocaliser:
         self._T_camera_base: Float[np.ndarray, "4 4"] | None = None
         self._num_frames = 0
         self._num_mapped = 0
+        self._since_keyframe = 0
         self._misfits = 0
         """Frames in a row that did not fit."""
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
         self._relocaliser = Relocaliser(config)
+        self._key_images = KeyImages(config.key_images)
         self._T_world_camera: Float[np.ndarray, "4 4"] | None = None
         self._T_odometry: Float[np.ndarray, "4 4"] | None = None
         self._T_last_now = np.eye(4)
@@ -94,6 +96,8 @@ class FieldLocaliser:
             self._T_camera_base = np.linalg.inv(observation.T_world_camera) @ pose_matrix(observation.pose)
         lost = self._state is TrackingState.LOST
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
+            if self._num_frames == 1:
+                self._key_images.add(observation)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
         noise = self._map.occupancy.by_depth.noise.value
@@ -104,7 +108,9 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
-        found = register(points, prior, self._map.backend.align, self._known, settings)
+        found = register(
+            points, prior, self._map.backend.align, self._known, settings, self._extra(points, prior, noise)
+        )
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -116,12 +122,43 @@ class FieldLocaliser:
         self._covariance = found.covariance
         return self._estimate(observation, found.T_world_camera, found, usable=self._is_sure())
 
+    def integrate(self, estimate: PoseEstimate) -> MapUpdate:
+        """Take a usable frame into the map; see the protocol."""
+        return self._map.integrate(estimate.observation, self.effort(estimate))
+
     def effort(self, estimate: PoseEstimate) -> TrainingEffort:
-        """How much to train on a usable frame: more on the first ones; see the protocol."""
+        """How much to train on a usable frame.
+
+        The first frames decide all later drift: they are trained on longer. Frames that show much that the map does not
+        know yet become keyframes sooner, or the next frame would be registered to what only one batch has shown.
+        """
         self._num_mapped += 1
         tracking = self.config.tracking
         young = self._num_mapped <= tracking.young_frames
-        return TrainingEffort(tracking.young_iterations if young else tracking.iterations, tracking.current_rays)
+        fresh = young or estimate.quality.known < tracking.familiar
+        self._since_keyframe += 1
+        is_keyframe = self._since_keyframe >= (tracking.fresh_keyframe_every if fresh else tracking.keyframe_every)
+        if is_keyframe:
+            self._since_keyframe = 0
+            self._key_images.add(estimate.observation)
+        iterations = tracking.young_iterations if young else tracking.iterations
+        return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
+
+    def _extra(self, points: FramePoints, prior: Prior, noise_per_m: float) -> Extra | None:
+        """What earlier frames say of a frame's pose."""
+        images = self._key_images.overlapping(points, prior.T_world_camera) if self.config.key_images.num_images else []
+        if not images:
+            return None
+
+        def equations(
+            trusted: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], kernel: float
+        ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+            parts = [
+                self._key_images.equations(image, trusted, T_world_camera, noise_per_m, kernel) for image in images
+            ]
+            return sum((part[0] for part in parts), np.zeros((6, 6))), sum((part[1] for part in parts), np.zeros(6))
+
+        return equations
 
     def _look_for(self, observation: Observation, prior: Prior, points: FramePoints) -> PoseEstimate:
         """Look for a lost camera in the whole map."""

@@ -12,13 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from anm_mj.localisation.config import RegistrationConfig
 from anm_mj.localisation.frame_points import with_trust
+from anm_mj.localisation.localisation_config import RegistrationConfig
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
 Aligner = Callable[[FramePoints, Float[np.ndarray, "4 4"], AlignSettings], NormalEquations]
 """What compares a frame with the field, as :meth:`anm_mj.mapping.backends.backend.MapperBackend.align`."""
+Extra = Callable[
+    [FramePoints, Float[np.ndarray, "4 4"], float], tuple[Float64[np.ndarray, "6 6"], Float64[np.ndarray, "6"]]
+]
+"""Further normal equations of a frame's points at a pose, with the width of the kernel in standard deviations."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
@@ -57,7 +61,12 @@ class Registration:
 
 
 def register(
-    points: FramePoints, prior: Prior, align: Aligner, known: Known, config: RegistrationConfig
+    points: FramePoints,
+    prior: Prior,
+    align: Aligner,
+    known: Known,
+    config: RegistrationConfig,
+    extra: Extra | None = None,
 ) -> Registration:
     """The most likely pose of a frame, starting from its prior.
 
@@ -67,34 +76,37 @@ def register(
         align: The field.
         known: Which places of the field can be trusted.
         config: Settings.
+        extra: Adds to the normal equations.
     """
     basis = prior.basis
     information = np.linalg.inv(prior.covariance)
     T = prior.T_world_camera
     trusted = points
-    equations: NormalEquations | None = None
     hessian = np.zeros_like(information)
+
+    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
+        settings = config.settings(share)
+        found = align(trusted, T, settings)
+        full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
+        if extra is not None:
+            more, more_slope = extra(points, T, settings.kernel)
+            full, slope = full + more, slope + more_slope
+        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope)
+
     iteration = 0
     for iteration in range(config.iterations):
         if iteration in (0, config.recheck_after):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
-        settings = config.settings(share)
-        equations = align(trusted, T, settings)
-        hessian = basis.T @ (config.information * (equations.hessian[0] + equations.hessian[1])) @ basis
-        gradient = basis.T @ (config.information * (equations.gradient[0] + equations.gradient[1]))
-        offset = (
-            np.linalg.pinv(basis) @ camera_motion(prior.T_world_camera, T) if iteration else np.zeros(basis.shape[1])
-        )
+        equations, hessian, gradient = sums(T, share)
+        offset = basis.T @ camera_motion(prior.T_world_camera, T) if iteration else np.zeros(basis.shape[1])
         change = np.linalg.solve(hessian + information, -(gradient + information @ offset))
         step = basis @ change
         T = moved_camera(T, step)
         if share >= 1.0 and np.linalg.norm(step[:3]) < config.still_m and np.linalg.norm(step[3:]) < config.still_rad:
             break
-    assert equations is not None
     trusted = with_trust(points, known(_world(points, T)))
-    equations = align(trusted, T, config.settings(1.0))
-    hessian = basis.T @ (config.information * (equations.hessian[0] + equations.hessian[1])) @ basis
+    equations, hessian, _ = sums(T, 1.0)
     count, weight = float(equations.facts[0, 2]), float(equations.facts[0, 1])
     distance = equations.distance_m[np.isfinite(equations.distance_m)]
     cut = 2.0 * config.field_deviation_m

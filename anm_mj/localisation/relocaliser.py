@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from anm_mj.localisation.agreement import agreement
 from anm_mj.localisation.coarse_search import DistanceGrid, distance_grid, level, search
-from anm_mj.localisation.config import LocalisationConfig
+from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.registration import Aligner, Known, Prior, Registration, register
 from anm_mj.localisation.se3 import camera_motion
 from anm_mj.mapping.alignment import FramePoints

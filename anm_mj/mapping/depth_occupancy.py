@@ -18,7 +18,7 @@ from anm_mj.frames import pixel_directions
 from anm_mj.mapping.depth_noise import NoiseMean
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
-from anm_mj.sensing.lost_pixels import vouched_depth
+from anm_mj.sensing.pixel_state import free_space_depth
 from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, VoxelGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.file_limits import limit
@@ -139,7 +139,7 @@ class DepthOccupancy:
         # What looked too far frees the space that the grid has, but the grid does not grow into the sky.
         low, high = box
         if self.config.no_depth_is_free and not np.isfinite(depth_m).all():
-            view = view._replace(depth_m=vouched_depth(depth_m, range_m))
+            view = view._replace(depth_m=free_space_depth(depth_m, range_m))
             low, high = self._view_box(view, self.config.carve_range_m)
         corner = self.voxels.corner
         low, high = np.maximum(low, corner), np.minimum(high, corner + self.voxels.state.shape[::-1] - 1)

@@ -18,10 +18,9 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend, Parameters
 from anm_mj.mapping.backends.grid_layout import doubled_table
 from anm_mj.mapping.backends.select import make_backend
-from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.mapping_config import MappingConfig
-from anm_mj.types import MapUpdate, Observation, VoxelGrid
+from anm_mj.types import MapUpdate, Observation, TrainingEffort, VoxelGrid
 
 _logger = logging.getLogger(__name__)
 
@@ -72,8 +71,10 @@ class Field:
         truncation = np.float32(self.config.field.truncation_m)
         return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * truncation
 
-    def wants_keyframe(self) -> bool:
+    def wants_keyframe(self, effort: TrainingEffort | None) -> bool:
         """Whether the next frame is to become a keyframe."""
+        if effort is not None and effort.is_keyframe is not None and self.num_frames > 0:
+            return effort.is_keyframe
         return self.num_frames % self.config.schedule.keyframe_every == 0
 
     def add_keyframe(self, observation: Observation, weight: Float32[np.ndarray, "h w"] | None) -> None:

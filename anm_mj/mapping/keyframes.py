@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, Int64, Shaped
 from anm_mj.errors import MapError
 from anm_mj.mapping.packed_pixels import PIXEL, pack, ray_batches
 from anm_mj.mapping.rays import CAMERA_NUMBERS, RayBatch, camera_row, part, sample_frame
+from anm_mj.sensing.pixel_state import valid_pixels
 from anm_mj.types import Observation
 
 _MOST_PIXELS = 1 << 26
@@ -125,7 +126,7 @@ class KeyframeStore:
         Raises:
             MapError: If not even one pixel of each keyframe fits.
         """
-        measured = ~np.isnan(observation.depth_m)
+        measured = valid_pixels(observation)
         count = max(1, round(self._share * int(measured.sum())))
         # In random order, so that cutting the tail off is a fair thinning.
         if weight is None:

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from anm_mj.mapping.backends.backend import MapperBackend
-from anm_mj.mapping.effort import TrainingEffort
 from anm_mj.mapping.expected_error import expected_errors
 from anm_mj.mapping.field import Field
 from anm_mj.mapping.keyframes import Keyframes
@@ -20,11 +19,20 @@ from anm_mj.mapping.mapping_config import MappingConfig
 from anm_mj.mapping.mesh import MeshExtractor, colored_mesh
 from anm_mj.mapping.occupancy import Occupancy
 from anm_mj.mapping.prior_surface import PriorSurface
-from anm_mj.mapping.rays import without_unmeasured
 from anm_mj.mapping.surface import SurfaceExtractor
 from anm_mj.mapping.uncertainty import uncertainty_at
 from anm_mj.mapping.view import render_view
-from anm_mj.types import Intrinsics, MapUpdate, Observation, SurfaceChange, SurfaceErrors, SurfacePoints, VoxelGrid
+from anm_mj.sensing.pixel_state import judge_pixels, valid_pixels
+from anm_mj.types import (
+    Intrinsics,
+    MapUpdate,
+    Observation,
+    SurfaceChange,
+    SurfaceErrors,
+    SurfacePoints,
+    TrainingEffort,
+    VoxelGrid,
+)
 
 if TYPE_CHECKING:
     import trimesh
@@ -81,14 +89,14 @@ class NeuralMap:
         Raises:
             MapError: If the loss was not finite for several frames in a row, or the grid becomes too large.
         """
-        observation = without_unmeasured(observation)
+        observation = judge_pixels(observation)
         # A blind frame too: readers of the occupancy need a grid with at least the camera's place in it.
         by_depth = self.occupancy.by_depth
         by_depth.integrate(observation.depth_m, observation.intrinsics, observation.T_world_camera, observation.range_m)
-        if np.isnan(observation.depth_m).all():
+        if not valid_pixels(observation).any():
             return MapUpdate(math.nan, 0, len(self.field.keyframes))
         self.field.fit_table(by_depth.surface_volume_m3())
-        if self.field.wants_keyframe():
+        if self.field.wants_keyframe(effort):
             weight = by_depth.replay_weight(observation, self.config.schedule.density_exponent)
             self.field.add_keyframe(observation, weight)
             if self._prior is not None:

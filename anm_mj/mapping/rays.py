@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float32, Integer, UInt8
 
+from anm_mj.sensing.pixel_state import valid_pixels
 from anm_mj.types import Observation
 
 CAMERA_NUMBERS = 17
@@ -36,12 +37,12 @@ def part(rays: RayBatch, start: int, count: int) -> RayBatch:
 
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
     """Draw ``count`` pixels of one observation among those that were measured, of which there must be one."""
-    missing = np.isnan(observation.depth_m)
-    if missing.any():
-        measured = np.flatnonzero(~missing)
-        pixel = measured[rng.integers(len(measured), size=count)]
+    valid = valid_pixels(observation)
+    if valid.all():
+        pixel = rng.integers(valid.size, size=count)
     else:
-        pixel = rng.integers(missing.size, size=count)
+        measured = np.flatnonzero(valid)
+        pixel = measured[rng.integers(len(measured), size=count)]
     depth_m = observation.depth_m.reshape(-1)[pixel]
     return rays_of_pixels(
         pixel,
@@ -83,11 +84,3 @@ def rays_of_pixels(
         rgb.astype(np.float32) / np.float32(255.0),
         depth_m,
     )
-
-
-def without_unmeasured(observation: Observation) -> Observation:
-    """The observation, with NaN wherever its depth is nothing that a camera measures."""
-    measured = observation.depth_m > 0.0
-    if measured.all():
-        return observation
-    return replace(observation, depth_m=np.where(measured, observation.depth_m, np.float32(np.nan)))

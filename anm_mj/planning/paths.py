@@ -159,30 +159,17 @@ def _clearance(
 def shortcut_path(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
-    """A path without the detours that a safe straight segment can cut off.
-
-    Args:
-        points: the path from the robot on [m].
-        topdown: the map.
-        safe_m: least clearance [m].
-        pose: where the robot stands.
-    """
+    """A path from the robot on, without the detours that a straight segment with enough clearance can cut off [m]."""
     return shortcut(points, lambda start, end: segments_clear(topdown, start, end, safe_m, pose))
 
 
 def quantize_headings(
     points: Float[np.ndarray, "k 2"], topdown: TopDownMap, safe_m: float, pose: Pose2
 ) -> Float[np.ndarray, "j 2"]:
-    """A path with legs along headings that the robot can have, where these are as safe.
+    """A path from the robot on, with legs along headings that the robot can have, where these are as safe.
 
     A robot that turns by 10 degrees follows most legs only with a correction every few steps, and each costs a step.
     Two legs along the headings to either side lead to the same place with one turn, and are at most 0.4 % longer.
-
-    Args:
-        points: the path from the robot on [m].
-        topdown: the map.
-        safe_m: least clearance [m].
-        pose: where the robot stands.
     """
     kept = [points[0]]
     heading = 0.0  # In turns from the robot's own.

@@ -21,8 +21,9 @@ def test_import(tmp_path):
 
 
 def test_help(tmp_path):
-    program = "from anm_mj.cli.main import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
-    assert loaded(program, tmp_path).isdisjoint({"numpy", "mujoco", "torch", "trimesh", "rich"})
+    for words in ("['--help']", "['explore', '--help']"):
+        program = f"from anm_mj.cli.main import main\nassert main({words}) == 0"
+        assert loaded(program, tmp_path).isdisjoint({"numpy", "mujoco", "torch", "trimesh", "rich"})
 
 
 def test_without_the_compiled_module_a_run_ends_with_one_sentence(tmp_path):

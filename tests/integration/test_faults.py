@@ -21,9 +21,11 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.scene.importing.import_scene import import_scene
 from anm_mj.sim.make_robot import make_robot
+from anm_mj.sim.sim_robot import SimRobot
 from anm_mj.types import OCCUPIED, Action, Pose2, StopReason
 from tests.fake_robot import ListRecorder
 from tests.integration.test_kills import GROWING, TINY, assert_same, finished, words
+from tests.robots import let_wheel_stick
 from tests.scene.shapes import room
 from tests.scene.small import make_small_scene
 
@@ -47,10 +49,16 @@ def configuration(scene, *, settings=(), **options):
     return make_config("quick", [*TINY, *settings], scene=str(scene), seed=3, device="cpu", **options)
 
 
-@pytest.mark.parametrize("drive", ["kinematic", "physics"])
-def test_a_wheel_that_sticks_ends_the_run(small, tmp_path, drive, caplog):
-    settings = ["motion.fault=left-wheel", "motion.fault_step=5"]
-    config = configuration(small, settings=settings, drive=drive, steps=40)
+def test_a_wheel_that_sticks_ends_the_run(small, tmp_path, caplog, monkeypatch):
+    act = SimRobot.act
+
+    def act_and_break(robot, action):
+        if robot.step == 5:
+            let_wheel_stick(robot.model, left=True, prefix="robot/")
+        return act(robot, action)
+
+    monkeypatch.setattr(SimRobot, "act", act_and_break)
+    config = configuration(small, drive="physics", steps=40)
     _, metrics = anm_mj.run.run(config, out=tmp_path / "run")
     assert metrics.stop_reason == "WHEEL_STUCK"
     assert metrics.steps == 5 + 6

@@ -143,10 +143,9 @@ class Oracle:
             if not self._stops:
                 return Plan("nothing left to see", np.zeros((0, 2)), stop=StopReason.COMPLETE)
 
-    def _steps_left(self) -> int | None:
+    def _steps_left(self) -> int:
         """The rest of the budget: one frame came before the first action, and one after each."""
-        budget = self._scene.budget_steps
-        return None if budget is None else max(budget - self._num_frames + 1, 0)
+        return max(self._scene.budget_steps - self._num_frames + 1, 0)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Avoid the spot ahead and plan anew; retry the stop once, then skip it."""

@@ -44,14 +44,7 @@ class Returning:
     """A policy that ends at its start: it drives back when the exploration is over, or in time for the budget."""
 
     def __init__(self, policy: Policy, config: PlanningConfig, footprint: Footprint, num_steps: int) -> None:
-        """Wrap a policy.
-
-        Args:
-            policy: it explores.
-            config: settings of the planning stages.
-            footprint: the robot's body.
-            num_steps: budget of discrete actions.
-        """
+        """Wrap a policy that explores; the budget is ``num_steps`` discrete actions."""
         self._policy = policy
         self._stages = Stages(config, footprint)
         self._clearances_m = self._stages.safe_m, footprint.radius_m, 0.5 * footprint.radius_m

@@ -15,12 +15,7 @@ class ScanPolicy:
     """Base of policies that decide on a :class:`~anm_mj.planning.scan_grid.ScanGrid`."""
 
     def __init__(self, context: PolicyContext, range_m: float):
-        """Start with an empty grid.
-
-        Args:
-            context: what the policy is made from.
-            range_m: depth beyond this is left out of the grid [m].
-        """
+        """Start with an empty grid; depth beyond ``range_m`` is left out of it."""
         self.grid = ScanGrid(context.footprint, range_m)
         self._safe_m = context.footprint.radius_m + context.planning.margin_m
         self._slack_m = RESOLUTION_M / 2

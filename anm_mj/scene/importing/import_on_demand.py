@@ -46,7 +46,7 @@ def folder_of(name_or_path: str) -> str:
 
 
 def _state_of(path: Path) -> str:
-    """A word for a file, its size and age, and those of the files that it names and of those beside and below it."""
+    """Digest of path, size and age of a file, of the files that it names, and of those beside and below it."""
     digest = hashlib.sha256(str(path.resolve()).encode())
     files = [path]
     for parent, below, names in os.walk(path.parent):

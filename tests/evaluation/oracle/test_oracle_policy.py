@@ -16,6 +16,7 @@ from tests.evaluation.oracle.ray_robot import RayRobot
 from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
 ROUNDS = 40
+BUDGET = 1500
 """Annealing rounds."""
 START = Pose2(-1.5, 0.0, 0.0)
 
@@ -44,7 +45,7 @@ class NoMap:
 
 def oracle_for(truth, area):
     context = PolicyContext(
-        Footprint(0.18, 0.05, 1.35), OracleConfig(rounds=ROUNDS), truth=SceneTruth(truth, area, CAMERA_ON_BASE)
+        Footprint(0.18, 0.05, 1.35), OracleConfig(rounds=ROUNDS), truth=SceneTruth(truth, area, CAMERA_ON_BASE, BUDGET)
     )
     return Oracle(context)
 
@@ -124,18 +125,18 @@ def test_without_the_observable_surface_there_is_no_oracle(rooms):
 @pytest.fixture
 def planner(rooms):
     truth, area = rooms
-    return TourPlanner(SceneTruth(truth, area, CAMERA_ON_BASE), ROUNDS, START)
+    return TourPlanner(SceneTruth(truth, area, CAMERA_ON_BASE, BUDGET), ROUNDS, START)
 
 
 def test_no_tour_is_planned_if_nothing_is_left(planner):
-    assert planner.next_tour(START, np.zeros(len(planner.samples), bool)) == []
+    assert planner.next_tour(START, np.zeros(len(planner.samples), bool), BUDGET) == []
 
 
 def test_samples_that_stay_uncovered_are_given_up(planner):
     left = np.zeros(len(planner.samples), bool)
     left[:40] = True
 
-    tours = [planner.next_tour(START, left) for _ in range(4)]
+    tours = [planner.next_tour(START, left, BUDGET) for _ in range(4)]
 
     assert tours[1]
     assert tours[-1] == []

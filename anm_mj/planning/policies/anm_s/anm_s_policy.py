@@ -36,11 +36,11 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.narrow_gaps import narrow_gaps
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.candidate_vertices import CandidateFinder, Candidates
-from anm_mj.planning.policies.anm_s.contracted_edges import components
 from anm_mj.planning.policies.anm_s.headings import off_axis, view_headings
 from anm_mj.planning.policies.anm_s.ordering import best_first, room_name
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
@@ -196,8 +196,7 @@ class AnmS:
     def _to_the_unknown(self, now: RegionState) -> Plan | None:
         """To the nearest vertex beside the unknown that the robot was near to but not at, and a look into it.
 
-        The paper's graph goes on through unknown space, so that it has unvisited vertices behind a door that the robot
-        passed. This graph ends before the door, and its last vertex may count as visited.
+        The paper's graph goes on through unknown space: it has unvisited vertices behind a door that the robot passed.
         """
         graph = now.graph
         beside = np.flatnonzero(borders_unknown(graph, now.frontier_xy_m) & np.isfinite(now.paths.distance_m))
@@ -222,11 +221,7 @@ class AnmS:
     ) -> Plan | None:
         """To the nearest of some vertices that the robot was not at yet, and a look from there.
 
-        Args:
-            now: what the planning stages read out of the map.
-            vertices: indices of vertices that a path leads to.
-            look_at: place to look at from one of them, given by its number [m].
-            what: the robot looks into, for the reason.
+        ``look_at`` gives the place to look at from the vertex of a number [m]; the robot looks into ``what``.
         """
         xy = now.graph.vertex_xy_m[vertices]
         been = within(xy, self.stages.topdown.trajectory_xy_m, NEAR_TARGET_M)
@@ -259,7 +254,7 @@ class AnmS:
         if not self._rotated:
             self._rotated = True
             return _rotation(f"{what}: another full rotation", FULL_ROTATION)
-        num_parts = len(np.unique(components(now.graph)[~reached]))
+        num_parts = len(np.unique(connected_components(now.graph.edges, len(reached))[~reached]))
         if self.stages.shrink_collisions(reached) or (len(narrow_gaps(now)[0]) and self.stages.drop_margin()):
             return _rotation(f"{what}: {TRY_AGAIN}", 1)
         complete = reachable and not self.stages.is_cut_off(reached)

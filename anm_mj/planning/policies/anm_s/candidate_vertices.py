@@ -35,12 +35,7 @@ class CandidateFinder:
     """Finds the candidates of a decision; it remembers the view ahead."""
 
     def __init__(self, context: PolicyContext[AnmSConfig], targets: Targets):
-        """Start without a view.
-
-        Args:
-            context: what the policy is made from.
-            targets: the present target and those given up.
-        """
+        """Start without a view; ``targets`` are the present one and those given up."""
         self._config = context.settings
         self._horizon_m = context.planning.horizon_m
         self._footprint = context.footprint
@@ -62,13 +57,9 @@ class CandidateFinder:
         grid: VoxelGrid,
         trajectory_xy_m: list[Float[np.ndarray, "2"]],
     ) -> Candidates:
-        """Vertices that can be reached and are unvisited or have a region anchored to them.
+        """Vertices that can be reached and are unvisited or have one of some regions anchored to them.
 
-        Args:
-            now: what the planning stages read out of the map.
-            regions: those that guide the robot.
-            grid: the occupancy, with how near its surface was seen.
-            trajectory_xy_m: where the robot has been [m].
+        The grid tells how near surface was seen; the trajectory is where the robot has been [m].
         """
         anchored = np.array([region.vertex for region in regions], np.int64)
         decisions = np.union1d(now.decisions, self._kept(now))

@@ -57,14 +57,10 @@ class RegionFinder:
         radius_m: float,
         error_m: Float32[np.ndarray, " n"] | None = None,
     ) -> None:
-        """Replace the surface near a place.
+        """Replace the surface within ``radius_m`` of a place.
 
-        Args:
-            surface: the new surface.
-            centre_xy_m: the place [m].
-            radius_m: how far from it surface is replaced [m].
-            error_m: expected error of each point that observations can take away [m]; None where the map, now as
-                always, does not tell.
+        ``error_m`` is the expected error of each point that observations can take away [m]; None where the map, now as
+        always, does not tell.
         """
         old = self._points
         far = np.linalg.norm(old.xyz_m[:, :2] - centre_xy_m.astype(np.float32), axis=1) > radius_m

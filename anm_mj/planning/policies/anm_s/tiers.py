@@ -20,10 +20,6 @@ def tiers(
 ) -> Int[np.ndarray, " n"]:
     """Sum of the weights of each vertex's properties; larger is better.
 
-    Args:
-        unvisited: the robot has not been there.
-        near: it lies in the local horizon.
-        anchored: a region of interest is anchored to it; counts in the local horizon alone.
-        failed: the robot tried to go there and was blocked.
+    An anchored region counts in the local horizon alone; ``failed`` vertices led into an obstacle.
     """
     return UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * (anchored & near) + FAILED * failed

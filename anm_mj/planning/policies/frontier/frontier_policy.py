@@ -206,10 +206,8 @@ class Frontier(ScanPolicy):
 def frontiers(topdown: TopDownMap, pose: Pose2) -> list[_Frontier]:
     """Connected borders between unknown ground and the free ground around the robot, nearest first.
 
-    Args:
-        topdown: the map.
-        pose: where the flood over free cells begins. The flood and the borders spread over eight neighbours; a border
-            cell is met through one of its four.
+    The flood over free cells and the borders spread over eight neighbours; a border cell is met through one of its
+    four.
     """
     return _connected(topdown, _border_hops(topdown, pose))
 

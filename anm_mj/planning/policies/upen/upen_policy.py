@@ -134,10 +134,7 @@ class Upen(ScanPolicy):
 
 
 def egocentric_crop(topdown: TopDownMap, pose: Pose2) -> Int8[np.ndarray, "rows cols"]:
-    """The known cells around the robot, its heading along the columns, by class of the predictor.
-
-    A cell of the crop is occupied where any of the finer cells about its centre is.
-    """
+    """The known cells around the robot, its heading along the columns; occupied where any of the finer cells is."""
     centres = (np.arange(CROP_CELLS) + 0.5 - CROP_CELLS / 2) * CELL_M
     crop = np.full((CROP_CELLS, CROP_CELLS), VOID, np.int8)
     c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)

@@ -45,11 +45,7 @@ def is_mjcf(src: Path) -> bool:
 
 
 def compiled(src: Path, folders: Sequence[Path] = ()) -> mujoco.MjModel:
-    """The model in a file.
-
-    Args:
-        src: The file.
-        folders: Where files that it names may lie, beside its own folder and those above.
+    """The model in a file; files that it names may lie in its own folder, those above, and ``folders``.
 
     Raises:
         SceneError: if the file is no MJCF, it or what it includes is missing or damaged, or it names files from

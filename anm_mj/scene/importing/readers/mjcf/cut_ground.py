@@ -14,9 +14,9 @@ from anm_mj.scene.raster import clip_to_slab, distance_cells, grid_over, label_c
 _WIDE_M = 20.0
 """A plane or height field wider than this is the ground [m]."""
 _FLOOR_RATIO = 3.0
-"""One that is not so many times as long as what stands on it is a floor, of a corridor or a hall."""
+"""A plane less than this many times as long as what stands on it is the floor of a corridor or a hall."""
 _OPEN_M = 8.0
-"""A world without outer walls gets at least so much ground to each side [m]."""
+"""Least width of the ground of a world without outer walls [m]."""
 _ENCLOSED = 0.8
 """A building is enclosed if obstacles stand along this share of its outline, ..."""
 _INSIDE = 0.5
@@ -78,13 +78,7 @@ def _is_enclosed(
 
 
 def _are_walls_around(solid: Bool[np.ndarray, "rows cols"], side_m: float, cell_m: float) -> bool:
-    """Whether obstacles enclose the room in a grid.
-
-    Args:
-        solid: where they stand.
-        side_m: longer side of the grid [m].
-        cell_m: size of its cells [m].
-    """
+    """Whether obstacles enclose the room in a grid whose longer side is ``side_m`` long."""
     if not solid.any():
         return False
     rim = max(2, round(0.05 * side_m / cell_m))

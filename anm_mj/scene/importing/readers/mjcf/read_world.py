@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import mujoco
 
 DRAWN_GROUPS = (0, 1, 2)
-"""Geom groups that MuJoCo draws unless told otherwise."""
+"""Geom groups that MuJoCo draws by default."""
 
 _AXES = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}
 _UPRIGHT = 0.1
@@ -79,10 +79,9 @@ def read_mjcf(
     reader = _Reader(model, data, groups)
     _report_left_out(model, reader.names, reader.robots, report)
     free = [body for body in free_bodies(model) if not reader.robots[body]]
-    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free) if movable else ()
-    if free and not movable:
-        for body in free:
-            report.add(_FREE, reader.names[body])
+    movables = tuple(movable_of(model, data, body, reader.names[body]) for body in free if movable)
+    for body in free if not movable else ():
+        report.add(_FREE, reader.names[body])
     drawn, solid = reader.read()
     if not drawn:
         shown = ", ".join(map(str, sorted(groups)))

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from anm_mj.errors import MapError
-from anm_mj.mapping.alignment import AlignSettings
 from anm_mj.utils.settings import check_settings, setting
+
+if TYPE_CHECKING:
+    from anm_mj.mapping.alignment import AlignSettings
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,39 @@ class RegistrationConfig:
 
     def settings(self, share: float) -> AlignSettings:
         """How residuals are weighted after a share of the shrinking, in [0, 1]."""
+        from anm_mj.mapping.alignment import AlignSettings  # Settings alone should not cost the import of numpy.
+
         kernel = self.first_kernel * (self.kernel / self.first_kernel) ** share
         return AlignSettings(kernel, self.field_deviation_m, self.color_deviation, self.color_kernel)
+
+
+@dataclass(frozen=True)
+class KeyImageConfig:
+    """Earlier frames that a frame is registered to, beside the field."""
+
+    num_images: int = setting(2, at_least=0, at_most=100)
+    """So many of them; 0 = the field alone."""
+    longest_px: int = setting(160, at_least=16, at_most=4096)
+    """They are reduced to at most so many pixels along the longer side."""
+    least_overlap: float = 0.5
+    """An image is wanted that shows at least this share of the frame's points."""
+    most_apart_m: float = 2.0
+    """Images taken farther away show too little alike [m]."""
+    least_cosine: float = setting(0.5, at_least=-1.0, at_most=1.0)
+    """Cosine of the angle between the cameras' axes, at least."""
+    deviation_m: float = 0.005
+    """Standard deviation of a distance to an image's surface, beside the sensors' noise [m]."""
+    reach_m: float = 0.1
+    """Points that are farther from it are another surface [m]."""
+    edge_share: float = 0.03
+    """Where an image's depth bends by a larger share of itself, it is an edge."""
+    gray_deviation: float = setting(0.05, at_least=0.0)
+    """Standard deviation of a grey value in [0, 1]; 0 leaves them out."""
+    gray_kernel: float = 2.0
+    """Width of the kernel on grey values, in standard deviations."""
+
+    def __post_init__(self) -> None:
+        check_settings(self, "localisation.key_images", MapError)
 
 
 @dataclass(frozen=True)
@@ -92,6 +126,12 @@ class TrackingConfig:
     """Training iterations on each of the first frames, which decide all later drift."""
     iterations: int = setting(5, at_most=10_000)
     """Training iterations on later ones."""
+    keyframe_every: int = setting(5, at_most=1e9)
+    """Each n-th mapped frame becomes a keyframe."""
+    fresh_keyframe_every: int = setting(2, at_most=1e9)
+    """Each n-th of the first frames, and of those that show much new surface."""
+    familiar: float = setting(0.9, at_least=0.0, at_most=1.0)
+    """A frame of whose points a smaller share is known shows much new surface."""
     current_rays: int = setting(100, at_least=1, at_most=65_536)
     """Rays per iteration from the frame at hand at most: with too many the map follows the error of its pose."""
 
@@ -151,6 +191,7 @@ class LocalisationConfig:
     """Settings of the stage."""
 
     registration: RegistrationConfig = RegistrationConfig()
+    key_images: KeyImageConfig = KeyImageConfig()
     motion: MotionConfig = MotionConfig()
     tracking: TrackingConfig = TrackingConfig()
     relocalisation: RelocalisationConfig = RelocalisationConfig()

@@ -8,8 +8,7 @@ import pytest
 
 from anm_mj.cli.main import main
 from anm_mj.errors import SceneError
-from anm_mj.scene.catalogue import list_scenes
-from anm_mj.scene.folder import INDEX, load_scene, remember_folder, remembered_folders
+from anm_mj.scene.folder import INDEX, list_scenes, load_scene, remember_folder, remembered_folders
 
 _ROOM = Path(__file__).resolve().parents[2] / "scenes" / "room"
 

@@ -1,0 +1,136 @@
+"""Earlier frames that new ones are registered to, beside the field.
+
+Where two frames overlap, their depth and grey values tell the motion between them more sharply than a field that has
+just begun to learn what they show; the field keeps them all from drifting apart.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Float64
+
+from anm_mj import _native
+from anm_mj.localisation.localisation_config import KeyImageConfig
+from anm_mj.mapping.alignment import FramePoints
+from anm_mj.types import Observation
+
+_GRAY = np.array([0.299, 0.587, 0.114], np.float32)
+
+
+@dataclass
+class KeyImage:
+    """A posed frame at reduced size."""
+
+    depth_m: Float32[np.ndarray, "h w"]
+    """Planar depth [m]; not finite where nothing was measured."""
+    gray: Float32[np.ndarray, "h w"]
+    """In [0, 1]."""
+    camera: Float64[np.ndarray, "4"]
+    """fx, fy, cx, cy [px]."""
+    T_world_camera: Float[np.ndarray, "4 4"]
+    step: int
+
+
+def gray_values(rgb: Float32[np.ndarray, "... 3"]) -> Float32[np.ndarray, "..."]:
+    """Luma of colours, in their range."""
+    return rgb @ _GRAY
+
+
+def key_image(observation: Observation, longest_px: int) -> KeyImage:
+    """A frame, reduced by a whole factor to at most so many pixels along its longer side; depth is picked, grey averaged."""
+    k = observation.intrinsics
+    factor = max(1, math.ceil(max(k.width, k.height) / longest_px))
+    rows, cols = k.height // factor, k.width // factor
+    picked = slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor)
+    gray = gray_values(observation.rgb[: rows * factor, : cols * factor].astype(np.float32))
+    gray = gray.reshape(rows, factor, cols, factor).mean(axis=(1, 3)) / np.float32(255.0)
+    # The picked pixel's centre is the reduced pixel's: of an even factor it lies half a pixel behind the block's middle.
+    shift = 0.5 - (factor // 2 + 0.5) / factor
+    camera = np.array([k.fx / factor, k.fy / factor, k.cx / factor + shift, k.cy / factor + shift])
+    depth = np.ascontiguousarray(observation.depth_m[picked], np.float32)
+    return KeyImage(depth, np.ascontiguousarray(gray, np.float32), camera, observation.T_world_camera, observation.step)
+
+
+class KeyImages:
+    """Keeps key images, and chooses those that a frame is registered to."""
+
+    def __init__(self, config: KeyImageConfig) -> None:
+        """Without any image."""
+        self.config = config
+        self.images: list[KeyImage] = []
+
+    def add(self, observation: Observation) -> None:
+        """Keep a frame whose pose is known."""
+        self.images.append(key_image(observation, self.config.longest_px))
+
+    def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
+        """The oldest images that show enough of a frame's points, and the one that shows most: old ones drifted least."""
+        config = self.config
+        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        position, axis = T_world_camera[:3, 3], T_world_camera[:3, 2]
+        shares: list[tuple[float, int]] = []
+        for k, image in enumerate(self.images):
+            apart = image.T_world_camera[:3, 3] - position
+            if apart @ apart > config.most_apart_m**2 or image.T_world_camera[:3, 2] @ axis < config.least_cosine:
+                continue
+            shares.append((_share_in(image, world), k))
+        if not shares:
+            return []
+        enough = [k for share, k in shares if share >= config.least_overlap]
+        chosen = enough[: config.num_images - 1]
+        best = max(shares)[1]
+        return [self.images[k] for k in dict.fromkeys([*chosen, best])]
+
+    def equations(
+        self,
+        image: KeyImage,
+        points: FramePoints,
+        T_world_camera: Float[np.ndarray, "4 4"],
+        noise_per_m: float,
+        kernel: float,
+    ) -> tuple[Float64[np.ndarray, "6 6"], Float64[np.ndarray, "6"], float]:
+        """Normal equations of a frame against an image, by displacement and rotation in the world, and points that count."""
+        config = self.config
+        T = np.linalg.inv(image.T_world_camera) @ T_world_camera
+        settings = np.array(
+            [
+                noise_per_m if math.isfinite(noise_per_m) else 0.0,
+                config.deviation_m,
+                kernel,
+                config.reach_m,
+                config.edge_share,
+                config.gray_deviation,
+                config.gray_kernel,
+            ]
+        )
+        hessian, gradient, facts = _native.frame_to_frame(
+            points.camera_m,
+            np.ascontiguousarray(gray_values(points.rgb)),
+            points.variance_m2,
+            points.trust,
+            image.depth_m,
+            image.gray,
+            image.camera,
+            np.ascontiguousarray(T),
+            settings,
+        )
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
+        return turn @ hessian.sum(axis=0) @ turn.T, turn @ gradient.sum(axis=0), float(facts[0, 2])
+
+
+def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"]) -> float:
+    """Share of world points that fall into an image and lie on what it shows, not behind."""
+    seen = (world_m - image.T_world_camera[:3, 3]) @ image.T_world_camera[:3, :3]
+    depth = np.maximum(seen[:, 2], 1e-6)
+    fx, fy, cx, cy = image.camera
+    height, width = image.depth_m.shape
+    col, row = fx * seen[:, 0] / depth + cx, fy * seen[:, 1] / depth + cy
+    inside = (seen[:, 2] > 0.05) & (col >= 0.0) & (row >= 0.0) & (col < width) & (row < height)
+    at = row[inside].astype(np.int64), col[inside].astype(np.int64)
+    with np.errstate(invalid="ignore"):
+        on = np.abs(image.depth_m[at] - depth[inside]) < 0.05 * depth[inside]
+    return float(np.count_nonzero(on)) / max(1, len(world_m))

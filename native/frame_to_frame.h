@@ -1,0 +1,141 @@
+// Registration of a frame to an earlier one: normal equations of point-to-plane distances and grey values, where each
+// point falls into the other image. It needs no map: sharp where the two overlap, blind elsewhere.
+#pragma once
+
+#include <cmath>
+
+#include "kernel.h"
+
+namespace anm {
+
+// An earlier frame: planar depth (not finite, or 0, where nothing was measured), grey values in [0, 1], and its camera.
+struct Image {
+    const float* depth = nullptr;
+    const float* gray = nullptr;
+    int width = 0, height = 0;
+    double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;  // pixel (u, v) has its centre at (u + 0.5, v + 0.5)
+
+    // Depth of a pixel, or 0 where it is not in the image or was not measured.
+    double depth_at(int row, int col) const {
+        if (row < 0 || col < 0 || row >= height || col >= width) return 0.0;
+        const float z = depth[static_cast<std::ptrdiff_t>(row) * width + col];
+        return std::isfinite(z) && z > 0.0F ? static_cast<double>(z) : 0.0;
+    }
+    double gray_at(int row, int col) const { return gray[static_cast<std::ptrdiff_t>(row) * width + col]; }
+    void point(int row, int col, double z, double (&out)[3]) const {
+        out[0] = (col + 0.5 - cx) / fx * z;
+        out[1] = (row + 0.5 - cy) / fy * z;
+        out[2] = z;
+    }
+};
+
+struct FrameAlignment {
+    double rotation[9] = {};  // this camera to the earlier one, row by row
+    double position[3] = {};
+    double noise = 0.0;       // deviation of the earlier depth: this times its square, 1/m
+    double deviation = 0.0;   // of a surface's distance beside the sensors' noise, m
+    double kernel = 0.0;      // of Geman and McClure, in deviations
+    double reach = 0.0;       // points that are farther from the surface are not the same, m
+    double edge_share = 0.0;  // depth that bends by a larger share of itself is an edge
+    double gray_deviation = 0.0, gray_kernel = 0.0;  // 0 = without grey values
+};
+
+inline void add_row(NormalEquations& out, const double (&row)[6], double residual, double weight) {
+    int k = 0;
+    for (int i = 0; i < 6; ++i) {
+        const double weighted = weight * row[i];
+        out.gradient[i] += weighted * residual;
+        for (int j = i; j < 6; ++j) out.hessian[k++] += weighted * row[j];
+    }
+}
+
+// The surface about a pixel: its point, its unit normal. False at edges and where a neighbour was not measured.
+inline bool surface_at(const Image& image, int row, int col, double edge_share, double (&point)[3], double (&normal)[3]) {
+    const double z = image.depth_at(row, col);
+    const double left = image.depth_at(row, col - 1), right = image.depth_at(row, col + 1);
+    const double up = image.depth_at(row - 1, col), down = image.depth_at(row + 1, col);
+    if (z == 0.0 || left == 0.0 || right == 0.0 || up == 0.0 || down == 0.0) return false;
+    if (std::abs(left + right - 2.0 * z) > edge_share * z || std::abs(up + down - 2.0 * z) > edge_share * z) return false;
+    double a[3], b[3], other[3];
+    image.point(row, col + 1, right, a);
+    image.point(row, col - 1, left, other);
+    for (int axis = 0; axis < 3; ++axis) a[axis] -= other[axis];
+    image.point(row + 1, col, down, b);
+    image.point(row - 1, col, up, other);
+    for (int axis = 0; axis < 3; ++axis) b[axis] -= other[axis];
+    // Towards the camera.
+    normal[0] = b[1] * a[2] - b[2] * a[1];
+    normal[1] = b[2] * a[0] - b[0] * a[2];
+    normal[2] = b[0] * a[1] - b[1] * a[0];
+    const double length = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    if (!(length > 1e-12)) return false;
+    for (double& value : normal) value /= length;
+    image.point(row, col, z, point);
+    return true;
+}
+
+// Sums over a frame's points, by this camera's displacement along the earlier camera's axes and its rotation vector
+// about them. sums: of distances, then of grey values. gray: of the points.
+inline void frame_to_frame(const FramePoints& points, const float* gray, const Image& image, const FrameAlignment& at,
+                           NormalEquations* sums) {
+    for (int i = 0; i < points.count; ++i) {
+        if (!(points.trust[i] > 0.0F)) continue;
+        const float* x = points.camera + 3 * static_cast<std::ptrdiff_t>(i);
+        double arm[3], p[3], length = 0.0;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double* r = at.rotation + 3 * axis;
+            arm[axis] = r[0] * x[0] + r[1] * x[1] + r[2] * x[2];
+            p[axis] = arm[axis] + at.position[axis];
+            length += arm[axis] * arm[axis];
+        }
+        if (!(p[2] > 0.05)) continue;
+        const double u = image.fx * p[0] / p[2] + image.cx, v = image.fy * p[1] / p[2] + image.cy;
+        if (!(u >= 1.0 && v >= 1.0 && u < image.width - 1.0 && v < image.height - 1.0)) continue;
+        double surface[3], normal[3];
+        if (!surface_at(image, static_cast<int>(v), static_cast<int>(u), at.edge_share, surface, normal)) continue;
+        double distance = 0.0, incidence = 0.0;
+        for (int axis = 0; axis < 3; ++axis) {
+            distance += normal[axis] * (p[axis] - surface[axis]);
+            incidence += normal[axis] * arm[axis];
+        }
+        if (std::abs(distance) > at.reach) continue;
+        incidence *= incidence / (length > 0.0 ? length : 1.0);
+        const double noise = at.noise * surface[2] * surface[2];
+        const double spread = (points.variance[i] + noise * noise) * incidence + at.deviation * at.deviation;
+        const double square = distance * distance / spread;
+        const double share = at.kernel * at.kernel / (at.kernel * at.kernel + square);
+        const double weight = points.trust[i] * share * share;
+        const auto jacobian = [&](const double (&g)[3], double (&row)[6]) {
+            for (int axis = 0; axis < 3; ++axis) row[axis] = g[axis];
+            row[3] = arm[1] * g[2] - arm[2] * g[1];
+            row[4] = arm[2] * g[0] - arm[0] * g[2];
+            row[5] = arm[0] * g[1] - arm[1] * g[0];
+        };
+        double row[6];
+        jacobian(normal, row);
+        add_row(sums[0], row, distance, weight / spread);
+        sums[0].cost += points.trust[i] * share * square;
+        sums[0].weight += weight;
+        sums[0].count += 1.0;
+        if (!(at.gray_deviation > 0.0)) continue;
+        const double left = u - 0.5, top = v - 0.5;
+        const int col = static_cast<int>(left), line = static_cast<int>(top);
+        const double a = left - col, b = top - line;
+        const double g00 = image.gray_at(line, col), g01 = image.gray_at(line, col + 1);
+        const double g10 = image.gray_at(line + 1, col), g11 = image.gray_at(line + 1, col + 1);
+        const double difference = (1 - b) * ((1 - a) * g00 + a * g01) + b * ((1 - a) * g10 + a * g11) - gray[i];
+        const double by_u = (1 - b) * (g01 - g00) + b * (g11 - g10), by_v = (1 - a) * (g10 - g00) + a * (g11 - g01);
+        const double du = by_u * image.fx / p[2], dv = by_v * image.fy / p[2];
+        const double slope[3] = {du, dv, -(du * p[0] + dv * p[1]) / p[2]};
+        const double precision = 1.0 / (at.gray_deviation * at.gray_deviation);
+        const double total = difference * difference * precision;
+        const double gray_share = at.gray_kernel * at.gray_kernel / (at.gray_kernel * at.gray_kernel + total);
+        jacobian(slope, row);
+        add_row(sums[1], row, difference, weight * gray_share * gray_share * precision);
+        sums[1].cost += weight * gray_share * total;
+        sums[1].weight += weight * gray_share * gray_share;
+        sums[1].count += 1.0;
+    }
+}
+
+}  // namespace anm
