@@ -71,9 +71,15 @@ class Field:
         truncation = np.float32(self.config.field.truncation_m)
         return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * truncation
 
+<<<<<<< HEAD
     def wants_keyframe(self, effort: TrainingEffort | None) -> bool:
         """Whether the next frame is to become a keyframe."""
         if effort is not None and effort.is_keyframe is not None and self.num_frames > 0:
+=======
+    def wants_keyframe(self, effort: TrainingEffort | None = None) -> bool:
+        """Whether the next frame is to become a keyframe; a given effort decides it for all but the first one."""
+        if effort is not None and effort.is_keyframe is not None and self.num_frames:
+>>>>>>> main
             return effort.is_keyframe
         return self.num_frames % self.config.schedule.keyframe_every == 0
 

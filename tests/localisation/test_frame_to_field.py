@@ -13,6 +13,10 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints
 from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
+<<<<<<< HEAD
+=======
+from anm_mj.mapping.backends.torch_encoding import one_blob
+>>>>>>> main
 from anm_mj.mapping.field import NeuralField
 from anm_mj.mapping.mapping_config import MappingConfig, default_mapping
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tests.mapping.test_occupancy import camera_pose
 
-from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
+from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.sensing.pixel_state import (
     AGREEMENT,
     BLOCK_PX,
@@ -45,7 +45,7 @@ def measured(depth_m):
 
 def ahead(depth_m, distance_m, *, config=USUAL, range_m=RANGE_M):
     """State at the camera's height at a distance straight ahead, after one view."""
-    grid = DepthOccupancy(config)
+    grid = OccupancyGrid(config)
     grid.integrate(depth_m, CAMERA, camera_pose(0.0, 0.0, HEIGHT_M, 0.0), range_m)
     return grid.state_at(np.array([[distance_m, 0.0, HEIGHT_M]]))[0]
 
