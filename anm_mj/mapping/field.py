@@ -71,15 +71,9 @@ class Field:
         truncation = np.float32(self.config.field.truncation_m)
         return np.clip(self.backend.query_sdf(points_m), -1.0, 1.0) * truncation
 
-<<<<<<< HEAD
-    def wants_keyframe(self, effort: TrainingEffort | None) -> bool:
-        """Whether the next frame is to become a keyframe."""
-        if effort is not None and effort.is_keyframe is not None and self.num_frames > 0:
-=======
     def wants_keyframe(self, effort: TrainingEffort | None = None) -> bool:
         """Whether the next frame is to become a keyframe; a given effort decides it for all but the first one."""
         if effort is not None and effort.is_keyframe is not None and self.num_frames:
->>>>>>> main
             return effort.is_keyframe
         return self.num_frames % self.config.schedule.keyframe_every == 0
 
@@ -213,8 +207,9 @@ class Field:
                 return
             parameters = self.backend.parameters()
             parameters["table"] = doubled_table(parameters["table"], field)
-            if self._good is not None:
-                self._good["table"] = doubled_table(self._good["table"], field)
+            good = self._good
+            if good is not None:
+                self._good = {**good, "table": doubled_table(good["table"], field)}
             self.config = replace(self.config, field=replace(field, log2_table_size=field.log2_table_size + 1))
             self._replace_backend(self.config, parameters)
 
