@@ -91,7 +91,7 @@ def test_maps_that_nobody_asks_are_a_choice(tmp_path):
         (True, True, True),
         (False, False, False),
     ]
-    assert seldom[1].config().planning.geometry == "occupancy"
+    assert seldom[1].config().mapping.geometry == "occupancy"
     assert not {job.name for job in always} & {job.name for job in seldom}
     assert always[1].name == dataclasses.replace(seldom[1], maps=True).name
     # What such a sensor shows blocks other paths without a field.
