@@ -20,7 +20,7 @@ def test_unknown_sensor_is_named():
         ({"noise_scale": math.nan}, "sensor.noise_scale is nan"),
         ({"lateral_sigma_px": 1e300}, "at most 1000000000"),
         ({"exposure_sigma": 1e9}, "sensor.exposure_sigma is 1000000000"),
-        ({"edge_missing": 1.5}, "probability"),
+        ({"edge_missing": 1.5}, "at most 1"),
         ({"min_range_m": 3.0, "max_range_m": 2.0}, "sensor.max_range_m is 2"),
         ({"depth": "stereo", "baseline_m": 0.0}, "sensor.baseline_m is 0"),
         ({"grazing_missing_deg": 120.0}, "at most 90"),
