@@ -39,7 +39,7 @@ class SimRobot:
     Close it, or use it in a ``with`` statement, to free the camera's GL context.
     """
 
-    REBUILT = ("_model", "_data", "_camera", "_coming", "_spare")
+    REBUILT = ("model", "data", "_camera", "_coming", "_spare")
 
     def __init__(
         self,
@@ -67,28 +67,26 @@ class SimRobot:
             sensor: errors of camera and odometry; None = none.
             seed: of these errors.
         """
-        self._model = model
-        self._data = data
+        self.model = model
+        self.data = data
         self._camera = camera
         self._drive = drive
-        self._footprint = footprint
+        self.footprint = footprint
         self._T_base_camera = T_base_camera
-        self._robot_hash = robot_hash
+        self.robot_hash = robot_hash
+        self.camera_kind = camera.kind
+        """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
         self._sensor_config = sensor or SensorConfig()
         self._sensor = Sensor(self._sensor_config, seed)
         self._odometry = NoisyOdometry(self._sensor_config, seed)
         self._looked: tuple[Observation, Float32[np.ndarray, "h w"]] | None = None
         """The last observation, and the exact depth at its time [m]."""
-        self._step = 0
+        self.step = 0
+        """Number of executed actions, including refused ones, without STOP."""
         self._coming: list[tuple[Action, mujoco.MjData]] = []
         """The next actions whose images were begun, and the state after each."""
         self._spare: list[mujoco.MjData] = []
         """States that no image is made of any more."""
-
-    @property
-    def footprint(self) -> Footprint:
-        """The cylinder that must stay clear of obstacles."""
-        return self._footprint
 
     @property
     def pose(self) -> Pose2:
@@ -105,37 +103,12 @@ class SimRobot:
             raise RobotError("There is no view yet; call observe first.")
         seen, exact_m = self._looked
         depth_m = np.where(is_measured(seen.depth_m), exact_m, np.float32(np.nan))
-        return TrueView(self._drive.pose, self._camera.T_world_camera(self._data), depth_m)
-
-    @property
-    def camera_kind(self) -> str:
-        """Rendering method: ``gl``, ``embree`` or ``mujoco rays``."""
-        return self._camera.kind
+        return TrueView(self._drive.pose, self._camera.T_world_camera(self.data), depth_m)
 
     @property
     def odometry(self) -> Pose2:
         """Pose of the base by wheel odometry, with the errors of the sensor."""
         return self._odometry.read(self._drive.odometry)
-
-    @property
-    def robot_hash(self) -> str:
-        """sha256 of the robot in MuJoCo's reading."""
-        return self._robot_hash
-
-    @property
-    def step(self) -> int:
-        """Number of executed actions, including refused ones, without STOP."""
-        return self._step
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The simulated model."""
-        return self._model
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """The simulation's state."""
-        return self._data
 
     def observe(self) -> Observation:
         """The view from the present pose, with true poses or poses by wheel odometry.
@@ -143,18 +116,18 @@ class SimRobot:
         Raises:
             RenderError: after ``close``.
         """
-        self._update_poses(self._data)
-        rgb, exact_m = self._camera.render(self._data)
+        self._update_poses(self.data)
+        rgb, exact_m = self._camera.render(self.data)
         self._forget_coming()
         # Frames are told apart by their time: velocities do not count as steps.
-        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self._data.time))
-        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self._data)
+        rgb, depth_m = self._sensor.measure(rgb, exact_m, self._camera.intrinsics, round(1e3 * self.data.time))
+        pose, T_world_camera = self._drive.pose, self._camera.T_world_camera(self.data)
         if self._T_base_camera is not None:
             pose = self.odometry
             T_world_camera = pose_matrix(pose) @ self._T_base_camera
         seen = Observation(
-            step=self._step,
-            time_s=float(self._data.time),
+            step=self.step,
+            time_s=float(self.data.time),
             rgb=rgb,
             depth_m=depth_m,
             intrinsics=self._camera.intrinsics,
@@ -167,9 +140,9 @@ class SimRobot:
 
     def _update_poses(self, data: mujoco.MjData) -> None:
         """After any joint motion the poses of bodies and cameras are outdated."""
-        mujoco.mj_kinematics(self._model, data)
-        mujoco.mj_comPos(self._model, data)
-        mujoco.mj_camlight(self._model, data)
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_camlight(self.model, data)
 
     def anticipate(self, *actions: Action) -> None:
         """Begin the images after actions, where camera and drive can; see :class:`anm_mj.protocols.Anticipates`."""
@@ -182,7 +155,7 @@ class SimRobot:
             self._spare += [data for _, data in self._coming[wrong:]]
             del self._coming[wrong:]
         for number in range(len(self._coming), len(actions)):
-            coming = self._spare.pop() if self._spare else mujoco.MjData(self._model)
+            coming = self._spare.pop() if self._spare else mujoco.MjData(self.model)
             self._drive.anticipate(actions[: number + 1], coming)
             self._update_poses(coming)
             self._coming.append((actions[number], coming))
@@ -198,7 +171,7 @@ class SimRobot:
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""
         result = self._drive.act(action)
-        self._step += action != Action.STOP
+        self.step += action != Action.STOP
         return result
 
     def restart(self, pose: Pose2, *, seed: int | None = None) -> None:
@@ -211,9 +184,9 @@ class SimRobot:
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)
-        mujoco.mj_resetData(self._model, self._data)
+        mujoco.mj_resetData(self.model, self.data)
         self.place(pose)
-        self._step = 0
+        self.step = 0
 
     def drive(self, twist: Twist, duration_s: float) -> MotionResult:
         """Move at a velocity for a time [s]; ``step`` does not count it.
@@ -241,8 +214,8 @@ class SimRobot:
 
     def get_state(self) -> Float[np.ndarray, " n"]:
         """The simulation's state, for a checkpoint: all that its next step depends on."""
-        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
-        mujoco.mj_getState(self._model, self._data, state, _STATE)
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state
 
     def set_state(self, state: Float[np.ndarray, " n"]) -> None:
@@ -251,10 +224,10 @@ class SimRobot:
         Raises:
             RobotError: It is that of another model.
         """
-        if state.shape != (mujoco.mj_stateSize(self._model, _STATE),):
+        if state.shape != (mujoco.mj_stateSize(self.model, _STATE),):
             raise RobotError(f"The stored state of the simulation has {state.size} numbers, not those of this scene.")
-        mujoco.mj_setState(self._model, self._data, state, _STATE)
-        self._update_poses(self._data)
+        mujoco.mj_setState(self.model, self.data, state, _STATE)
+        self._update_poses(self.data)
 
     def close(self) -> None:
         """Free the camera's GL context; may be called again."""

@@ -89,7 +89,7 @@ class Appearing:
             pose, step = self.robot.pose, self.robot.step
             self.robot = self._after
             self.robot.place(pose)
-            self.robot._step = step
+            self.robot.step = step
         return self.robot.act(action)
 
 
