@@ -133,12 +133,14 @@ class ReturnToStart:
         if math.dist(pose.xy_m, start.xy_m) < ARRIVED_M:
             turns = abs(wrap_angle(start.yaw_rad - pose.yaw_rad)) / TURN_STEP_RAD
             return _Return(np.zeros((0, 2)), turns, arrives=True)
-        for safe_m in self._clearances_m:
-            routes = GridRoutes(topdown, pose, safe_m)
-            if math.isfinite(routes.cost_at(start.xy_m)):
-                path = routes.path_to(start.xy_m)
-                path = np.concatenate([path[:-1], start.xy_m[None]]) if len(path) > 1 else path
-                return _Return(path, path_steps(path, pose.yaw_rad, start.yaw_rad), arrives=True)
+        routes = GridRoutes(topdown, pose, self._clearances_m[0])
+        for safe_m in self._clearances_m[1:]:
+            if not math.isfinite(routes.cost_at(start.xy_m)):
+                routes = GridRoutes(topdown, pose, safe_m)
+        if math.isfinite(routes.cost_at(start.xy_m)):
+            path = routes.path_to(start.xy_m)
+            path = np.concatenate([path[:-1], start.xy_m[None]]) if len(path) > 1 else path
+            return _Return(path, path_steps(path, pose.yaw_rad, start.yaw_rad), arrives=True)
         nearest = routes.nearest(start.xy_m)
         if math.dist(nearest, pose.xy_m) < 2 * ARRIVED_M:
             return _Return(np.zeros((0, 2)), 0.0, arrives=False)
