@@ -49,7 +49,7 @@ def test_settings_whose_limits_depend_on_one_another_may_come_in_any_order():
         ("tour_depht=3", "did you mean policy.tour_depth"),
         ("margin_m=0.1", "did you mean planning.margin_m"),
         ("planing.margin_m=0.1", "did you mean planning.margin_m?"),
-        ("planning.xyz=1", "there are planning.geometry, planning.margin_m, planning.sdf"),
+        ("planning.xyz=1", "there are planning.margin_m, planning.sdf"),
         ("planning=1", "no such setting"),
         ("policy_settings=1", "no such setting"),
         ("planning.margin_m.x=1", "no such setting"),

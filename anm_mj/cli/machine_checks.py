@@ -100,7 +100,7 @@ def check_torch() -> list[Check]:
     """Torch and its GPU."""
     done = run_python(TORCH_PROGRAM)
     if done.returncode != 0:
-        return [Check("torch", State.BAD, _last_line(done.stderr), "Run make setup, or pip install torch anew.")]
+        return [Check("torch", State.BAD, _last_line(done.stderr), "Run make setup, or reinstall torch by pip.")]
     version, num_threads, gpu, memory_gib = json.loads(done.stdout)
     torch = Check("torch", State.GOOD, f"{version}, {num_threads} threads")
     if gpu:

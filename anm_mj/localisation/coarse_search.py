@@ -45,7 +45,7 @@ def distance_grid(
     """
     pool = max(1, round(config.cell_m / grid.resolution_m))
     edge = pool * grid.resolution_m
-    shape = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
+    shape: tuple[int, ...] = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
     state = np.full(shape, UNKNOWN, np.int8)
     state[tuple(slice(side) for side in grid.state.shape)] = grid.state
     layers, rows, cols = (side // pool for side in shape)

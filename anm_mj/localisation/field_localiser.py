@@ -17,7 +17,7 @@ from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
-from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, register
+from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
@@ -100,7 +100,7 @@ class FieldLocaliser:
                 self._key_images.add(observation)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
-        noise = self._map.observed.depth_noise_per_m
+        noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
         points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
@@ -108,10 +108,16 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
+<<<<<<< HEAD
         found = register(
             points, prior, self._map.backend.align, self._known, settings, self._extra(points, prior, noise)
         )
+        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
+=======
+        extra = self._extra(points, prior, noise)
+        found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.observed)
+>>>>>>> loc
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
@@ -150,13 +156,17 @@ class FieldLocaliser:
         if not images:
             return None
 
-        def equations(
-            trusted: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], kernel: float
-        ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+        def equations(trusted: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
             parts = [
                 self._key_images.equations(image, trusted, T_world_camera, noise_per_m, kernel) for image in images
             ]
-            return sum((part[0] for part in parts), np.zeros((6, 6))), sum((part[1] for part in parts), np.zeros(6))
+            # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
+            return Sums(
+                np.sum([part.hessian for part in parts], axis=0),
+                np.sum([part.gradient for part in parts], axis=0),
+                sum(part.cost for part in parts) / len(parts),
+                sum(part.count for part in parts) / len(parts),
+            )
 
         return equations
 
@@ -165,9 +175,15 @@ class FieldLocaliser:
         neural_map, finder = self._map, self._relocaliser
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
-        grid = neural_map.observed.grid
+        grid = neural_map.occupancy.by_depth.grid
         believed = finder.look(
-            points, prior.T_world_camera, self._basis, neural_map.backend.align, self._known, neural_map.observed, grid
+            points,
+            prior.T_world_camera,
+            self._basis,
+            neural_map.backend.align,
+            self._known,
+            neural_map.occupancy.by_depth,
+            grid,
         )
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
@@ -196,7 +212,7 @@ class FieldLocaliser:
         )
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        return self._map.observed.near_occupied(points_m, REACH_M)
+        return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
 
     def _predicted(
         self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool

@@ -73,10 +73,10 @@ class NoiseMean:
             self._sum += noise
             self._count += 1
 
-    def get_state(self) -> Float64[np.ndarray, "3"]:
+    def array(self) -> Float64[np.ndarray, "3"]:
         """Sum and number of the figures, and number of images."""
         return np.array([self._sum, self._count, self._num_images], np.float64)
 
-    def set_state(self, state: Float64[np.ndarray, "3"]) -> None:
-        """Take over what ``get_state`` gave."""
-        self._sum, self._count, self._num_images = float(state[0]), int(state[1]), int(state[2])
+    def set_array(self, array: Float64[np.ndarray, "3"]) -> None:
+        """Take over what :meth:`array` gave."""
+        self._sum, self._count, self._num_images = float(array[0]), int(array[1]), int(array[2])

@@ -35,16 +35,6 @@ def part(rays: RayBatch, start: int, count: int) -> RayBatch:
     return RayBatch(rays.origin_m[rows], rays.direction[rows], rays.rgb[rows], rays.depth_m[rows])
 
 
-def concatenate(*batches: RayBatch) -> RayBatch:
-    """Batches as one."""
-    return RayBatch(
-        np.concatenate([rays.origin_m for rays in batches]),
-        np.concatenate([rays.direction for rays in batches]),
-        np.concatenate([rays.rgb for rays in batches]),
-        np.concatenate([rays.depth_m for rays in batches]),
-    )
-
-
 def sample_frame(observation: Observation, count: int, rng: np.random.Generator) -> RayBatch:
     """Draw ``count`` pixels of one observation among those that were measured, of which there must be one."""
     valid = valid_pixels(observation)

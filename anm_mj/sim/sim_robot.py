@@ -239,14 +239,14 @@ class SimRobot:
         self._drive.place(pose)
         self._odometry.restart()
 
-    def checkpoint_state(self) -> Float[np.ndarray, " n"]:
+    def get_state(self) -> Float[np.ndarray, " n"]:
         """The simulation's state, for a checkpoint: all that its next step depends on."""
         state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, state, _STATE)
         return state
 
-    def restore_state(self, state: Float[np.ndarray, " n"]) -> None:
-        """Take over what :meth:`checkpoint_state` gave.
+    def set_state(self, state: Float[np.ndarray, " n"]) -> None:
+        """Take over what :meth:`get_state` gave.
 
         Raises:
             RobotError: It is that of another model.

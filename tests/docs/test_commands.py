@@ -120,32 +120,6 @@ def test_setting(setting):
     assert applied, refusals
 
 
-def test_former_settings():
-    text = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (.*) \| (.*) \|$", text.partition("| former setting |")[2], re.MULTILINE)
-    pairs = [
-        (former, present)
-        for row in rows
-        if not row[1].startswith("none")
-        for former, present in zip(*(re.findall(r"`([\w.]+\.\w+)`", cell) for cell in row), strict=True)
-    ]
-    assert len(pairs) > 10
-    configs = [make_config("default", [], scene="room", policy=policy) for policy in policies()]
-    for former, present in pairs:
-        accepted = []
-        for config in configs:
-            value = setting_of(config, present)
-            if value is None:
-                continue
-            try:
-                read = make_config("default", [f"{former}={value}"], scene="room", policy=config.policy)
-            except AnmError:
-                continue
-            accepted.append(setting_of(read, present) == value)
-        assert accepted, (former, present)
-        assert all(accepted), (former, present)
-
-
 def test_settings_of_the_default_policy():
     text = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
     section = text.partition("## The default policy")[2].partition("\n## ")[0]
@@ -200,6 +174,7 @@ def test_options(capsys):
         ["map"],
         ["bench"],
         ["doctor"],
+        ["completion"],
         *(["scene", action] for action in ("import", "generate", "check")),
     ):
         known |= set(re.findall(r"--[a-z][a-z-]*", help_of(words, capsys)))
@@ -264,6 +239,7 @@ def anm_mj_command(words, command, place, monkeypatch, capsys):
         ["export"],
         ["map"],
         ["robot", "check"],
+        ["completion"],
     ):
         help_of(words, capsys)  # Only the name of a command.
     elif words in (["explore"], ["bench"]) or "--help" in words:
@@ -417,14 +393,6 @@ def script_parses(script, words, monkeypatch):
     except SystemExit as ended:
         status = ended.code
     return not status and (bool(done) or not words)
-
-
-def setting_of(config, name):
-    """The value of a setting by its dotted name; None if the configuration has none of this name."""
-    keys = name.replace("policy.", "policy_settings.", 1).split(".")
-    for key in keys:
-        config = getattr(config, key, None)
-    return config
 
 
 def own_comparison(page="benchmarks.md"):

@@ -142,7 +142,7 @@ def test_an_obstacle_that_appears_where_the_map_said_free(tmp_path, drive, polic
     robot, recorder, held, seen = Appearing(*robots, appears), ListRecorder(), [], []
 
     def note(report):
-        held.append(front(mapper.occupancy))
+        held.append(front(mapper.occupancy_grid()))
         seen.append(report.step > appears and sees_front(report.observation))
 
     outcome = explore(
@@ -160,7 +160,7 @@ def test_an_obstacle_that_appears_where_the_map_said_free(tmp_path, drive, polic
     assert outcome.stop_reason in (StopReason.NO_REACHABLE_TARGET, StopReason.COMPLETE)
     assert collisions <= 3
     # What the map says at the end is what is there.
-    assert front(mapper.occupancy) > 0.9
+    assert front(mapper.occupancy_grid()) > 0.9
     for each in robots:
         each.close()
 

@@ -16,14 +16,16 @@ from tests.evaluation.oracle.ray_robot import RayRobot
 from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
 ROUNDS = 40
-BUDGET = 1500
 """Annealing rounds."""
+BUDGET = 1500
+"""Steps of the runs."""
 START = Pose2(-1.5, 0.0, 0.0)
 
 
 class NoMap:
     """Knows nothing and blocks nothing."""
 
+    truncation_m = 0.1
     occupancy = VoxelGrid(np.zeros((1, 1, 1), np.int8), np.full((1, 1, 1), np.inf, np.float32), np.zeros(3), 10.0)
 
     def integrate(self, observation):
@@ -35,7 +37,7 @@ class NoMap:
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
-    def occupancy_about(self, centre_xy_m, radius_m):
+    def occupancy_grid(self, centre_xy_m=None, radius_m=np.inf):
         return self.occupancy
 
     def surface(self, centre_xy_m, radius_m, max_height_m=np.inf):
