@@ -108,16 +108,9 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
-<<<<<<< HEAD
-        found = register(
-            points, prior, self._map.backend.align, self._known, settings, self._extra(points, prior, noise)
-        )
-        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
-=======
         extra = self._extra(points, prior, noise)
         found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
-        fits = agreement(points, found.T_world_camera, self._map.observed)
->>>>>>> loc
+        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
@@ -165,7 +158,7 @@ class FieldLocaliser:
                 np.sum([part.hessian for part in parts], axis=0),
                 np.sum([part.gradient for part in parts], axis=0),
                 sum(part.cost for part in parts) / len(parts),
-                sum(part.count for part in parts) / len(parts),
+                sum(part.num_points for part in parts) / len(parts),
             )
 
         return equations

@@ -14,7 +14,6 @@ from jaxtyping import Float, Float32, Float64
 
 from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
-from anm_mj.localisation.localisation_config import KeyImageConfig
 from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
@@ -96,12 +95,6 @@ class KeyImages:
     ) -> Sums:
         """Sums over a frame's points against an image, by displacement and rotation in the world."""
         config = self.config
-<<<<<<< HEAD
-=======
-        function = native_function("frame_to_frame")
-        if function is None:
-            return Sums(np.zeros((6, 6)), np.zeros(6), 0.0, 0.0)
->>>>>>> loc
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
         settings = np.array(
             [

@@ -29,7 +29,7 @@ class Sums(NamedTuple):
     gradient: Float64[np.ndarray, "6"]
     cost: float
     """Robust cost, in squared standard deviations."""
-    count: float
+    num_points: float
     """Points that took part; the others cost as much as the worst of outliers."""
 
 
@@ -109,7 +109,7 @@ def register(
         if extra is not None:
             more = extra(points, T, settings.kernel)
             full, slope = full + more.hessian, slope + more.gradient
-            cost += more.cost + (len(points) - more.count) * worst
+            cost += more.cost + (len(points) - more.num_points) * worst
         return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), float(cost)
 
     iteration = 0
