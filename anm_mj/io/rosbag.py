@@ -129,7 +129,7 @@ class _Bag(BagReader):
         poses = [pose_at(depth_stamp.time_s) for depth_stamp, _ in pairs]
         kept = [k for k, T in enumerate(poses) if T is not None or not self.needs_poses]
         say_left_out(self.path, len(kept), len(pairs), "no pose of the camera is known at their time")
-        matrices, has_poses = bridged(self.path, [pairs[k][0].time_s for k in kept], [poses[k] for k in kept])
+        matrices, missing = bridged([pairs[k][0].time_s for k in kept], [poses[k] for k in kept])
         frames = []
         for k, T in zip(kept, matrices, strict=True):
             depth_stamp, colour_stamp = pairs[k]
@@ -141,7 +141,6 @@ class _Bag(BagReader):
                     T,
                 )
             )
-        posed = has_poses or self.needs_poses
         return Sequence(
             self.path,
             intrinsics,
@@ -149,7 +148,8 @@ class _Bag(BagReader):
             tuple(frames),
             resize=True,
             distortion=distortion,
-            has_poses=posed,
+            has_poses=self.needs_poses or len(missing) < len(kept),
+            interpolated=missing,
         )
 
     def _says_poses(self, camera_frame: str) -> bool:

@@ -88,6 +88,8 @@ class Sequence:
     """Of colour and depth alike; it is taken out of the observations."""
     has_poses: bool = True
     """Whether the poses of frames mean something; else all are the same."""
+    interpolated: tuple[int, ...] = ()
+    """Frames whose pose no file states."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -131,7 +133,7 @@ class Sequence:
     def without_poses(self) -> Sequence:
         """The same frames, all of them at the origin."""
         frames = (replace(frame, T_world_camera=np.eye(4)) for frame in self.frames)
-        return replace(self, frames=tuple(frames), has_poses=False)
+        return replace(self, frames=tuple(frames), has_poses=False, interpolated=())
 
     def _check_shape(self, step: int, *shapes: tuple[int, ...]) -> None:
         """Raises RunFolderError for images that are not the camera's, be they larger or smaller."""
@@ -297,24 +299,16 @@ def time_text(time_s: float) -> str:
 
 
 def bridged(
-    folder: Path, times_s: list[float], poses: list[Float[np.ndarray, "4 4"] | None]
-) -> tuple[list[Float[np.ndarray, "4 4"]], bool]:
-    """Poses without gaps, and whether there is any: in a gap they lie between those before and after it.
+    times_s: list[float], poses: list[Float[np.ndarray, "4 4"] | None]
+) -> tuple[list[Float[np.ndarray, "4 4"]], tuple[int, ...]]:
+    """Poses without gaps, and the frames that had none: in a gap they lie between those before and after it.
 
-    A warning counts and names the frames that have none.
+    Where no frame has any, all are at the origin.
     """
     known = [k for k, pose in enumerate(poses) if pose is not None]
-    if not known:
-        return [np.eye(4)] * len(poses), False
     missing = [k for k, pose in enumerate(poses) if pose is None]
-    if missing:
-        _logger.warning(
-            "%s: %d of %d frames have no pose (%s); it is interpolated, as a prior.",
-            folder,
-            len(missing),
-            len(poses),
-            ranges_text(missing),
-        )
+    if not known:
+        return [np.eye(4)] * len(poses), tuple(missing)
     at = np.array([times_s[k] for k in known])
     stated = np.array([poses[k] for k in known])
     at, first = np.unique(at, return_index=True)
@@ -328,7 +322,7 @@ def bridged(
         for place, k in enumerate(missing):
             rotation = stated[0, :3, :3] if turned is None else turned[place]
             filled[k] = rigid_transform(rotation.ravel(), xyz[place])
-    return filled, True
+    return filled, tuple(missing)
 
 
 def ranges_text(numbers: list[int]) -> str:

@@ -22,7 +22,7 @@ from anm_mj.io.nerfstudio_sequence import read_nerfstudio
 from anm_mj.io.read_run import read_run
 from anm_mj.io.replica_sequence import read_replica
 from anm_mj.io.rosbag import is_recording, read_recording
-from anm_mj.io.sequence import Frame, Sequence, read_sequence, require_below
+from anm_mj.io.sequence import Frame, Sequence, ranges_text, read_sequence, require_below
 from anm_mj.io.tum_sequence import read_tum
 
 UP = {
@@ -65,7 +65,7 @@ class SequenceOptions:
     """Whether frames without a pose are left out; else they are interpolated, or there are none at all."""
     ignores_poses: bool = False
     """Whether the poses of the files are not used."""
-    distortion: LensDistortion | None | Literal["files"] = "files"
+    distortion: LensDistortion | Literal["files"] | None = "files"
     """Of the lens; None = there is none, ``files`` = as they say."""
 
 
@@ -97,6 +97,14 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
         raise RunFolderError(f"{path} holds no frame that has colour, depth and a pose.")
     if options.ignores_poses:
         sequence = sequence.without_poses()
+    if sequence.has_poses and sequence.interpolated:
+        _logger.warning(
+            "%s: %d of %d frames have no pose (%s); it is interpolated, as a prior.",
+            path,
+            len(sequence.interpolated),
+            len(sequence),
+            ranges_text(list(sequence.interpolated)),
+        )
     if options.distortion != "files":
         sequence = replace(sequence, distortion=options.distortion)
     if options.camera is not None:

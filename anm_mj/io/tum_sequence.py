@@ -61,7 +61,7 @@ def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
         if image is not None and (pose is not None or not needs_poses):
             chosen.append((time_s, folder / colour[image][1], folder / name))
             found.append(None if pose is None else tum_matrix(poses[pose][1:4], poses[pose][4:]))
-    matrices, has_poses = bridged(folder, [time_s for time_s, _, _ in chosen], found)
+    matrices, missing = bridged([time_s for time_s, _, _ in chosen], found)
     frames = [Frame(*one, matrix) for one, matrix in zip(chosen, matrices, strict=True)]
     partners = "image or no pose is" if needs_poses else "image is"
     say_left_out(folder, len(frames), len(depth), f"no {partners} within {MATCH_S:g} s of their depth")
@@ -72,7 +72,14 @@ def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
     height, width = read_image(frames[0].colour, "RGB").shape[:2] if frames else (480, 640)
     camera = from_pixel_centres(width, height, known)
     return Sequence(
-        folder, camera, _UNIT_M, tuple(frames), resize=True, distortion=bent, has_poses=has_poses or needs_poses
+        folder,
+        camera,
+        _UNIT_M,
+        tuple(frames),
+        resize=True,
+        distortion=bent,
+        has_poses=needs_poses or len(missing) < len(frames),
+        interpolated=missing,
     )
 
 
