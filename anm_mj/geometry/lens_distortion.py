@@ -26,8 +26,8 @@ _NAMES = {
 }
 """Coefficients of each model, in the order of OpenCV."""
 _ALIASES = {"fisheye": EQUIDISTANT, "opencv": "plumb_bob", "opencv_fisheye": EQUIDISTANT}
-_ONE = 256
-"""Weights of bilinear interpolation add up to this: 8 bits times 8 bits fit into 16."""
+_ONE = 1 << 8
+"""Weights of bilinear interpolation add up to this: their products with 8 bits fit into 16."""
 _RADII = 1000
 
 
@@ -132,8 +132,8 @@ class Undistortion:
         flat = rgb.reshape(-1, 3)
         total = np.full(rgb.shape, _ONE // 2, np.uint16)
         for corner, weight in zip(self.corners, self.weights, strict=True):
-            total += flat[corner].astype(np.uint16) * weight[..., None]
-        return (total // _ONE).astype(np.uint8)
+            total += np.take(flat, corner, axis=0) * weight[..., None]
+        return (total >> 8).astype(np.uint8)
 
 
 @functools.lru_cache(maxsize=2)

@@ -149,6 +149,8 @@ class Sequence:
                 )
 
     def _picked(self, image: np.ndarray, rows: int, cols: int) -> np.ndarray:
+        if image.shape[:2] == (rows, cols):
+            return image
         middle = 0.0 if self.keeps_corner_pixels else 0.5
         row, col = (
             np.floor((np.arange(count) + middle) * size / count).astype(np.int64)

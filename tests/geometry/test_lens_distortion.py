@@ -85,7 +85,7 @@ def test_an_image_comes_out_as_a_pinhole_would_see_it(model, coefficients):
 )
 def test_each_coefficient_does_what_its_model_says(model, coefficients, expected):
     lens = LensDistortion.of(model, coefficients)
-    np.testing.assert_allclose(lens.distorted(np.array([0.3, 0.4])), expected, rtol=1e-12)
+    np.testing.assert_allclose(lens.distorted(np.array([[0.3, 0.4]]))[0], expected, rtol=1e-12)
 
 
 def test_what_a_polynomial_folds_back_into_the_image_is_left_out():
