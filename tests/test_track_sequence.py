@@ -65,9 +65,14 @@ def write(folder, *, gap=(), poses=(), others=()):
     return folder
 
 
+def said(capsys):
+    """All that was printed, in one line."""
+    return " ".join("".join(capsys.readouterr()).split())
+
+
 def track(folder, out, *words):
-    said = ["map", str(folder), "--track", "--out", str(out), "--camera", CALIBRATION, "--preset", "quick", *words]
-    assert main(said) == 0
+    command = ["map", str(folder), "--track", "--out", str(out), "--camera", CALIBRATION, "--preset", "quick", *words]
+    assert main(command) == 0
     return json.loads((out / "metrics.json").read_text())
 
 
@@ -113,11 +118,11 @@ def test_the_same_seed_gives_the_same_poses(tracked, tmp_path):
     assert (again / "trajectory_camera.tum").read_bytes() == (out / "trajectory_camera.tum").read_bytes()
 
 
-def test_poses_of_the_sequence_are_a_prior_and_their_gaps_are_bridged(tmp_path, caplog):
+def test_poses_of_the_sequence_are_a_prior_and_their_gaps_are_bridged(tmp_path, capsys):
     known = [step for step in range(FRAMES) if step not in (3, 4, 29)]
     folder = write(tmp_path / "walk", poses=known)
     metrics = track(folder, tmp_path / "out", "--reference", str(tmp_path / "reference.tum"), "--floor", "0")
-    assert "3 of 30 frames have no pose (3-4, 29)" in caplog.text
+    assert "3 of 30 frames have no pose (3-4, 29)" in said(capsys)
     assert metrics["frames"] == FRAMES
     assert metrics["ate_rmse_cm"] < 2.0
     first = np.array(read_jsonl(tmp_path / "out" / "frames.jsonl")[0]["T_world_camera"])
@@ -127,12 +132,12 @@ def test_poses_of_the_sequence_are_a_prior_and_their_gaps_are_bridged(tmp_path, 
 def test_a_reference_of_the_sequence_itself_is_no_prior(tmp_path, capsys):
     folder = write(tmp_path / "walk", poses=range(FRAMES))
     track(folder, tmp_path / "out", "--reference", str(folder / "groundtruth.txt"), "--every", "5", "--floor", "-1.25")
-    words = " ".join(capsys.readouterr().out.split())
+    words = said(capsys)
     assert "the first camera defines the world" in words
     assert "ATE RMSE, aligned" in words
 
 
-def test_a_gap_is_lost_named_and_not_mapped(tmp_path, caplog):
+def test_a_gap_is_lost_named_and_not_mapped(tmp_path, capsys):
     folder = write(tmp_path / "walk", gap=GAP)
     out = tmp_path / "out"
     metrics = track(folder, out, "--floor", "-1.25")
@@ -143,21 +148,21 @@ def test_a_gap_is_lost_named_and_not_mapped(tmp_path, caplog):
     assert lost
     assert lost[0] in GAP
     assert metrics["lost_percent"] == pytest.approx(100.0 * len(lost) / FRAMES)
-    assert f"LOST in {len(lost)} of 30 frames: {lost[0]}" in caplog.text
+    assert f"LOST in {len(lost)} of 30 frames: {lost[0]}" in said(capsys)
     assert len((out / "trajectory_camera.tum").read_text().splitlines()) == FRAMES - len(lost)
 
 
 def test_without_track_a_sequence_without_poses_is_refused(tmp_path, capsys):
     folder = write(tmp_path / "walk")
     assert main(["map", str(folder), "--out", str(tmp_path / "out")]) == 2
-    assert "has no groundtruth.txt; give --track" in " ".join(capsys.readouterr().err.split())
+    assert "has no groundtruth.txt; give --track" in said(capsys)
     words = ["--reference", str(tmp_path / "reference.tum")]
     assert main(["map", str(folder), "--out", str(tmp_path / "out"), *words]) == 2
-    assert "--reference is for poses that --track finds" in " ".join(capsys.readouterr().err.split())
+    assert "--reference is for poses that --track finds" in said(capsys)
 
 
 @pytest.mark.parametrize("words", ["0.1,x", "0.1,nan", ",".join(["0.1"] * 13)])
 def test_a_distortion_that_cannot_be_is_one_sentence(tmp_path, capsys, words):
     folder = write(tmp_path / "walk")
     assert main(["map", str(folder), "--track", "--out", str(tmp_path / "out"), "--distortion", words]) == 2
-    assert "--distortion is" in " ".join(capsys.readouterr().err.split())
+    assert "--distortion is" in said(capsys)

@@ -35,6 +35,8 @@ UP = {
 BAG = "rosbag"
 """The layout that is no folder of images."""
 _FLOOR_FRAMES, _FLOOR_BIN_M, _FLOOR_SHARE = 30, 0.02, 0.3
+_GUESSED_M = 1.0
+"""A camera of which nothing is known stands so high [m]."""
 _HEIGHTS_M = (0.05, 50.0)
 """Cameras stand between these above the floor [m]."""
 
@@ -121,7 +123,7 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     floor_m = options.floor_m
     if floor_m is None:
         ours = sequence.has_poses and found in LAYOUTS and LAYOUTS[found].ours
-        floor_m = 0.0 if ours else find_floor_m(sequence if sequence.has_poses else sequence.first())
+        floor_m = 0.0 if ours else find_floor_m(sequence) if sequence.has_poses else _floor_below_first_m(sequence)
     _check_heights(sequence, floor_m)
     return sequence.moved(rigid_transform(np.eye(3).ravel(), np.array([0.0, 0.0, -floor_m]))), found
 
@@ -200,6 +202,19 @@ def _check_heights(sequence: Sequence, floor_m: float) -> None:
             sequence.path,
             height_m,
         )
+
+
+def _floor_below_first_m(sequence: Sequence) -> float:
+    """Height of the floor below the first camera [m], which is the origin; a guess is said."""
+    try:
+        return find_floor_m(sequence.first())
+    except RunFolderError:
+        _logger.warning(
+            "The first frame of %s shows nothing below the camera: the floor is taken to be %g m below (--floor).",
+            sequence.path,
+            _GUESSED_M,
+        )
+        return -_GUESSED_M
 
 
 def find_floor_m(sequence: Sequence) -> float:

@@ -213,7 +213,7 @@ def test_a_bag_without_poses_can_be_tracked(tmp_path):
         open_sequence(path)
     sequence, _ = open_sequence(path, SequenceOptions(needs_poses=False))
     assert not sequence.has_poses
-    assert len(sequence) == 6
+    assert len(sequence) == 5
 
 
 def test_a_unit_that_lifts_the_cameras_is_said(tmp_path, caplog):
