@@ -127,13 +127,13 @@ class Mapper(Protocol):
         """
         ...
 
-    @property
-    def occupancy(self) -> VoxelGrid:
-        """Free, occupied and unknown space, fused from depth (a view, not a copy)."""
-        ...
+    def occupancy_grid(
+        self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
+    ) -> VoxelGrid:
+        """Free, occupied and unknown space, fused from depth (views, not copies).
 
-    def occupancy_about(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> VoxelGrid:
-        """The same grid, which has to be of now only within ``radius_m`` [m] of a place along both axes."""
+        It has to be of now only within ``radius_m`` [m] of a place along both axes; None = everywhere.
+        """
         ...
 
 

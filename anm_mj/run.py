@@ -121,7 +121,7 @@ def run_loop(
         """What a checkpoint says beside the state, and what must be on the disk before it counts."""
         said = {
             "config": to_json(config),
-            "engine": mapper.engine_name,
+            "engine": mapper.backend.name,
             "files": recorder.log_sizes,
             "wall_s": time.perf_counter() - begin,
         }

@@ -20,7 +20,7 @@ from anm_mj.io.run_events import Surveying
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
-from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class, policy_entry
+from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class
 from anm_mj.planning.policies.return_to_start import Returning
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
@@ -100,7 +100,7 @@ def make_parts(config: RunConfig, observers: Sequence[Observer] = (), prior: Pri
 def true_view(parts: Parts) -> Callable[[], TrueView] | None:
     """A function that gives true poses and depth; None where observations hold them."""
     config = parts.config
-    exact = config.pose == "true" and not config.sensor.misses and config.sensor.fault == "none"
+    exact = config.pose == "true" and not config.sensor.misses
     return None if exact else parts.robot.true_view
 
 
@@ -119,13 +119,7 @@ def make_mapper(config: RunConfig) -> NeuralMap:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from anm_mj.mapping.neural_map import NeuralMap
 
-    return NeuralMap(
-        config.mapping,
-        seed=config.seed,
-        device=config.device,
-        # A policy with a map of its own kind reads no geometry out of it.
-        field_is_geometry=config.planning.geometry == "field" and policy_entry(config.policy).mapping_preset is None,
-    )
+    return NeuralMap(config.mapping, seed=config.seed, device=config.device)
 
 
 def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | None:
@@ -179,7 +173,7 @@ def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, 
         config.goal,
         config.seed,
         mapper.backend.device,
-        mapper.engine_name,
+        mapper.backend.name,
         backend.name,
         backend.renderer_string,
         robot.camera_kind,

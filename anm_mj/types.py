@@ -84,6 +84,18 @@ class StopReason(StrEnum):
     """A person ended the run."""
 
 
+class PixelState(IntEnum):
+    """What a pixel of a depth image is; the first two tell where free space is."""
+
+    MEASURED = 0
+    OUT_OF_RANGE = 1
+    """The sensor says that it looked farther than its range."""
+    LOST = 2
+    """Nothing was measured."""
+    OUTLIER = 3
+    """Something was measured that the pixels beside it contradict."""
+
+
 @dataclass(frozen=True)
 class Intrinsics:
     """A pinhole camera without distortion; pixel (u, v) has its centre at (u + 0.5, v + 0.5)."""
@@ -157,6 +169,8 @@ class Observation:
     """Where the base stands, as the robot believes it."""
     range_m: float = math.inf
     """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
+    pixel_state: UInt8[np.ndarray, "h w"] | None = None
+    """What each pixel is (:class:`PixelState`); None before :func:`anm_mj.sensing.pixel_state.judge_pixels`."""
 
 
 @dataclass(frozen=True)

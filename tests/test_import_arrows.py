@@ -129,7 +129,7 @@ def test_light_parts_load_without_heavy_packages():
     ("source", "room"),
     [
         ("import anm_mj.explore", "planning"),
-        ("from anm_mj.mapping.field import Field", "planning"),
+        ("from anm_mj.mapping.backends.torch_field import Field", "planning"),
         ("from anm_mj import cli", "sim"),
         ("def f():\n    from anm_mj.evaluation import mesh", "sim"),
         ("def f():\n    from anm_mj.scene import build", "mapping"),

@@ -34,7 +34,7 @@ UNTRAINED = (
     "mapping.schedule.iterations=0",
     "mapping.schedule.final_iterations=0",
     "mapping.schedule.keyframe_every=1000000",
-    "planning.geometry=occupancy",
+    "mapping.geometry=occupancy",
 )
 """Settings of a run that trains no map: the occupancy alone says what blocks a path."""
 

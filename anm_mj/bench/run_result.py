@@ -29,7 +29,7 @@ COMPLETION, OBSERVABLE, PATH = 1, 3, 4
 """Columns of a curve: completion ratio, completion ratio of the observable surface, and driven distance."""
 MOST_MISSING = 0.1
 """A variant is drawn that lacks at most this share of all starts, or one: a run or two may have failed."""
-OF_THE_ROBOT = ("model.", "sensor.", "motion.")
+OF_THE_ROBOT = ("model.", "sensor.")
 """What the names of settings of the robot's body and sensors begin with."""
 
 

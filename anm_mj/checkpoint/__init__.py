@@ -10,6 +10,6 @@ New state takes part by itself, because every attribute of every object is store
 ``REBUILT``
     Names of attributes that a checkpoint leaves out, because the constructor makes them anew: models, renderers,
     caches.
-``checkpoint_state(self)`` and ``restore_state(self, state)``
+``get_state(self)`` and ``set_state(self, state)``
     Further state as plain data, for what lies in attributes that are left out.
 """

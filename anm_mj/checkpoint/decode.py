@@ -80,8 +80,8 @@ class _Decoder:
         for fill in self._unfinished:
             fill()
         for index, node in enumerate(self._nodes):
-            if node[0] == "object" and hasattr(self._made[index], "restore_state"):
-                self._made[index].restore_state(self._value(node[4]))
+            if node[0] == "object" and hasattr(self._made[index], "set_state"):
+                self._made[index].set_state(self._value(node[4]))
         return found
 
     def _value(self, value: Any) -> Any:
@@ -200,7 +200,7 @@ class _Decoder:
                 self._in_place[id(fresh)] = index
                 return fresh
         cls: Any = self._known.find_class(name)
-        if rebuilt_names(cls) or hasattr(cls, "restore_state"):
+        if rebuilt_names(cls) or hasattr(cls, "set_state"):
             raise CheckpointError(f"It holds a {name} at {path} that a new run does not have.")
         return cls.__new__(cls)
 
@@ -229,7 +229,7 @@ class _Decoder:
 def _is_frozen(cls: type) -> bool:
     """Whether objects of a class are values, all of which a checkpoint holds."""
     parameters = getattr(cls, "__dataclass_params__", None)
-    return bool(parameters and parameters.frozen) and not rebuilt_names(cls) and not hasattr(cls, "restore_state")
+    return bool(parameters and parameters.frozen) and not rebuilt_names(cls) and not hasattr(cls, "set_state")
 
 
 def _dtype(text: Any) -> np.dtype:

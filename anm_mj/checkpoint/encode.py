@@ -137,8 +137,8 @@ class _Encoder:
             name: self._value(value, f"{where}.{name}", None if path is None else f"{path}.{name}")
             for name, value in attributes.items()
         }
-        extra = thing.checkpoint_state() if hasattr(thing, "checkpoint_state") else None
-        return ["object", name_of(kind), path, values, self._value(extra, f"{where}.checkpoint_state()")]
+        extra = thing.get_state() if hasattr(thing, "get_state") else None
+        return ["object", name_of(kind), path, values, self._value(extra, f"{where}.get_state()")]
 
     def _named(self, kind: str, thing: Any, where: str) -> Any:
         self._require(thing.__module__, thing, where)

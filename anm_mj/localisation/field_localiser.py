@@ -100,7 +100,7 @@ class FieldLocaliser:
                 self._key_images.add(observation)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
-        noise = self._map.observed.depth_noise_per_m
+        noise = self._map.occupancy.by_depth.noise.value
         rng = np.random.default_rng([self._seed, 21, self._num_frames])
         settings = self.config.registration
         points = draw_points(observation, settings.num_points, noise, settings.range_m, rng)
@@ -111,7 +111,7 @@ class FieldLocaliser:
         found = register(
             points, prior, self._map.backend.align, self._known, settings, self._extra(points, prior, noise)
         )
-        fits = agreement(points, found.T_world_camera, self._map.observed)
+        fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
@@ -165,9 +165,15 @@ class FieldLocaliser:
         neural_map, finder = self._map, self._relocaliser
         if self._T_world_camera is not None:
             finder.move(np.linalg.inv(self._T_world_camera) @ prior.T_world_camera)
-        grid = neural_map.observed.grid
+        grid = neural_map.occupancy.by_depth.grid
         believed = finder.look(
-            points, prior.T_world_camera, self._basis, neural_map.backend.align, self._known, neural_map.observed, grid
+            points,
+            prior.T_world_camera,
+            self._basis,
+            neural_map.backend.align,
+            self._known,
+            neural_map.occupancy.by_depth,
+            grid,
         )
         if believed is None or believed.found is None:
             return self._predicted(observation, prior, None, misfit=False)
@@ -196,7 +202,7 @@ class FieldLocaliser:
         )
 
     def _known(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        return self._map.observed.near_occupied(points_m, REACH_M)
+        return self._map.occupancy.by_depth.near_occupied(points_m, REACH_M)
 
     def _predicted(
         self, observation: Observation, prior: Prior, found: Registration | None, *, misfit: bool

@@ -20,6 +20,7 @@ from scipy import ndimage
 from skimage.draw import polygon
 
 from anm_mj.frames import pixel_directions, world_to_cell
+from anm_mj.sensing.pixel_state import measured_pixels
 from anm_mj.types import (
     FORWARD_STEP_M,
     FREE,
@@ -170,7 +171,7 @@ class ScanGrid:
 
         The columns are those of a level camera: a tilted one's pixels are sorted by their azimuths.
         """
-        depth_m = np.where(np.isfinite(observation.depth_m), observation.depth_m, np.float32(np.nan))
+        depth_m = np.where(measured_pixels(observation), observation.depth_m, np.float32(np.nan))
         rays = pixel_directions(observation.intrinsics)
         height_m = observation.T_world_camera[2, 3] + depth_m * (rays @ observation.T_world_camera[2, :3])
         rotation = observation.T_world_camera[:3, :3]

@@ -91,7 +91,7 @@ class Stages:
     ) -> tuple[TopDownMap, Window | None]:
         """The first stage alone: the top-down map as of now, and the part of the occupancy grid that it read anew."""
         with watch.stage("topdown"):
-            known = mapper.occupancy, mapper.sdf, mapper.truncation_m
+            known = mapper.occupancy_grid(), mapper.sdf, mapper.truncation_m
             return self.topdown.update(*known, observation.pose, FieldOfView.of(observation))
 
     def update_graph(self, topdown: TopDownMap, pose: Pose2, watch: Stopwatch) -> PlanningState:

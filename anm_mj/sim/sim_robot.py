@@ -12,11 +12,10 @@ from jaxtyping import Float, Float32
 from anm_mj.errors import RobotError
 from anm_mj.frames import pose_matrix
 from anm_mj.protocols import Drive
+from anm_mj.sensing.pixel_state import is_measured
 from anm_mj.sim.ahead_camera import AheadCamera
 from anm_mj.sim.camera import Camera
-from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.camera_sensor import Sensor
-from anm_mj.sim.sensors.faults import SensorFaults
 from anm_mj.sim.sensors.noisy_odometry import NoisyOdometry
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.types import Action, ActionResult, Footprint, MotionResult, Observation, Pose2, TrueView, Twist
@@ -28,15 +27,6 @@ class AnticipatingDrive(Protocol):
 
     def anticipate(self, actions: Sequence[Action], data: mujoco.MjData) -> None:
         """Write the positions after some actions into other data of the same model, as if nothing were in the way."""
-        ...
-
-
-@runtime_checkable
-class StickingDrive(Protocol):
-    """A drive whose wheels can be made to stick."""
-
-    def stick(self, *, left: bool, right: bool) -> None:
-        """Say of the wheels of each side whether they stick from now on."""
         ...
 
 
@@ -62,7 +52,6 @@ class SimRobot:
         robot_hash: str = "",
         sensor: SensorConfig | None = None,
         seed: int = 0,
-        motion: MotionConfig | None = None,
     ):
         """Combine the parts.
 
@@ -77,7 +66,6 @@ class SimRobot:
             robot_hash: identifies the robot.
             sensor: errors of camera and odometry; None = none.
             seed: of these errors.
-            motion: names a fault of the wheels; None = none.
         """
         self._model = model
         self._data = data
@@ -89,10 +77,8 @@ class SimRobot:
         self._sensor_config = sensor or SensorConfig()
         self._sensor = Sensor(self._sensor_config, seed)
         self._odometry = NoisyOdometry(self._sensor_config, seed)
-        self._faults = SensorFaults(sensor or SensorConfig(), seed)
-        self._motion = motion or MotionConfig()
-        self._looked: tuple[Observation, Float32[np.ndarray, "h w"], bool] | None = None
-        """The last observation, the exact depth at its time [m], and whether its image is an older one's."""
+        self._looked: tuple[Observation, Float32[np.ndarray, "h w"]] | None = None
+        """The last observation, and the exact depth at its time [m]."""
         self._step = 0
         self._coming: list[tuple[Action, mujoco.MjData]] = []
         """The next actions whose images were begun, and the state after each."""
@@ -117,10 +103,8 @@ class SimRobot:
         """
         if self._looked is None:
             raise RobotError("There is no view yet; call observe first.")
-        given, exact_m, stale = self._looked
-        same = given.depth_m.shape == exact_m.shape and not stale
-        valued = np.isfinite(given.depth_m) & (given.depth_m > 0.0) if same else np.zeros(exact_m.shape, bool)
-        depth_m = np.where(valued, exact_m, np.float32(np.nan))
+        seen, exact_m = self._looked
+        depth_m = np.where(is_measured(seen.depth_m), exact_m, np.float32(np.nan))
         return TrueView(self._drive.pose, self._camera.T_world_camera(self._data), depth_m)
 
     @property
@@ -178,9 +162,8 @@ class SimRobot:
             pose=pose,
             range_m=self._sensor.range_m,
         )
-        given = self._faults.put_on(seen)
-        self._looked = given, exact_m, self._faults.is_stale(seen)
-        return given
+        self._looked = seen, exact_m
+        return seen
 
     def _update_poses(self, data: mujoco.MjData) -> None:
         """After any joint motion the poses of bodies and cameras are outdated."""
@@ -214,7 +197,6 @@ class SimRobot:
 
     def act(self, action: Action) -> ActionResult:
         """Execute one action to its end."""
-        self._begin_fault()
         result = self._drive.act(action)
         self._step += action != Action.STOP
         return result
@@ -229,7 +211,6 @@ class SimRobot:
         if seed is not None:
             self._sensor = Sensor(self._sensor_config, seed)
             self._odometry = NoisyOdometry(self._sensor_config, seed)
-            self._faults = SensorFaults(self._sensor_config, seed)
         mujoco.mj_resetData(self._model, self._data)
         self.place(pose)
         self._step = 0
@@ -240,15 +221,7 @@ class SimRobot:
         Raises:
             RobotError: if the duration is not positive, or the velocity not finite.
         """
-        self._begin_fault()
         return self._drive.drive(twist, duration_s)
-
-    def _begin_fault(self) -> None:
-        """Let a wheel stick from the step on that the settings name."""
-        fault = self._motion.fault
-        if fault != "none" and isinstance(self._drive, StickingDrive):
-            now = self._step >= self._motion.fault_step
-            self._drive.stick(left=now and fault == "left-wheel", right=now and fault == "right-wheel")
 
     def look_at(self, point_m: Float[np.ndarray, "3"]) -> MotionResult:
         """Turn on the spot until the camera's axis and a point share a vertical plane.
@@ -266,14 +239,14 @@ class SimRobot:
         self._drive.place(pose)
         self._odometry.restart()
 
-    def checkpoint_state(self) -> Float[np.ndarray, " n"]:
+    def get_state(self) -> Float[np.ndarray, " n"]:
         """The simulation's state, for a checkpoint: all that its next step depends on."""
         state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, state, _STATE)
         return state
 
-    def restore_state(self, state: Float[np.ndarray, " n"]) -> None:
-        """Take over what :meth:`checkpoint_state` gave.
+    def set_state(self, state: Float[np.ndarray, " n"]) -> None:
+        """Take over what :meth:`get_state` gave.
 
         Raises:
             RobotError: It is that of another model.

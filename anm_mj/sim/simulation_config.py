@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, cast
 from anm_mj.errors import ConfigError
 from anm_mj.robot.camera_config import IMAGE_PX, CameraConfig
 from anm_mj.robot.robot_config import DEFAULT_ROBOT, RobotConfig
-from anm_mj.sim.motion_config import MotionConfig
 from anm_mj.sim.sensors.sensor_config import SensorConfig
 from anm_mj.utils.close_names import close_name
 
@@ -47,8 +46,6 @@ class SimulationConfig:
     """Optics and mount of the camera where they differ from the robot's file."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
     """Errors of camera and odometry."""
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    """Faults of the wheels."""
 
     def __post_init__(self) -> None:
         """Fill in the settings of the named robot, and check the values.

@@ -145,8 +145,8 @@ def test_settings_of_the_body_are_a_situation_of_their_own():
     blind = result("gvg", RISE, settings=["sensor.max_range_m=3.0"])
     other = result("gvg", RISE, settings=["policy.tour_depth=6"])
     assert situation(blind) != situation(result("gvg", RISE)) == situation(other)
-    assert split_settings("motion.fault=left-wheel sensor.odometry_alpha=(0.1, 0.2) policy.a=1") == (
-        ["motion.fault=left-wheel", "sensor.odometry_alpha=(0.1, 0.2)"],
+    assert split_settings("model.track_scale=1.1 sensor.odometry_alpha=(0.1, 0.2) policy.a=1") == (
+        ["model.track_scale=1.1", "sensor.odometry_alpha=(0.1, 0.2)"],
         ["policy.a=1"],
     )
 

@@ -91,13 +91,13 @@ def test_maps_that_nobody_asks_are_a_choice(tmp_path):
         (True, True, True),
         (False, False, False),
     ]
-    assert seldom[1].config().planning.geometry == "occupancy"
+    assert seldom[1].config().mapping.geometry == "occupancy"
     assert not {job.name for job in always} & {job.name for job in seldom}
     assert always[1].name == dataclasses.replace(seldom[1], maps=True).name
     # What such a sensor shows blocks other paths without a field.
     assert dataclasses.replace(seldom[1], sensor="d435i").trains
     assert dataclasses.replace(seldom[1], pose="odometry").trains
-    assert dataclasses.replace(seldom[1], settings=("sensor.fault=outliers",)).trains
+    assert dataclasses.replace(seldom[1], settings=("sensor.max_range_m=3",)).trains
 
 
 def test_policies_that_ask_no_map_are_those_that_drop_it_unread():

@@ -12,9 +12,9 @@ from anm_mj.errors import MapError
 from anm_mj.mapping.alignment import AlignSettings, FramePoints
 from anm_mj.mapping.backends.select import native_fault
 from anm_mj.mapping.backends.torch_backend import TorchBackend
-from anm_mj.mapping.config import MappingConfig, default_mapping
-from anm_mj.mapping.encoding import one_blob
+from anm_mj.mapping.backends.torch_encoding import one_blob
 from anm_mj.mapping.field import NeuralField
+from anm_mj.mapping.mapping_config import MappingConfig, default_mapping
 
 if native_fault() is not None:
     pytest.skip(f"the native engine cannot be used: {native_fault()}", allow_module_level=True)

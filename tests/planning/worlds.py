@@ -47,7 +47,7 @@ class BoxWorld:
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
-    def occupancy_about(self, centre_xy_m, radius_m) -> VoxelGrid:
+    def occupancy_grid(self, centre_xy_m=None, radius_m=np.inf) -> VoxelGrid:
         return self.occupancy
 
     def surface(self, centre_xy_m, radius_m, max_height_m=np.inf) -> SurfacePoints:

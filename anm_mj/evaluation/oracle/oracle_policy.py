@@ -89,7 +89,7 @@ class Oracle:
     def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
         """Count what a former run saw as covered."""
         del former
-        grid = mapper.occupancy
+        grid = mapper.occupancy_grid()
         self._former_m = (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m + grid.origin_m
 
     def observe(self, observation: Observation) -> None:
@@ -108,20 +108,20 @@ class Oracle:
         self._coverage = Coverage(self._planner.samples)
         self._coverage.add_points(self._former_m)
 
-    def checkpoint_state(self) -> dict[str, Any] | None:
+    def get_state(self) -> dict[str, Any] | None:
         """What planner and coverage remember, for a checkpoint; None before the first observation."""
         if self._planner is None:
             return None
-        return {"planner": self._planner.checkpoint_state(), "coverage": self._coverage.checkpoint_state()}
+        return {"planner": self._planner.get_state(), "coverage": self._coverage.get_state()}
 
-    def restore_state(self, state: dict[str, Any] | None) -> None:
-        """Take over what :meth:`checkpoint_state` gave."""
+    def set_state(self, state: dict[str, Any] | None) -> None:
+        """Take over what :meth:`get_state` gave."""
         if state is None or self._first_pose is None:
             return
         self._start(self._first_pose)
         assert self._planner is not None
-        self._planner.restore_state(state["planner"])
-        self._coverage.restore_state(state["coverage"])
+        self._planner.set_state(state["planner"])
+        self._coverage.set_state(state["coverage"])
 
     def plan(self, mapper: Mapper, observation: Observation) -> Plan:
         """The actions to the next stop of the tour, or the end if nothing is left."""

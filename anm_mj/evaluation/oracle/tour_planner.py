@@ -159,12 +159,12 @@ class TourPlanner:
         self._avoided.append(spot_m)
         self._roadmap.avoid(spot_m)
 
-    def checkpoint_state(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """What was planned and met so far, for a checkpoint."""
         return {name: getattr(self, name) for name in _REMEMBERED}
 
-    def restore_state(self, state: dict[str, Any]) -> None:
-        """Take over what :meth:`checkpoint_state` gave."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`get_state` gave."""
         for name in _REMEMBERED:
             setattr(self, name, state[name])
         self._make_roadmap()

@@ -31,7 +31,7 @@ class ScanPolicy:
         if log_odds is not None and origin is not None:
             self.grid.continue_from(log_odds, origin)
         else:
-            self.grid.read_occupancy(mapper.occupancy, former.poses)
+            self.grid.read_occupancy(mapper.occupancy_grid(), former.poses)
         for x, y, yaw in former.refused:
             self.grid.block_ahead(Pose2(x, y, yaw))
 

@@ -9,16 +9,9 @@ from anm_mj.errors import RobotError
 DEPTH_MODELS = ("exact", "stereo", "tof")
 """What a depth image is made by: the renderer alone, stereo matching, or a time-of-flight measurement."""
 
-FAULTS = (
-    *("none", "nan", "zero", "infinite", "frozen", "black", "lost", "outliers"),
-    *("pose-jump", "pose-nan", "resized", "no-answer"),
-)
-"""No fault; no depth in three ways; the same image, or a black one, for ever; some frames without anything; some pixels
-with any depth; the pose 20 cm aside, or not a number; images of half the size; a camera that raises an error."""
 _MOST = 1e9
 """No setting is larger."""
 _MOST_EXPOSURE = 10.0
-_USUAL_SHARE = {"lost": 0.1, "outliers": 0.01}
 
 
 @dataclass(frozen=True)
@@ -73,13 +66,6 @@ class SensorConfig:
     a translation from translation [m^2/m^2] and from rotation [m^2/rad^2]. Source: Thrun, Burgard and Fox,
     Probabilistic Robotics, 2005, table 5.6."""
 
-    fault: str = "none"
-    """One of ``FAULTS``: what fails, to try how a run takes it."""
-    fault_step: int = 40
-    """The fault begins with the frame after this many steps."""
-    fault_share: float = 0.0
-    """Share of lost frames, or of pixels that are outliers; 0 = a tenth of the frames, a hundredth of the pixels."""
-
     def __post_init__(self) -> None:
         """Refuse what no sensor does.
 
@@ -88,14 +74,12 @@ class SensorConfig:
         """
         if self.depth not in DEPTH_MODELS:
             raise RobotError(f"sensor.depth is '{self.depth}'; it must be one of {', '.join(DEPTH_MODELS)}.")
-        if self.fault not in FAULTS:
-            raise RobotError(f"sensor.fault is '{self.fault}'; it must be one of {', '.join(FAULTS)}.")
         for field in fields(self):
             value = getattr(self, field.name)
             for number in value if isinstance(value, tuple) else (value,):
                 if not isinstance(number, str) and not 0.0 <= number <= _MOST:
                     raise RobotError(f"sensor.{field.name} is {value}; it must lie within 0 and {_MOST:g}.")
-        for name in ("edge_missing", "flying_share", "fault_share"):
+        for name in ("edge_missing", "flying_share"):
             if getattr(self, name) > 1.0:
                 raise RobotError(f"sensor.{name} is {getattr(self, name):g}; a probability lies within 0 and 1.")
         if self.exposure_sigma > _MOST_EXPOSURE:
@@ -114,11 +98,6 @@ class SensorConfig:
                 f"sensor.max_range_m is {self.max_range_m:g} m and sensor.min_range_m {self.min_range_m:g} m; "
                 "the range must end beyond where it begins."
             )
-
-    @property
-    def usual_fault_share(self) -> float:
-        """``fault_share``, or what is usual for the fault."""
-        return self.fault_share or _USUAL_SHARE.get(self.fault, 0.0)
 
     @property
     def misses(self) -> bool:

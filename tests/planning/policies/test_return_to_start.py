@@ -33,7 +33,7 @@ def mapper_of(grid):
     def sdf(points):
         return np.full(len(points), 0.1, np.float32)
 
-    return Mock(occupancy=grid, sdf=sdf, truncation_m=0.1)
+    return Mock(occupancy_grid=lambda: grid, sdf=sdf, truncation_m=0.1)
 
 
 class Goes:

@@ -129,7 +129,9 @@ class AnmS:
         if is_first and self.config.bootstrap_turns and not is_known_place(self._former, observation):
             return _rotation("bootstrap: a full rotation before the first decision", self.config.bootstrap_turns)
         now = self.stages.read(mapper, observation)
-        candidates = self._finder.find(now, self._guiding(now), mapper.occupancy, self.stages.topdown.trajectory_xy_m)
+        candidates = self._finder.find(
+            now, self._guiding(now), mapper.occupancy_grid(), self.stages.topdown.trajectory_xy_m
+        )
         for best in best_first(now, candidates, self.targets, self.config.target, self._rng):
             plan = self._go(now, candidates, int(best))
             if plan is not None:

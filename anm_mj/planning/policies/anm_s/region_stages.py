@@ -68,5 +68,5 @@ class RegionStages(Stages):
             self.region_finder.limit_range(observation.range_m)
             self.region_finder.update(mapper.surface(xy_m, radius_m, height_m), xy_m, radius_m, error_m)
             camera_height_m = float(observation.T_world_camera[2, 3])
-            regions = self.region_finder.regions(graph, mapper.occupancy, camera_height_m, decisions)
+            regions = self.region_finder.regions(graph, mapper.occupancy_grid(), camera_height_m, decisions)
         return RegionState(**vars(now), regions=regions, decisions=decisions, frontier_xy_m=frontier, room=room)

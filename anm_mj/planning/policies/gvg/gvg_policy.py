@@ -153,7 +153,7 @@ class Gvg:
         is_first = self._gain is None
         if self._gain is None:
             self._gain = InformationGain(self.config, FieldOfView.of(observation))
-        self._gain.update(mapper.occupancy, window)
+        self._gain.update(mapper.occupancy_grid(), window)
         if is_first and self._tried is not None:
             self._gain.take_tried(self._tried.astype(float))
             self._tried = None

@@ -15,7 +15,7 @@ from jaxtyping import Float, Float64, Int
 from anm_mj import _native
 from anm_mj.frames import pixel_directions
 from anm_mj.planning.policies.gvg.pooled_occupancy import PooledOccupancy
-from anm_mj.sensing.lost_pixels import BLOCK_PX, lost_squares
+from anm_mj.sensing.pixel_state import BLOCK_PX, missing_blocks, valid_pixels
 from anm_mj.types import Observation
 
 NEAREST_M = 0.25
@@ -34,7 +34,7 @@ class UnmeasuredRays:
 
     def add(self, observation: Observation) -> None:
         """Note the directions in which a view measured nothing; none for a camera that says where it looked too far."""
-        lost = lost_squares(observation.depth_m)
+        lost = missing_blocks(~valid_pixels(observation))
         if not lost.any():
             return
         middle = slice(BLOCK_PX // 2, None, BLOCK_PX)
