@@ -37,7 +37,7 @@ def main(comparison: Annotated[Path, tyro.conf.Positional], policy: str = "gvg",
 
     Args:
         comparison: Output folder of ``anm-mj bench``.
-        policy: First policy, as the tables name it: with settings, "anm-s (planning.target=random)".
+        policy: First policy, as the tables name it: with settings, "anm-s (policy.target=random)".
         other: Second policy.
     """
     found = {}

@@ -80,15 +80,15 @@ def without_scene_tables(lines: Sequence[str]) -> list[str]:
 
 
 def _with_pictures(lines: Sequence[str], comparison: Path, pictures: Path) -> list[str]:
-    """Lines with links to their pictures, whose small copies take the place of the former ones.
+    """Lines with links to their pictures, whose small copies replace those of the last time.
 
     Raises:
         OSError: A picture cannot be read or written.
         ValueError: One is damaged.
     """
     pictures.mkdir(parents=True, exist_ok=True)
-    for former in pictures.glob("*.png"):
-        former.unlink()
+    for old in pictures.glob("*.png"):
+        old.unlink()
     linked = []
     for line in lines:
         linked.append(line)

@@ -17,7 +17,7 @@ _FLOORS = {
     "core": (
         ("_native", "errors", "types"),
         ("frames", "protocols", "utils"),
-        ("geometry",),
+        ("geometry", "mjcf"),
         ("robot",),
         ("control",),
         ("sensing",),
@@ -49,7 +49,7 @@ _RANK = {room: rank for rank, tier in enumerate(sum(_FLOORS.values(), ())) for r
 _FLOOR = {room: floor for floor, tiers in _FLOORS.items() for tier in tiers for room in tier}
 
 _ONLY_IN = {
-    "mujoco": {"scene", "sim", "robot", "control"},
+    "mujoco": {"mjcf", "scene", "sim", "robot", "control"},
     "dm_control": {"environments"},
     "gymnasium": {"environments"},
     "mink": {"control"},

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from anm_mj.bench.curve_figure import draw_curves
 from anm_mj.bench.executor import UNFINISHED, run_jobs
@@ -221,8 +220,16 @@ def write_tables(jobs: Sequence[Job], out: Path, command: str, kinds: Sequence[s
         table = markdown(rows, command, len(jobs))
         write_text(out / "table.md", table)
         pictures = _draw(jobs, results, out, kinds)
-        if kinds == KINDS:
-            _write_report(out, rows, table, command, pictures)
+        if kinds != KINDS:
+            return
+        title = f"Comparison {out.resolve().name}"
+        card = data_card(rows, title, command)
+        write_text(out / CARD, card)
+        about = headline(rows)
+        badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
+        if badge:
+            write_text(out / BADGE, badge)
+        write_page(out, title, table, card, badge, pictures)
 
 
 def _draw(jobs: Sequence[Job], results: Sequence[Result], out: Path, kinds: Sequence[str]) -> dict[str, list[Path]]:
@@ -244,17 +251,3 @@ def _draw(jobs: Sequence[Job], results: Sequence[Result], out: Path, kinds: Sequ
     for by, runs in by_budget(results).items() if kinds == KINDS else ():
         pictures[""] += draw_overview(out / f"overview{'_' * bool(by)}{by}.png", runs)
     return pictures
-
-
-def _write_report(
-    out: Path, rows: Sequence[dict[str, Any]], table: str, command: str, pictures: dict[str, list[Path]]
-) -> None:
-    """The page of all runs, with data card and badge."""
-    title = f"Comparison {out.resolve().name}"
-    card = data_card(rows, title, command)
-    write_text(out / CARD, card)
-    about = headline(rows)
-    badge = "" if about is None else badge_svg(about[0], f"{about[1]:.0f} % of best known AUC")
-    if badge:
-        write_text(out / BADGE, badge)
-    write_page(out, title, table, card, badge, pictures)

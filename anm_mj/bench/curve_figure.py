@@ -70,7 +70,7 @@ def draw_curves(path: Path, scene: str, results: Sequence[Result], kinds: Sequen
 
 
 def _lines_and_bands(counts: Sequence[int]) -> str:
-    """What they are, of variants with so many runs."""
+    """What lines and bands show, given the number of runs of each variant."""
     low, high = min(counts), max(counts)
     if high == 1:
         return "one run each"

@@ -99,7 +99,7 @@ def _check_agreement(job: Job, metrics: Mapping[str, Any], curve: Float[np.ndarr
     if curve[0, 0] != 0:
         raise ValueError(f"curve.csv begins at step {curve[0, 0]:.0f}")
     if curve[-1, 0] > job.steps:
-        raise ValueError(f"curve.csv goes to step {curve[-1, 0]:.0f} of a run of {job['steps']}")
+        raise ValueError(f"curve.csv goes to step {curve[-1, 0]:.0f} of a run of {job.steps}")
 
 
 def _read_curve(path: Path) -> Float[np.ndarray, "n 5"]:

@@ -124,7 +124,7 @@ class Result:
         return [self._cut(name, steps) for name, steps in self.job.cuts] or [self]
 
     def _cut(self, name: str, steps: int) -> Result:
-        """The run as if it had ended after so many steps; what only its end tells is left out."""
+        """The run as if it had ended at a shorter budget; facts that only its end tells are None."""
         job = replace(self.job, steps=steps)
         if self.curve[-1, 0] <= steps:
             return replace(self, job=job, budget_by=name)

@@ -1,4 +1,4 @@
-"""Lays a stored state over objects that were made anew.
+"""Lays a stored state over newly made objects.
 
 An object that has its place in a newly made run, found by the attributes that lead to it, is filled in place, so that
 whoever holds it sees the stored state. All others are made without their constructors. Nothing is changed before the

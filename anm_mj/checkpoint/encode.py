@@ -127,7 +127,7 @@ class _Encoder:
 
     def _object(self, thing: Any, where: str, path: str | None) -> Any:
         kind = type(thing)
-        self._require(kind.__module__, thing, where, made_anew=path is None)
+        self._require(kind.__module__, thing, where, in_place=path is not None)
         if isinstance(thing, tuple):
             return ["namedtuple", name_of(kind), [self._value(item, f"{where}[]") for item in thing]]
         if isinstance(thing, (list, dict, set, frozenset, np.ndarray)):
@@ -146,9 +146,9 @@ class _Encoder:
             raise CheckpointError(f"{where} is the local function {thing.__qualname__}, which checkpoints do not hold.")
         return [kind, name_of(thing)]
 
-    def _require(self, module: str, thing: Any, where: str, *, made_anew: bool = True) -> None:
-        # What the run makes anew may be of any class of the package, such as the recorder's.
-        if self._known.allows(module) or (not made_anew and module.startswith("anm_mj.")):
+    def _require(self, module: str, thing: Any, where: str, *, in_place: bool = False) -> None:
+        # What the new run makes may be of any class of the package, such as the recorder's.
+        if self._known.allows(module) or (in_place and module.startswith("anm_mj.")):
             return
         raise CheckpointError(f"{where} is a {name_of(type(thing))}, which checkpoints do not hold.")
 

@@ -95,7 +95,7 @@ class CheckpointStore:
         )
 
     def refuse(self, why: str) -> None:
-        """Note that the run has state that cannot be stored, so that who resumes it reads why."""
+        """Note why the state of the run cannot be stored, for the error of a later resume."""
         self.folder.mkdir(exist_ok=True)
         (self.folder / _REFUSED).write_text(why, encoding="utf-8")
 

@@ -10,7 +10,7 @@ from anm_mj.cli.option_types import NewFile, Settings, require_ending
 
 if TYPE_CHECKING:
     from anm_mj.robot.description import RobotDescription
-    from anm_mj.sim.drives.drive_trial import DriveTest
+    from anm_mj.sim.drives.drive_trial import DriveTrial
 
 _CLOSE = 0.05
 """Share of a motion that may be missing, or that wheels may slip, without a remark."""
@@ -52,7 +52,7 @@ def robot_check(robot: str, *, settings: Settings = (), out: NewFile | None = No
     return say_problems(problems(found, test))
 
 
-def describe(robot: RobotDescription, test: DriveTest) -> list[str]:
+def describe(robot: RobotDescription, test: DriveTrial) -> list[str]:
     """One line per thing that was understood."""
     x, y, z = robot.T_base_camera[:3, 3]
     ahead = robot.T_base_camera[:3, 2]
@@ -94,7 +94,7 @@ def describe(robot: RobotDescription, test: DriveTest) -> list[str]:
     return lines
 
 
-def problems(robot: RobotDescription, test: DriveTest) -> list[str]:
+def problems(robot: RobotDescription, test: DriveTrial) -> list[str]:
     """Why the robot does not drive, with what to do; empty where it does."""
     found = []
     if len(robot.support_xy_m) and robot.wheel_joints:

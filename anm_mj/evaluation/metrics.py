@@ -109,7 +109,7 @@ class Metrics:
     fixed_view_depth_error_cm: float | None = None
     fixed_view_known_percent: float | None = None
     position_rmse_cm: float | None = None
-    """This and the next eight: see :class:`~.trajectory_error.TrajectoryError`; None with true poses."""
+    """As the next eight: :class:`~anm_mj.evaluation.trajectory_error.TrajectoryError`; None with true poses."""
     ate_rmse_cm: float | None = None
     rpe_cm_per_m: float | None = None
     rpe_deg_per_m: float | None = None

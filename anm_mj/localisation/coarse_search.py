@@ -45,7 +45,7 @@ def distance_grid(
     """
     pool = max(1, round(config.cell_m / grid.resolution_m))
     edge = pool * grid.resolution_m
-    shape = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
+    shape: tuple[int, ...] = tuple(math.ceil(side / pool) * pool for side in grid.state.shape)
     state = np.full(shape, UNKNOWN, np.int8)
     state[tuple(slice(side) for side in grid.state.shape)] = grid.state
     layers, rows, cols = (side // pool for side in shape)
@@ -54,7 +54,7 @@ def distance_grid(
     unknown = (blocks == UNKNOWN).all(axis=(1, 3, 5))
     distance = np.full(occupied.shape, config.truncation_m, np.float32)
     if occupied.any():
-        found = ndimage.distance_transform_edt(~occupied) * edge
+        found = np.asarray(ndimage.distance_transform_edt(~occupied)) * edge
         np.minimum(distance, found, out=distance)
     # Next to a surface the unknown begins; what lies deeper says nothing.
     distance[unknown] = np.minimum(distance[unknown], config.unknown_m)

@@ -207,8 +207,9 @@ class Field:
                 return
             parameters = self.backend.parameters()
             parameters["table"] = doubled_table(parameters["table"], field)
-            if self._good is not None:
-                self._good = {**self._good, "table": doubled_table(self._good["table"], field)}
+            good = self._good
+            if good is not None:
+                self._good = {**good, "table": doubled_table(good["table"], field)}
             self.config = replace(self.config, field=replace(field, log2_table_size=field.log2_table_size + 1))
             self._replace_backend(self.config, parameters)
 

@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from anm_mj.errors import RobotError
 from anm_mj.frames import wrap_angle
+from anm_mj.mjcf.poses import quaternion_of
 from anm_mj.robot.description import RobotDescription
 from anm_mj.robot.drive_joints import HOLONOMIC
-from anm_mj.robot.poses import quaternion_of
 from anm_mj.robot.reduced_model import BASE_JOINT, WHEEL_JOINTS
 from anm_mj.types import Pose2
 

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import T_GL_CV
+from anm_mj.mjcf.poses import body_pose, camera_pose, quaternion_of, set_pose
 from anm_mj.robot.body_tree import unused_name
 from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.camera_search import CAMERA
-from anm_mj.robot.poses import body_pose, camera_pose, quaternion_of, set_pose
 from anm_mj.robot.robot_config import CameraPose
 
 _ROLL_DEG = 10.0

@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RobotError
+from anm_mj.mjcf.poses import body_pose, camera_pose
+from anm_mj.mjcf.read_mjcf import OutsideError, compile_spec, read_spec
 from anm_mj.robot.body_tree import name_all, solid_geoms, unused_name
 from anm_mj.robot.camera_config import CameraConfig
 from anm_mj.robot.camera_mount import mount_camera, remount_camera, upright_camera
@@ -35,15 +37,12 @@ from anm_mj.robot.isolate import give_free_joint, isolate_robot
 from anm_mj.robot.joint_positions import at_key_frame
 from anm_mj.robot.lock_joints import hangs_on_joint, lock_joints
 from anm_mj.robot.planar_base import give_planar_joints, planar_base_frame
-from anm_mj.robot.poses import body_pose, camera_pose
 from anm_mj.robot.reduced_model import WHEEL_JOINTS, WheelMount, reduced_mjcf
 from anm_mj.robot.robot_config import RobotConfig
 from anm_mj.robot.robot_presets import FOLDERS_VARIABLE, robot_folders
 from anm_mj.robot.servos import fit_servos
 from anm_mj.robot.wheels import Wheel, base_frame, free_endless_hinges, read_wheels, replace_wheel_contacts
 from anm_mj.types import Footprint
-from anm_mj.utils.quiet_mujoco import quiet
-from anm_mj.utils.read_mjcf import OutsideError, read_spec
 
 _SLOWEST_MPS = 0.01
 """The slowest robot that the physics drive waits for; a step takes the longer, the slower it is [m/s]."""
@@ -123,8 +122,7 @@ def describe_robot(
     """
     config, camera = config or RobotConfig(), camera or CameraConfig()
     try:
-        with quiet(mujoco.set_mju_user_warning):
-            spec = read_spec(path, mujoco.MjSpec.from_file, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
+        spec = read_spec(path, others=robot_folders(), option=FOLDERS_VARIABLE, robot=True)
     except OutsideError as err:
         raise RobotError(f"The robot {path} is not read: {err}.") from err
     except (ValueError, OSError) as err:
@@ -319,8 +317,7 @@ def _at_rest(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjModel, mujoco.Mj
 
 def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
-        with quiet(mujoco.set_mju_user_warning):
-            return spec.compile()
+        return compile_spec(spec)
     except (ValueError, RuntimeError, MemoryError) as err:
         raise RobotError(
             f"The robot {path} cannot be compiled by itself ({err}); fix that, or remove references to elements "

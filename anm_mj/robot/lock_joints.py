@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.frames import rigid_transform
+from anm_mj.mjcf.poses import body_pose, set_pose
 from anm_mj.robot.body_tree import joints_above
-from anm_mj.robot.poses import body_pose, set_pose
 
 
 def lock_joints(

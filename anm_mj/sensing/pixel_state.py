@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, UInt8
 
 from anm_mj import _native
 from anm_mj.types import Observation, PixelState
@@ -43,10 +43,7 @@ def judge_pixels(observation: Observation, outliers: Bool[np.ndarray, "h w"] | N
     """
     if observation.pixel_state is not None:
         return observation
-    depth_m = observation.depth_m
-    state = np.full(depth_m.shape, PixelState.LOST, np.uint8)
-    state[is_measured(depth_m)] = PixelState.MEASURED
-    state[np.isposinf(depth_m)] = PixelState.OUT_OF_RANGE
+    state, depth_m = _states(observation.depth_m), observation.depth_m
     if outliers is not None:
         state[outliers] = PixelState.OUTLIER
     unknown = state > PixelState.OUT_OF_RANGE
@@ -57,12 +54,24 @@ def judge_pixels(observation: Observation, outliers: Bool[np.ndarray, "h w"] | N
 
 def valid_pixels(observation: Observation) -> Bool[np.ndarray, "h w"]:
     """The pixels that tell something: how far a surface is, or that there is none within the range."""
-    return judge_pixels(observation).pixel_state <= PixelState.OUT_OF_RANGE
+    return _state_of(observation) <= PixelState.OUT_OF_RANGE
 
 
 def measured_pixels(observation: Observation) -> Bool[np.ndarray, "h w"]:
     """The pixels whose depth is that of a surface."""
-    return judge_pixels(observation).pixel_state == PixelState.MEASURED
+    return _state_of(observation) == PixelState.MEASURED
+
+
+def _state_of(observation: Observation) -> UInt8[np.ndarray, "h w"]:
+    """What the observation carries, or would."""
+    return _states(observation.depth_m) if observation.pixel_state is None else observation.pixel_state
+
+
+def _states(depth_m: Float32[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+    state = np.full(depth_m.shape, PixelState.LOST, np.uint8)
+    state[is_measured(depth_m)] = PixelState.MEASURED
+    state[np.isposinf(depth_m)] = PixelState.OUT_OF_RANGE
+    return state
 
 
 def find_outliers(depth_m: Float32[np.ndarray, "h w"], support: int = SUPPORT) -> Bool[np.ndarray, "h w"]:

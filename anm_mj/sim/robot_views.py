@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from anm_mj.mjcf.poses import set_pose
 from anm_mj.robot.isolate import remove_joints
-from anm_mj.robot.poses import set_pose
 from anm_mj.sim.camera_factory import make_camera
 from anm_mj.sim.gl import GlBackend
 from anm_mj.types import Footprint

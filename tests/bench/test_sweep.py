@@ -130,7 +130,7 @@ def test_names_of_former_comparisons_stay(tmp_path):
 @pytest.mark.parametrize(
     ("text", "error", "match"),
     [
-        ('scenes = ["home"]\npolicies = ["gvg"]\ndrive = "magic"\n', AnmError, "--drive is 'magic'"),
+        ('scenes = ["home"]\npolicies = ["gvg"]\ndrive = "magic"\n', AnmError, "no drive 'magic'"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nrobot = ["no.xml"]\n', AnmError, r"no robot file no\.xml"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nsensor = []\n', BenchError, "sensor is empty"),
         ('scenes = ["home"]\npolicies = ["gvg"]\npose = 3\n', BenchError, r"pose is 3, .*expected array, got int"),
@@ -141,7 +141,7 @@ def test_names_of_former_comparisons_stay(tmp_path):
         ('scenes = ["home"]\npolicies = ["gvg"]\nstart = 2\n', BenchError, "there is no 'start'"),
         ('scenes = "home"\npolicies = ["gvg"]\n', BenchError, "scenes is 'home', .*expected array, got str"),
         ('scenes = ["home"]\npolicies = ["gvg"]\nstarts = 99\n', BenchError, "start poses; give 1"),
-        ('scenes = ["home"]\npolicies = ["gvg"]\npreset = "best"\n', AnmError, "preset is .best."),
+        ('scenes = ["home"]\npolicies = ["gvg"]\npreset = "best"\n', AnmError, "no preset 'best'"),
         ('scenes = ["home"]\npolicies = ["best"]\n', AnmError, "Unknown policy 'best'"),
         ('scenes = ["no_such"]\npolicies = ["gvg"]\n', SceneError, "no_such"),
         (f'scenes = ["{"x" * 5000}"]\npolicies = ["gvg"]\n', SceneError, "no scene"),

@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from tests.mapping.test_occupancy import camera_pose
 
+from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.mapping.occupancy import OccupancyGrid
 from anm_mj.sensing.pixel_state import (
     AGREEMENT,
     BLOCK_PX,
@@ -22,6 +21,7 @@ from anm_mj.sensing.pixel_state import (
 )
 from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Intrinsics, PixelState, Pose2
 from tests.fake_robot import FakeRobot
+from tests.mapping.ray_room import camera_pose
 from tests.planning.worlds import room
 
 CAMERA = Intrinsics.from_fov(128, 128, math.pi / 2)
@@ -45,7 +45,7 @@ def measured(depth_m):
 
 def ahead(depth_m, distance_m, *, config=USUAL, range_m=RANGE_M):
     """State at the camera's height at a distance straight ahead, after one view."""
-    grid = OccupancyGrid(config)
+    grid = DepthOccupancy(config)
     grid.integrate(depth_m, CAMERA, camera_pose(0.0, 0.0, HEIGHT_M, 0.0), range_m)
     return grid.state_at(np.array([[distance_m, 0.0, HEIGHT_M]]))[0]
 

@@ -80,14 +80,14 @@ class Oracle:
         """The place that the robot is at, or nearly so."""
         self._num_frames = 0
         self._former_m = np.zeros((0, 3))
-        """Surface that former runs saw [m]."""
+        """Surface that earlier runs saw [m]."""
 
     def memory(self) -> dict[str, np.ndarray]:
         """Nothing beside the map."""
         return {}
 
     def continue_from(self, former: FormerRun, mapper: Mapper) -> None:
-        """Count what a former run saw as covered."""
+        """Count the surface that an earlier run saw as covered."""
         del former
         grid = mapper.occupancy_grid()
         self._former_m = (np.argwhere(grid.state == OCCUPIED)[:, ::-1] + 0.5) * grid.resolution_m + grid.origin_m
@@ -148,7 +148,7 @@ class Oracle:
         return max(self._scene.budget_steps - self._num_frames + 1, 0)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
-        """Avoid the spot ahead and plan anew; retry the stop once, then skip it."""
+        """Avoid the spot ahead and replan; retry the stop once, then skip it."""
         del action  # Only forward moves collide.
         assert self._planner is not None, "observe comes first"
         self._planner.avoid(move_pose(pose, AHEAD_M, 0.0).xy_m)

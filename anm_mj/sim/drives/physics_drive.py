@@ -23,7 +23,7 @@ from anm_mj.sim.drives.wheel_drive import STILL, WheelDrive, require_motion
 from anm_mj.types import Action, ActionResult, MotionResult, Pose2, StopReason, Twist
 
 _STANDING = Twist(0.0, 0.0)
-_UNSTABLE = (
+UNSTABLE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
@@ -277,7 +277,7 @@ class PhysicsDrive(WheelDrive):
     @property
     def _diverged(self) -> bool:
         """Whether the simulation has become unstable."""
-        return any(self._data.warning[kind].number for kind in _UNSTABLE) or not np.isfinite(self._data.qpos).all()
+        return any(self._data.warning[kind].number for kind in UNSTABLE) or not np.isfinite(self._data.qpos).all()
 
     def _halt(self) -> None:
         """Brake to rest and make the reached pose the reference."""

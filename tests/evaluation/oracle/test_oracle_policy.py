@@ -16,14 +16,16 @@ from tests.evaluation.oracle.ray_robot import RayRobot
 from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
 ROUNDS = 40
-BUDGET = 1500
 """Annealing rounds."""
+BUDGET = 1500
+"""Steps of the runs."""
 START = Pose2(-1.5, 0.0, 0.0)
 
 
 class NoMap:
     """Knows nothing and blocks nothing."""
 
+    truncation_m = 0.1
     occupancy = VoxelGrid(np.zeros((1, 1, 1), np.int8), np.full((1, 1, 1), np.inf, np.float32), np.zeros(3), 10.0)
 
     def integrate(self, observation):

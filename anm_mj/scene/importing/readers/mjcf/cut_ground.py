@@ -45,12 +45,12 @@ def ground_box(
 ) -> tuple[Float64[np.ndarray, "2 3"], bool]:
     """The box to which grounds are cut: about everything else, or wider where no walls enclose it [m].
 
-    Returns:
-        The box, and whether walls enclose it: what is beside it is then no part of the building.
-
     Args:
         points_m: corners of everything that is no ground.
         obstacles_m: triangles that the robot may meet.
+
+    Returns:
+        The box, and whether walls enclose it, so that nothing beside it belongs to the building.
     """
     if not len(points_m):
         return np.array([[-_OPEN_M, -_OPEN_M, -_OPEN_M], [_OPEN_M, _OPEN_M, _OPEN_M]]) / 2.0, False
@@ -135,10 +135,7 @@ def _in_frame(
 def surrounds(half_m: Float64[np.ndarray, "2"], up: float, box_m: Float64[np.ndarray, "2 3"]) -> bool:
     """Whether a plane has more room beside an enclosed building than in it: the robot would take that for the scene.
 
-    Args:
-        half_m: half the plane's width and depth [m].
-        up: of its normal, along the world's up axis.
-        box_m: about the building, z up.
+    ``half_m`` is half its width and depth, ``up`` the upward part of its normal, ``box_m`` the building, z up [m].
     """
     return up > _LEVEL and 4.0 * float(half_m.prod()) > 2.0 * float(np.ptp(box_m[:, :2], axis=0).prod())
 
@@ -164,12 +161,7 @@ def cut_height_field(
 
 
 def is_wide_slab(half_m: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray, "3 3"]) -> bool:
-    """Whether a box lies flat and is as wide as a ground.
-
-    Args:
-        half_m: half its lengths [m].
-        rotation: of its frame in the world.
-    """
+    """Whether a box of half lengths ``half_m`` [m] with a ``rotation`` in the world is as flat and wide as a ground."""
     upright = int(np.argmax(np.abs(rotation[2])))
     aside = np.delete(half_m, upright)
     return bool(abs(rotation[2, upright]) > _LEVEL and aside.max() > _WIDE_M / 2.0 and half_m[upright] < aside.min())
@@ -182,10 +174,7 @@ def cut_slab(
 ) -> Shape:
     """A box that lies flat, cut to what stands on it where it is a ground; whole where it is a floor or lies aside.
 
-    Args:
-        shape: the box; its vertices are its corners.
-        place: of its middle.
-        box_m: as :func:`ground_box`.
+    Its vertices are its corners, ``place`` is that of its middle, and ``box_m`` as of :func:`ground_box`.
     """
     low, high = _in_frame(box_m, place)
     half = shape.vertices_m.max(axis=0)

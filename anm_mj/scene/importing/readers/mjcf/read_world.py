@@ -63,13 +63,8 @@ def read_mjcf(
 ) -> ParsedScene:
     """The world in an MJCF file, at its first key frame or as it is written.
 
-    Args:
-        src: The file.
-        model_paths: Folders where files that it names may lie, beside its own folder and those above.
-        report: Gets what is left out.
-        settle: Let all bodies drop until they rest.
-        movable: Keep free bodies movable.
-        groups: Geom groups that are drawn.
+    Files that it names may lie in its own folder, those above, and ``model_paths``; the report gets what is left out.
+    The other arguments are those of :func:`anm_mj.scene.importing.import_scene.import_scene`.
 
     Raises:
         SceneError: if the file cannot be compiled, or nothing in it is drawn.

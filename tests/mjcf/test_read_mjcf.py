@@ -3,12 +3,11 @@
 import os
 from pathlib import Path
 
-import mujoco
 import pytest
 from PIL import Image
 
-from anm_mj.utils import read_mjcf
-from anm_mj.utils.read_mjcf import OutsideError, named_files, read_spec, top_folder
+from anm_mj.mjcf import read_mjcf
+from anm_mj.mjcf.read_mjcf import OutsideError, named_files, read_spec, top_folder
 
 BOX = '<geom type="box" size="0.1 0.1 0.1"/>'
 
@@ -18,7 +17,7 @@ def read(folder, text, option="", **others):
         (folder / f"{name}.xml").write_text(content)
     path = folder / "world.xml"
     path.write_text(f"<mujoco>{text}</mujoco>")
-    return read_spec(path, mujoco.MjSpec.from_file, option=option)
+    return read_spec(path, option=option)
 
 
 def test_what_mujoco_takes_is_read(tmp_path):
@@ -70,10 +69,10 @@ def test_textures_count_together(tmp_path, monkeypatch):
     path = tmp_path / "world.xml"
     path.write_text(f"<mujoco><asset>{names}</asset></mujoco>")
     monkeypatch.setattr(read_mjcf, "MAX_TEXTURE_MEGAPIXELS", 3)
-    read_spec(path, mujoco.MjSpec.from_file)
+    read_spec(path)
     monkeypatch.setattr(read_mjcf, "MAX_TEXTURE_MEGAPIXELS", 2)
     with pytest.raises(ValueError, match=r"2 megapixels of textures.*ANM_MJ_MAX_TEXTURE_MEGAPIXELS"):
-        read_spec(path, mujoco.MjSpec.from_file)
+        read_spec(path)
 
 
 def test_files_may_lie_a_few_folders_above(tmp_path, monkeypatch):
@@ -91,7 +90,7 @@ def test_files_may_lie_a_few_folders_above(tmp_path, monkeypatch):
     ]
     with pytest.raises(OutsideError, match=f"outside of {tmp_path / 'sets'}: copy it there$"):
         read(deep, beyond)
-    spec = read_spec(deep / "world.xml", mujoco.MjSpec.from_file, others=[tmp_path / "elsewhere"])
+    spec = read_spec(deep / "world.xml", others=[tmp_path / "elsewhere"])
     assert len(spec.textures) == 1
     # The user's home is no place of one model.
     monkeypatch.setenv("HOME", str(tmp_path / "sets"))
@@ -114,4 +113,4 @@ def test_files_may_lie_beside_the_folder(tmp_path):
     text = '<asset><texture name="t" type="2d" file="../pictures/wood.png"/></asset>'
     assert read(tmp_path / "mjcf", text).textures[0].file.endswith("wood.png")
     with pytest.raises(ValueError, match="lies outside"):
-        read_spec(tmp_path / "mjcf" / "world.xml", mujoco.MjSpec.from_file, levels_up=0)
+        read_spec(tmp_path / "mjcf" / "world.xml", levels_up=0)

@@ -6,19 +6,22 @@ files are named, a FIFO as well.
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 from xml.parsers import expat
 
+from anm_mj.mjcf.quiet_mujoco import quiet_mujoco
 from anm_mj.utils.file_limits import MAX_CELLS, MAX_TEXTURE_MEGAPIXELS, limit
 from anm_mj.utils.picture import open_picture
 from anm_mj.utils.read_file import is_below, open_regular, read_bytes
+
+if TYPE_CHECKING:
+    import mujoco
 
 MAX_ELEMENTS, MAX_ROBOT_ELEMENTS = (limit("ANM_MJ_MAX_ELEMENTS", default) for default in (40_000, 5_000))
 """Most elements of the MJCF file of a world, and of a robot, with all that it includes; copies count eight times."""
@@ -43,18 +46,16 @@ class OutsideError(ValueError):
 
 def read_spec(
     path: Path,
-    parse: Callable[[str], Any],
     *,
     levels_up: int = LEVELS_UP,
     others: Sequence[Path] = (),
     option: str = "",
     robot: bool = False,
-) -> Any:
-    """The parsed and uncompiled model (``mujoco.MjSpec``) in an MJCF or URDF file.
+) -> mujoco.MjSpec:
+    """The parsed and uncompiled model in an MJCF or URDF file.
 
     Args:
         path: The file.
-        parse: ``mujoco.MjSpec.from_file``.
         levels_up: How many folders above its own the files that it names may lie; 0 = in its own alone.
         others: Further folders where they may lie.
         option: What names such folders, for the message.
@@ -65,6 +66,8 @@ def read_spec(
         OutsideError: It names files from elsewhere.
         ValueError: MuJoCo cannot read it, or it asks for too much.
     """
+    import mujoco
+
     most = MAX_ROBOT_ELEMENTS if robot else MAX_ELEMENTS
     folder = Path(os.path.realpath(path)).parent
     own = _Places(top_folder(folder, levels_up), tuple(others), option)
@@ -75,11 +78,22 @@ def read_spec(
             "ANM_MJ_MAX_ELEMENTS if there should be so many"
         )
     try:
-        spec = parse(str(path.absolute()))
+        with quiet_mujoco():
+            spec = mujoco.MjSpec.from_file(str(path.absolute()))
     except Exception as err:  # MuJoCo has errors of its own.
         raise ValueError(str(err)) from err
     _check_assets(spec, path.absolute().parent, own)
     return spec
+
+
+def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The model of a spec, without MuJoCo's warnings.
+
+    Raises:
+        ValueError: MuJoCo cannot compile it.
+    """
+    with quiet_mujoco():
+        return spec.compile()
 
 
 def top_folder(folder: Path, levels_up: int) -> Path:
@@ -264,19 +278,17 @@ def _check_size(name: str, attributes: dict[str, str]) -> None:
                 raise ValueError(f"its size asks for {key} = {text}, but {_MOST_NUMBERS} is the most")
 
 
-def _check_assets(spec: Any, folder: Path, own: _Places) -> None:
+def _check_assets(spec: mujoco.MjSpec, folder: Path, own: _Places) -> None:
     """Accept regular files of the model's own place alone, and no more pixels and cells than memory bears.
 
     Raises:
         OSError, ValueError: as :func:`read_spec`.
     """
     megapixels = 0.0
-    files = [(spec.meshdir, asset.file) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
-    pictures = [(spec.texturedir, texture.file) for texture in spec.textures]
-    pictures += [(spec.texturedir, file) for texture in spec.textures for file in texture.cubefiles]
-    for (below, name), is_picture in itertools.chain(
-        zip(files, itertools.repeat(False)), zip(pictures, itertools.repeat(True))
-    ):
+    files = [(spec.meshdir, asset.file, False) for asset in (*spec.meshes, *spec.hfields, *spec.skins)]
+    files += [(spec.texturedir, texture.file, True) for texture in spec.textures]
+    files += [(spec.texturedir, file, True) for texture in spec.textures for file in texture.cubefiles]
+    for below, name, is_picture in files:
         if not name:
             continue
         # Found as MuJoCo finds them; it says what is missing.
