@@ -28,10 +28,10 @@ state() {
     } | sha256sum | cut -d ' ' -f 1
 }
 
-# Prints the newest Python on the path, 3.11 or newer, that can import the modules given.
+# Prints the newest Python on the path, 3.11 or newer, that can import the modules given; ANM_MJ_PYTHON names another.
 find_python() {
     local name
-    for name in python3.14 python3.13 python3.12 python3.11 python3; do
+    for name in ${ANM_MJ_PYTHON:-python3.14 python3.13 python3.12 python3.11 python3}; do
         if "$name" -c "import sys$1; sys.exit(sys.version_info < (3, 11))" 2>/dev/null; then echo "$name"; return; fi
     done
     return 1

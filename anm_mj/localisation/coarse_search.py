@@ -54,7 +54,7 @@ def distance_grid(
     unknown = (blocks == UNKNOWN).all(axis=(1, 3, 5))
     distance = np.full(occupied.shape, config.truncation_m, np.float32)
     if occupied.any():
-        found = ndimage.distance_transform_edt(~occupied) * edge
+        found = np.asarray(ndimage.distance_transform_edt(~occupied)) * edge
         np.minimum(distance, found, out=distance)
     # Next to a surface the unknown begins; what lies deeper says nothing.
     distance[unknown] = np.minimum(distance[unknown], config.unknown_m)

@@ -17,7 +17,7 @@ from anm_mj.localisation.key_images import KeyImages
 from anm_mj.localisation.localisation_config import LocalisationConfig
 from anm_mj.localisation.localiser import PoseEstimate, RegistrationQuality, TrackingState
 from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odometry
-from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, register
+from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import MapUpdate, Observation, Pose2, TrainingEffort
@@ -108,9 +108,8 @@ class FieldLocaliser:
             return self._predicted(observation, prior, None, misfit=False)
         if lost:
             return self._look_for(observation, prior, points)
-        found = register(
-            points, prior, self._map.backend.align, self._known, settings, self._extra(points, prior, noise)
-        )
+        extra = self._extra(points, prior, noise)
+        found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.occupancy.by_depth)
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
@@ -150,13 +149,17 @@ class FieldLocaliser:
         if not images:
             return None
 
-        def equations(
-            trusted: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], kernel: float
-        ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+        def equations(trusted: FramePoints, T_world_camera: Float[np.ndarray, "4 4"], kernel: float) -> Sums:
             parts = [
                 self._key_images.equations(image, trusted, T_world_camera, noise_per_m, kernel) for image in images
             ]
-            return sum((part[0] for part in parts), np.zeros((6, 6))), sum((part[1] for part in parts), np.zeros(6))
+            # Costs are means over the images, as a point that one of them does not show is no outlier of the others.
+            return Sums(
+                np.sum([part.hessian for part in parts], axis=0),
+                np.sum([part.gradient for part in parts], axis=0),
+                sum(part.cost for part in parts) / len(parts),
+                sum(part.num_points for part in parts) / len(parts),
+            )
 
         return equations
 

@@ -14,6 +14,7 @@ from jaxtyping import Float, Float32, Float64
 
 from anm_mj import _native
 from anm_mj.localisation.localisation_config import KeyImageConfig
+from anm_mj.localisation.registration import Sums
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
 
@@ -91,8 +92,8 @@ class KeyImages:
         T_world_camera: Float[np.ndarray, "4 4"],
         noise_per_m: float,
         kernel: float,
-    ) -> tuple[Float64[np.ndarray, "6 6"], Float64[np.ndarray, "6"], float]:
-        """Normal equations of a frame against an image, by displacement and rotation in the world, and points that count."""
+    ) -> Sums:
+        """Sums over a frame's points against an image, by displacement and rotation in the world."""
         config = self.config
         T = np.linalg.inv(image.T_world_camera) @ T_world_camera
         settings = np.array(
@@ -119,7 +120,8 @@ class KeyImages:
         )
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = image.T_world_camera[:3, :3]
-        return turn @ hessian.sum(axis=0) @ turn.T, turn @ gradient.sum(axis=0), float(facts[0, 2])
+        full, slope = turn @ hessian.sum(axis=0) @ turn.T, turn @ gradient.sum(axis=0)
+        return Sums(full, slope, float(facts[0, 0]), float(facts[0, 2]))
 
 
 def _share_in(image: KeyImage, world_m: Float[np.ndarray, "n 3"]) -> float:

@@ -22,11 +22,11 @@ class RegistrationConfig:
     """Pixels farther away are left out [m]."""
     iterations: int = setting(8, at_most=1000)
     """Most steps of Gauss-Newton."""
-    shrink_iterations: int = setting(3, at_least=0)
+    shrink_iterations: int = setting(4, at_least=0)
     """Steps over which the kernel on distances shrinks."""
     recheck_after: int = setting(3, at_least=0)
     """After so many steps, which points lie at known surface is found again."""
-    first_kernel: float = 6.0
+    first_kernel: float = 20.0
     """Width of the kernel on distances at first, in standard deviations."""
     kernel: float = 2.5
     """Width of it at the end."""
@@ -38,6 +38,10 @@ class RegistrationConfig:
     """Width of the kernel on colours, in standard deviations."""
     information: float = 0.1
     """Residuals of neighbouring pixels err together: a frame's information is this share of the sum over its pixels."""
+    retry_inliers: float = setting(0.75, at_least=0.0, at_most=1.0)
+    """A frame of whose known points a smaller share fits is registered from other headings too."""
+    retry_deviations: float = 1.5
+    """Which are so many standard deviations of the prior away."""
     still_m: float = 2e-4
     """The search ends with a step that moves the camera by less [m]."""
     still_rad: float = 2e-4
@@ -70,7 +74,7 @@ class KeyImageConfig:
     """Cosine of the angle between the cameras' axes, at least."""
     deviation_m: float = 0.005
     """Standard deviation of a distance to an image's surface, beside the sensors' noise [m]."""
-    reach_m: float = 0.1
+    reach_m: float = 0.3
     """Points that are farther from it are another surface [m]."""
     edge_share: float = 0.03
     """Where an image's depth bends by a larger share of itself, it is an edge."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
@@ -19,10 +20,21 @@ from anm_mj.mapping.alignment import AlignSettings, FramePoints, NormalEquations
 
 Aligner = Callable[[FramePoints, Float[np.ndarray, "4 4"], AlignSettings], NormalEquations]
 """What compares a frame with the field, as :meth:`anm_mj.mapping.backends.backend.MapperBackend.align`."""
-Extra = Callable[
-    [FramePoints, Float[np.ndarray, "4 4"], float], tuple[Float64[np.ndarray, "6 6"], Float64[np.ndarray, "6"]]
-]
-"""Further normal equations of a frame's points at a pose, with the width of the kernel in standard deviations."""
+
+
+class Sums(NamedTuple):
+    """Normal equations of a frame's points, and what they come from."""
+
+    hessian: Float64[np.ndarray, "6 6"]
+    gradient: Float64[np.ndarray, "6"]
+    cost: float
+    """Robust cost, in squared standard deviations."""
+    num_points: float
+    """Points that took part; the others cost as much as the worst of outliers."""
+
+
+Extra = Callable[[FramePoints, Float[np.ndarray, "4 4"], float], Sums]
+"""Further sums over a frame's points at a pose, with a width of the kernel in standard deviations."""
 Known = Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which world points [m] lie at surface that was observed."""
 PLANAR = np.eye(6)[:, [0, 1, 5]]
@@ -58,6 +70,8 @@ class Registration:
     bound: int
     """Directions along which the frame tells more than the prior."""
     iterations: int
+    cost: float
+    """Minus twice the logarithm of the likelihood, up to a constant of the frame."""
 
 
 def register(
@@ -67,6 +81,7 @@ def register(
     known: Known,
     config: RegistrationConfig,
     extra: Extra | None = None,
+    start: Float[np.ndarray, "4 4"] | None = None,
 ) -> Registration:
     """The most likely pose of a frame, starting from its prior.
 
@@ -77,36 +92,41 @@ def register(
         known: Which places of the field can be trusted.
         config: Settings.
         extra: Adds to the normal equations.
+        start: Where the search begins; None = at the prior.
     """
     basis = prior.basis
     information = np.linalg.inv(prior.covariance)
-    T = prior.T_world_camera
+    T = prior.T_world_camera if start is None else start
     trusted = points
     hessian = np.zeros_like(information)
 
-    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
+    def sums(T: Float[np.ndarray, "4 4"], share: float) -> tuple[NormalEquations, np.ndarray, np.ndarray, float]:
         settings = config.settings(share)
         found = align(trusted, T, settings)
         full, slope = found.hessian.sum(axis=0), found.gradient.sum(axis=0)
+        worst = settings.kernel**2
+        cost = found.facts[0, 0] + (len(points) - found.facts[0, 2]) * worst
         if extra is not None:
-            more, more_slope = extra(points, T, settings.kernel)
-            full, slope = full + more, slope + more_slope
-        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope)
+            more = extra(points, T, settings.kernel)
+            full, slope = full + more.hessian, slope + more.gradient
+            cost += more.cost + (len(points) - more.num_points) * worst
+        return found, config.information * (basis.T @ full @ basis), config.information * (basis.T @ slope), float(cost)
 
     iteration = 0
     for iteration in range(config.iterations):
         if iteration in (0, config.recheck_after):
             trusted = with_trust(points, known(_world(points, T)))
         share = min(1.0, iteration / max(1, config.shrink_iterations))
-        equations, hessian, gradient = sums(T, share)
-        offset = basis.T @ camera_motion(prior.T_world_camera, T) if iteration else np.zeros(basis.shape[1])
+        equations, hessian, gradient, _ = sums(T, share)
+        offset = basis.T @ camera_motion(prior.T_world_camera, T)
         change = np.linalg.solve(hessian + information, -(gradient + information @ offset))
         step = basis @ change
         T = moved_camera(T, step)
         if share >= 1.0 and np.linalg.norm(step[:3]) < config.still_m and np.linalg.norm(step[3:]) < config.still_rad:
             break
     trusted = with_trust(points, known(_world(points, T)))
-    equations, hessian, _ = sums(T, 1.0)
+    equations, hessian, _, cost = sums(T, 1.0)
+    offset = basis.T @ camera_motion(prior.T_world_camera, T)
     count, weight = float(equations.facts[0, 2]), float(equations.facts[0, 1])
     distance = equations.distance_m[np.isfinite(equations.distance_m)]
     cut = 2.0 * config.field_deviation_m
@@ -122,7 +142,30 @@ def register(
         rmse,
         int(np.count_nonzero(gain > 1.0)),
         iteration + 1,
+        config.information * cost + float(offset @ information @ offset),
     )
+
+
+def register_from_several(
+    points: FramePoints,
+    prior: Prior,
+    align: Aligner,
+    known: Known,
+    config: RegistrationConfig,
+    extra: Extra | None = None,
+) -> Registration:
+    """As :func:`register`, and where the frame does not fit then, from other headings on either side; the best fit."""
+    best = register(points, prior, align, known, config, extra)
+    if best.inliers >= config.retry_inliers:
+        return best
+    for axis in np.flatnonzero(prior.basis[3:].any(axis=0)).tolist():
+        deviation = config.retry_deviations * float(np.sqrt(prior.covariance[axis, axis]))
+        for side in (-deviation, deviation):
+            start = moved_camera(prior.T_world_camera, prior.basis[:, axis] * side)
+            other = register(points, prior, align, known, config, extra, start)
+            if other.cost < best.cost:
+                best = other
+    return best
 
 
 def _world(points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:

@@ -76,9 +76,9 @@ class PooledOccupancy:
         # Whole cells only: their first voxel has an even index from this grid's own origin. What borders on surface
         # counts as known: to know that, one cell more is written on all sides and another one looked at.
         low, high = np.array([floor, rows.start, cols.start]), np.array([shape[0], rows.stop, cols.stop])
-        low = low - (low + offset) % POOL - [0, 2 * POOL, 2 * POOL]
-        high = high + (high + offset) % POOL + [0, 2 * POOL, 2 * POOL]
-        to = (low + offset) // POOL + [0, 1, 1]
+        low = low - (low + offset) % POOL - np.array([0, 2 * POOL, 2 * POOL])
+        high = high + (high + offset) % POOL + np.array([0, 2 * POOL, 2 * POOL])
+        to = (low + offset) // POOL + np.array([0, 1, 1])
         floor_layer = math.floor(-self.origin_m[2] / self.cell_m) - int(to[0])
         size, counts = (high - low) // POOL, (self._num_free, self._num_surface)
         changed = _native.pool_window(grid.state, low, size, floor_layer, self.state, to, *counts)
