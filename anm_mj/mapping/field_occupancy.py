@@ -25,7 +25,7 @@ from jaxtyping import Float, Int8, Int32, Int64
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.field_blocks import DoubtRule, decide_voxels, voxel_centres, voxels_to_read, write_blocks
 from anm_mj.mapping.occupancy_kernels import BLOCK, HALF_DIAGONAL
-from anm_mj.types import UNKNOWN, SdfQuery, VoxelGrid
+from anm_mj.types import UNKNOWN, OccupancyGrid, SdfQuery
 from anm_mj.utils.arrays import embed
 
 HIT_SHARE = 0.75
@@ -64,7 +64,7 @@ class FieldOccupancy:
         self._read_up_to = 0
         self._noise_per_m = math.inf
 
-    def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> VoxelGrid:
+    def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> OccupancyGrid:
         """Free, occupied and unknown space as of now.
 
         Args:
@@ -78,11 +78,11 @@ class FieldOccupancy:
             self._follow_noise()
             self._read(raw, sdf_m, box_xy_m)
             self._read_up_to = raw.version if box_xy_m is None else self._read_up_to
-        return VoxelGrid(
+        return OccupancyGrid(
             self._state, raw.seen_range_m, raw.origin_m, raw.resolution_m, raw.version, self._column_version
         )
 
-    def _read(self, raw: VoxelGrid, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None) -> None:
+    def _read(self, raw: OccupancyGrid, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None) -> None:
         """Read the blocks again that any frame since their last reading changed or had a hit in."""
         assert raw.column_version is not None  # The occupancy grid keeps track.
         rows, cols = self._block_window(raw, box_xy_m)
@@ -108,7 +108,7 @@ class FieldOccupancy:
         self._column_version[moved[:, 1], moved[:, 2]] = raw.version
 
     def _read_blocks(
-        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery, *, whole: bool
+        self, places: Int64[np.ndarray, "m 3"], raw: OccupancyGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> Int64[np.ndarray, "k 3"]:
         """Read blocks, given by layer, row and column, and return those in which a state has changed.
 
@@ -124,7 +124,7 @@ class FieldOccupancy:
         return places[write_blocks(raw.state, places, voxels, read, self._state)]
 
     def _ask_field(
-        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery, *, whole: bool
+        self, places: Int64[np.ndarray, "m 3"], raw: OccupancyGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> tuple[Int64[np.ndarray, " n"], Int8[np.ndarray, " n"]]:
         """Decide the hits in blocks, and what was observed beside them, by the field; see :meth:`_read_blocks`.
 
@@ -153,7 +153,7 @@ class FieldOccupancy:
             self._read_frame.fill(0)
             self._whole_frame.fill(0)
 
-    def _block_window(self, raw: VoxelGrid, box_xy_m: Float[np.ndarray, "2 2"] | None) -> tuple[slice, slice]:
+    def _block_window(self, raw: OccupancyGrid, box_xy_m: Float[np.ndarray, "2 2"] | None) -> tuple[slice, slice]:
         """Rows and columns of the blocks that touch a box, give or take two voxels."""
         if box_xy_m is None:
             return slice(None), slice(None)
@@ -162,7 +162,7 @@ class FieldOccupancy:
         low, high = np.maximum(np.floor(low), 0).astype(int), np.maximum(np.ceil(high), 0).astype(int)
         return slice(low[1], high[1]), slice(low[0], high[0])
 
-    def _follow_growth(self, raw: VoxelGrid) -> None:
+    def _follow_growth(self, raw: OccupancyGrid) -> None:
         """Keep the states aligned with a grid that has grown."""
         if self._state.shape == raw.state.shape:
             return

@@ -27,11 +27,11 @@ from anm_mj.types import (
     Intrinsics,
     MapUpdate,
     Observation,
+    OccupancyGrid,
     SurfaceChange,
     SurfaceErrors,
     SurfacePoints,
     TrainingEffort,
-    VoxelGrid,
 )
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ class NeuralMap:
 
     def occupancy_grid(
         self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
-    ) -> VoxelGrid:
+    ) -> OccupancyGrid:
         """Free, occupied and unknown space; views of the arrays within.
 
         Depth decides what was observed; between free and occupied the field decides, or the depth, as

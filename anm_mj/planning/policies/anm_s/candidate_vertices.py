@@ -15,7 +15,7 @@ from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.tiers import tiers
 from anm_mj.planning.policies.anm_s.visited import seen_around, within
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.types import FORWARD_STEP_M, Observation, Region, VoxelGrid
+from anm_mj.types import FORWARD_STEP_M, Observation, OccupancyGrid, Region
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class CandidateFinder:
         self,
         now: RegionState,
         regions: tuple[Region, ...],
-        grid: VoxelGrid,
+        grid: OccupancyGrid,
         trajectory_xy_m: list[Float[np.ndarray, "2"]],
     ) -> Candidates:
         """Vertices that can be reached and are unvisited or have one of some regions anchored to them.
