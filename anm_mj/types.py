@@ -241,8 +241,8 @@ class ActionResult:
 
 
 @dataclass(frozen=True)
-class VoxelGrid:
-    """Free, occupied and unknown space as fused from depth."""
+class OccupancyGrid:
+    """Free, occupied and unknown space, in voxels."""
 
     state: Int8[np.ndarray, "layers rows cols"]
     """FREE, OCCUPIED or UNKNOWN; ``[layer, row, col]`` = ``[z, y, x]``."""
