@@ -22,7 +22,7 @@ from anm_mj.io.run_folder import RunFolder
 from anm_mj.io.to_json import to_json
 from anm_mj.loop_state import LoopState
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages, RegionState
-from anm_mj.planning.policies.return_to_start import Returning
+from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.recording.recorder import Before, RunRecorder
 from anm_mj.recording.results import WayBack, load_writers, write_results
@@ -161,7 +161,7 @@ def run_loop(
         mapper.finish()
     left = _what_is_left(parts, recorder, ended)
     back = None
-    if isinstance(parts.policy, Returning):
+    if isinstance(parts.policy, ReturnToStart):
         back = WayBack.of(recorder.poses, None if interrupted else parts.policy.explored_steps)
     memory = None if config.record.replay_bytes == 0 else parts.explorer.memory()
     metrics = write_results(

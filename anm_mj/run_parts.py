@@ -21,7 +21,7 @@ from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.continued_run import LookingAround
 from anm_mj.planning.policies.guarded_policy import GuardedPolicy
 from anm_mj.planning.policies.registry import make_policy, needs_truth, policy_class
-from anm_mj.planning.policies.return_to_start import Returning
+from anm_mj.planning.policies.return_to_start import ReturnToStart
 from anm_mj.prior_run import PriorRun
 from anm_mj.protocols import Policy
 from anm_mj.scene.folder import Scene, default_steps, load_scene
@@ -160,7 +160,7 @@ def _wrapped(explorer: Policy, config: RunConfig, robot: SimRobot) -> Policy:
     if not config.return_to_start:
         return policy
     assert config.steps is not None
-    return Returning(policy, config.planning, robot.footprint, config.steps)
+    return ReturnToStart(policy, config.planning, robot.footprint, config.steps)
 
 
 def _facts(config: RunConfig, scene: Scene, robot: SimRobot, mapper: NeuralMap, backend: GlBackend) -> RunFacts:

@@ -103,14 +103,9 @@ def segments_clear(
     safe_m: float,
     pose: Pose2 | None = None,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether whole segments keep ``safe_m`` clearance, sampled twice per cell.
+    """Whether whole segments keep ``safe_m`` clearance [m], sampled twice per cell.
 
-    Args:
-        topdown: the map.
-        start_xy_m: first ends [m].
-        end_xy_m: second ends [m].
-        safe_m: least clearance [m].
-        pose: where the robot stands; within ``NEAR_ROBOT_M`` of it the clearance that it has now is enough.
+    Within ``NEAR_ROBOT_M`` of the robot's pose, the clearance that it has now is enough.
     """
     longest = float(np.linalg.norm(end_xy_m - start_xy_m, axis=1).max(initial=0.0))
     share = np.linspace(0.0, 1.0, max(math.ceil(longest / topdown.resolution_m * 2), 1) + 1)
@@ -203,10 +198,7 @@ def remaining_path(path_xy_m: Float[np.ndarray, "k 2"], pose: Pose2) -> Float[np
 def path_steps(path_xy_m: Float[np.ndarray, "k 2"], yaw_rad: float, final_yaw_rad: float | None = None) -> float:
     """Steps of the action budget that a path costs: its length in forward steps and its turns in 10-degree steps.
 
-    Args:
-        path_xy_m: the path from the robot [m].
-        yaw_rad: heading at its start [rad].
-        final_yaw_rad: heading wanted at its end [rad]; None for whatever it is then.
+    The robot's heading at its start is ``yaw_rad``; at its end any, unless ``final_yaw_rad`` says [rad].
     """
     steps = 0.0
     for leg in np.diff(path_xy_m, axis=0):

@@ -57,7 +57,7 @@ class GuardedPolicy:
                 return plan
             self._note(f"returned a plan at step {observation.step} that cannot be executed: {wrong}")
         assert self._fault is not None
-        return Plan(self._fault, np.zeros((0, 2)), stop=StopReason.POLICY_ERROR)
+        return Plan(self._fault, stop=StopReason.POLICY_ERROR)
 
     def on_collision(self, pose: Pose2, action: Action) -> None:
         """Pass on a collision; a fault shows at the next decision."""

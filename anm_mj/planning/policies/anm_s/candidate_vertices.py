@@ -12,10 +12,12 @@ from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.headings import view_box
 from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
-from anm_mj.planning.policies.anm_s.tiers import tiers
 from anm_mj.planning.policies.anm_s.visited import seen_around, within
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.types import FORWARD_STEP_M, Observation, Region, VoxelGrid
+
+UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
+"""Weights of a vertex's properties in the authors' released code; they add up to its tier."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Candidates:
     near: Bool[np.ndarray, " n"]
     """Whether each lies in the local horizon."""
     tier: Int[np.ndarray, " n"]
-    """See :mod:`anm_mj.planning.policies.anm_s.tiers`; larger is better."""
+    """Which kind of vertex comes before which, whatever its distance (paper, section III-C); larger is better."""
 
 
 class CandidateFinder:
@@ -81,7 +83,10 @@ class CandidateFinder:
         xy_m = now.graph.vertex_xy_m[vertex]
         near = self._in_horizon(now, xy_m)
         failed = self._targets.num_failures(xy_m) > 0
-        return Candidates(vertex, unvisited, near, tiers(unvisited, near, np.isin(vertex, anchored), failed))
+        # An anchored region counts in the local horizon alone.
+        seen = np.isin(vertex, anchored) & near
+        tier = UNVISITED * unvisited + IN_HORIZON * near + ANCHORED * seen + FAILED * failed
+        return Candidates(vertex, unvisited, near, tier)
 
     def _kept(self, now: RegionState) -> Int[np.ndarray, " k"]:
         """The vertex that stands for the present target, if that was unvisited: it may be no decision vertex now."""

@@ -80,7 +80,8 @@ class PooledOccupancy:
         high = high + (high + offset) % POOL + np.array([0, 2 * POOL, 2 * POOL])
         to = (low + offset) // POOL + np.array([0, 1, 1])
         floor_layer = math.floor(-self.origin_m[2] / self.cell_m) - int(to[0])
-        size, counts = (high - low) // POOL, (self._num_free, self._num_surface)
+        low, size, to = (np.ascontiguousarray(three, np.int64) for three in (low, (high - low) // POOL, to))
+        counts = self._num_free, self._num_surface
         changed = _native.pool_window(grid.state, low, size, floor_layer, self.state, to, *counts)
         if changed is None:
             return None

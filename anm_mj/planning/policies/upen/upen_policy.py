@@ -91,9 +91,7 @@ class Upen(ScanPolicy):
             scores = [float(value_along(occupied.var(axis=0), path, pose).sum()) for path in paths]
         if len(tree.xy_m) == 1:
             turn = (Action.TURN_LEFT, Action.TURN_RIGHT)[self._rng.integers(2)]
-            return Plan(
-                f"no path leads away from here: {turn.name}", np.zeros((0, 2)), actions=(turn,), topdown=topdown
-            )
+            return Plan(f"no path leads away from here: {turn.name}", actions=(turn,), topdown=topdown)
         best = int(np.argmax(scores))
         ranked = np.argsort(scores)[::-1][:MAX_LOGGED]
         return Plan(

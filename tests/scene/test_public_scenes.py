@@ -23,9 +23,9 @@ FOOTPRINT = Footprint(radius_m=0.18, z_min_m=0.06, z_max_m=1.35)
         pytest.param("aws_hospital", marks=pytest.mark.slow),
     ],
 )
-def test_a_known_scene_comes_out_as_it_is_known(dev_scenes, tmp_path, name):
-    known = {entry["name"]: entry for entry in json.loads((dev_scenes / "scenes.json").read_text())}[name]
-    scene = import_scene(dev_scenes / known["file"], tmp_path / name)
+def test_a_known_scene_comes_out_as_it_is_known(public_scenes, tmp_path, name):
+    known = {entry["name"]: entry for entry in json.loads((public_scenes / "scenes.json").read_text())}[name]
+    scene = import_scene(public_scenes / known["file"], tmp_path / name)
     assert np.allclose(scene.bounds_m, known["bounds"], atol=2e-3)
     assert scene.num_triangles == pytest.approx(known["triangles"], rel=0.001)
     assert scene.has_ceiling == known["has_ceiling"]
