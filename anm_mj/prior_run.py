@@ -18,7 +18,7 @@ from anm_mj.io.explored_file import Explored, read_explored
 from anm_mj.io.read_run import Run, read_run
 from anm_mj.mapping.keyframes import Keyframes
 from anm_mj.mapping.map_file import SavedMap, read_map
-from anm_mj.types import FormerRun, VoxelGrid
+from anm_mj.types import FormerRun, OccupancyGrid
 
 if TYPE_CHECKING:
     from anm_mj.mapping.neural_map import NeuralMap
@@ -103,7 +103,7 @@ class PriorRun:
             raise MapError(f"The map in {self.run.folder.path} is damaged ({err}); explore anew.") from err
         self._require_places(mapper.occupancy_grid())
 
-    def _require_places(self, grid: VoxelGrid) -> None:
+    def _require_places(self, grid: OccupancyGrid) -> None:
         """Raises MapError where a robot was far from all that its map knows, which is then the map of another run."""
         low, size = grid.origin_m[:2], np.array(grid.state.shape[:0:-1]) * grid.resolution_m
         for name in ("poses", "refused"):

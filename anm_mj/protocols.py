@@ -20,12 +20,12 @@ from anm_mj.types import (
     MapUpdate,
     MotionResult,
     Observation,
+    OccupancyGrid,
     Plan,
     Pose2,
     SurfaceErrors,
     SurfacePoints,
     Twist,
-    VoxelGrid,
 )
 
 
@@ -129,7 +129,7 @@ class Mapper(Protocol):
 
     def occupancy_grid(
         self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
-    ) -> VoxelGrid:
+    ) -> OccupancyGrid:
         """Free, occupied and unknown space, fused from depth (views, not copies).
 
         It has to be of now only within ``radius_m`` [m] of a place along both axes; None = everywhere.

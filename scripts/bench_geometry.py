@@ -31,7 +31,7 @@ from anm_mj.scene.folder import load_scene
 from anm_mj.sim.make_robot import make_robot
 from anm_mj.sim.sensors.camera_sensor import Sensor
 from anm_mj.sim.sensors.sensor_presets import sensor_config
-from anm_mj.types import FREE, OCCUPIED, Footprint, Observation, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, Footprint, Observation, OccupancyGrid
 
 _AROUND = np.ones((3, 3), bool)
 LOOK_EVERY = 8
@@ -78,7 +78,9 @@ def walk(scene: str, steps: int, seed: int) -> tuple[list[Observation], Footprin
         return album.observations, robot.footprint
 
 
-def columns(grid: VoxelGrid, body: Footprint) -> tuple[Bool[np.ndarray, "rows cols"], Bool[np.ndarray, "rows cols"]]:
+def columns(
+    grid: OccupancyGrid, body: Footprint
+) -> tuple[Bool[np.ndarray, "rows cols"], Bool[np.ndarray, "rows cols"]]:
     """Which columns are obstacles to a body, and which were seen free over at least half its heights."""
     state = grid.state[grid.layers_between(body.z_min_m, body.z_max_m)]
     occupied = (state == OCCUPIED).any(axis=0)
@@ -93,7 +95,9 @@ def moved(mask: Bool[np.ndarray, "r c"], by: Int[np.ndarray, "2"], shape: tuple[
     return out
 
 
-def compare(truth: VoxelGrid, grid: VoxelGrid, raw: VoxelGrid, body: Footprint) -> tuple[int, int, int, int]:
+def compare(
+    truth: OccupancyGrid, grid: OccupancyGrid, raw: OccupancyGrid, body: Footprint
+) -> tuple[int, int, int, int]:
     """Obstacles in truth, and of a map of the same images: lost ones, holes, false ones."""
     by = np.rint((truth.origin_m - grid.origin_m)[1::-1] / grid.resolution_m).astype(int)
     shape = grid.state.shape[1:]

@@ -34,7 +34,7 @@ from anm_mj.planning.voronoi_graph import border_sites, voronoi_graph
 from anm_mj.scene.generation.building_map import generated_map
 from anm_mj.scene.generation.layout import BuildingKind
 from anm_mj.scene.navigable import DEFAULT_FOOTPRINT
-from anm_mj.types import FREE, OCCUPIED, Pose2, TopDownMap, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, OccupancyGrid, Pose2, TopDownMap
 
 CELL_M = 0.05
 MOST_ROOMS = 60
@@ -209,7 +209,7 @@ def _topdown(plan: Plan, pose: Pose2) -> TopDownMap:
         row, col = world_to_cell(points_m[:, :2], np.zeros(2), CELL_M).T
         return np.where(plan.obstacles[row, col], np.float32(-TRUNCATION_M / 2), np.float32(TRUNCATION_M))
 
-    grid = VoxelGrid(state, seen, np.zeros(3), CELL_M)
+    grid = OccupancyGrid(state, seen, np.zeros(3), CELL_M)
     return TopDownMapper(CONFIG, DEFAULT_FOOTPRINT).update(grid, sdf, TRUNCATION_M, pose, CAMERA)[0]
 
 

@@ -30,7 +30,7 @@ from rich.table import Table
 from anm_mj.config import make_config
 from anm_mj.events import Ended, On
 from anm_mj.mapping.mapping_config import MappingConfig
-from anm_mj.types import VoxelGrid
+from anm_mj.types import OccupancyGrid
 
 STAGES = {
     "camera": "picture, noise of the sensor and pose",
@@ -243,7 +243,7 @@ def measure(scene: str, steps: int, sensor: str, out: Path) -> Budget:
     )
 
 
-def floors(config: MappingConfig, grid: VoxelGrid, iterations: float, renderer_ms: float) -> dict[str, float]:
+def floors(config: MappingConfig, grid: OccupancyGrid, iterations: float, renderer_ms: float) -> dict[str, float]:
     """The least milliseconds per step of the stages whose least is known."""
     from bench_mapper import LEVEL_BYTES, step_limit_ms
 

@@ -44,10 +44,10 @@ from anm_mj.types import (
     Action,
     MapUpdate,
     Observation,
+    OccupancyGrid,
     Plan,
     Pose2,
     SurfacePoints,
-    VoxelGrid,
 )
 
 LAST_PERCENT = 0.25
@@ -90,7 +90,7 @@ class OccupancyMapper:
 
     def occupancy_grid(
         self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
-    ) -> VoxelGrid:
+    ) -> OccupancyGrid:
         """The grid."""
         del centre_xy_m, radius_m
         return self._grid.grid

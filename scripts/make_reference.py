@@ -30,12 +30,12 @@ from anm_mj.types import (
     Footprint,
     Intrinsics,
     Observation,
+    OccupancyGrid,
     Plan,
     Pose2,
     SurfacePoints,
     TopDownMap,
     VoronoiGraph,
-    VoxelGrid,
 )
 from anm_mj.utils.docstrings import field_texts, parameter_texts
 
@@ -120,7 +120,7 @@ def reference() -> str:
     rows = _plain(ShortestPathTree) + _methods(ShortestPathTree)
     parts.append(_section("`PlanningState`", _summary(PlanningState), _plain(PlanningState)))
     parts.append(_section("`ShortestPathTree`", _summary(ShortestPathTree), rows))
-    others = (Footprint, Intrinsics, Pose2, VoxelGrid, SurfacePoints, TopDownMap, VoronoiGraph)
+    others = (Footprint, Intrinsics, Pose2, OccupancyGrid, SurfacePoints, TopDownMap, VoronoiGraph)
     parts += [_section(f"`{one.__name__}`", _summary(one), _plain(one)) for one in others]
     return "\n".join(parts)
 

@@ -108,6 +108,14 @@ def test_a_stored_setting_that_is_not_known_is_left_out():
     assert read_config(stored) == config_with(seed=4)
 
 
+def test_a_setting_that_moved_to_another_group_keeps_its_name():
+    moved = config_with("mapping.geometry=occupancy")
+    assert config_with("planning.geometry=occupancy") == moved != config_with()
+    stored = written(moved)
+    stored["planning"]["geometry"] = stored["mapping"].pop("geometry")
+    assert read_config(stored) == moved
+
+
 def test_a_named_robot_brings_its_settings():
     assert RunConfig("home", robot="stretch3").model == preset_config("stretch3") != RunConfig("home").model
 

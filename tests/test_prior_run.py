@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anm_mj.errors import MapError
-from anm_mj.types import FormerRun, VoxelGrid
+from anm_mj.types import FormerRun, OccupancyGrid
 
 
 def former(poses=((1.0, 1.0, 0.0),)) -> Any:
@@ -26,7 +26,7 @@ def test_another_scene_is_said(caplog, scene, scene_hash, said):
 
 def test_places_outside_of_the_map_are_refused():
     shape = (4, 20, 40)
-    grid = VoxelGrid(np.zeros(shape, np.int8), np.zeros(shape, np.float32), np.zeros(3), 0.1)
+    grid = OccupancyGrid(np.zeros(shape, np.int8), np.zeros(shape, np.float32), np.zeros(3), 0.1)
     Former._require_places(former([(4.5, 2.5, 0.0)]), grid)
     with pytest.raises(MapError, match="names the place"):
         Former._require_places(former([(2.5, 4.5, 0.0)]), grid)

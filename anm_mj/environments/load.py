@@ -27,10 +27,6 @@ TASKS = ("explore",)
 class ExploreEnvironment(control.Environment):
     """Exploration as a ``dm_env.Environment``. Close it to free the GL context."""
 
-    def __init__(self, physics: RobotPhysics, task: ExploreTask) -> None:
-        """Combine simulation and task."""
-        super().__init__(physics, task)
-
     @property
     def physics(self) -> RobotPhysics:
         """The simulated robot."""

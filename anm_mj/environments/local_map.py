@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 from anm_mj.frames import cell_to_world, pose_matrix
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, Pose2, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Observation, OccupancyGrid, Pose2
 
 CELLS = 192
 """Rows and columns of the map; its side is 9.6 m."""
@@ -108,7 +108,9 @@ class LocalMap:
         return out
 
 
-def _columns(grid: VoxelGrid, footprint: Footprint, low: np.ndarray, high: np.ndarray) -> Int8[np.ndarray, "rows cols"]:
+def _columns(
+    grid: OccupancyGrid, footprint: Footprint, low: np.ndarray, high: np.ndarray
+) -> Int8[np.ndarray, "rows cols"]:
     """States of the columns over the body's heights, from ``[row, col]`` ``low`` to ``high`` (exclusive)."""
     heights = footprint.z_min_m, footprint.z_max_m
     body = grid.state[grid.layers_between(*heights), low[0] : max(high[0], 0), low[1] : max(high[1], 0)]

@@ -27,7 +27,7 @@ from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.scene.folder import Scene
 from anm_mj.scene.navigable import is_clear, scene_area
 from anm_mj.sim.make_robot import FOOTPRINT
-from anm_mj.types import OCCUPIED, Observation, Pose2, VoxelGrid
+from anm_mj.types import OCCUPIED, Observation, OccupancyGrid, Pose2
 
 NUM_VIEWS = 8
 """Default number of views."""
@@ -109,7 +109,7 @@ def _novel_views(record: Run, world: Scene, seed: int) -> Iterator[Observation]:
     return observe_at(world, clear, record.intrinsics.width, record)
 
 
-def _observed_percent(grid: VoxelGrid, seen: Observation) -> float:
+def _observed_percent(grid: OccupancyGrid, seen: Observation) -> float:
     """Share of a view's surface points within the sensor's range that lie in occupied voxels of the map [%]."""
     near = np.where(seen.depth_m <= MAX_DEPTH_M, seen.depth_m, np.nan).astype(np.float32)
     points = back_project(near, seen.intrinsics, seen.T_world_camera)

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from anm_mj.localisation.localisation_config import RelocalisationConfig
 from anm_mj.mapping.alignment import FramePoints
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class DistanceGrid:
 
 
 def distance_grid(
-    grid: VoxelGrid, camera_height_m: float, floor_m: float, margin_m: float, config: RelocalisationConfig
+    grid: OccupancyGrid, camera_height_m: float, floor_m: float, margin_m: float, config: RelocalisationConfig
 ) -> DistanceGrid:
     """The distance grid of a map.
 

@@ -20,7 +20,7 @@ from anm_mj.localisation.registration import Aligner, Known, Prior, Registration
 from anm_mj.localisation.se3 import camera_motion
 from anm_mj.mapping.alignment import FramePoints
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
-from anm_mj.types import VoxelGrid
+from anm_mj.types import OccupancyGrid
 
 _SAME_M, _SAME_RAD = 0.25, math.radians(12.0)
 """Hypotheses that are nearer to each other are one."""
@@ -71,7 +71,7 @@ class Relocaliser:
         align: Aligner,
         known: Known,
         occupancy: DepthOccupancy,
-        grid: VoxelGrid,
+        grid: OccupancyGrid,
     ) -> Hypothesis | None:
         """Take in a frame; returns the hypothesis that is believed now, if there is one.
 

@@ -19,7 +19,7 @@ from anm_mj.mapping.depth_noise import NoiseMean
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.mapping.occupancy_kernels import BLOCK, CameraView, OccupancyKernels, VoxelArrays
 from anm_mj.sensing.pixel_state import free_space_depth
-from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, VoxelGrid
+from anm_mj.types import OCCUPIED, UNKNOWN, Intrinsics, Observation, OccupancyGrid
 from anm_mj.utils.arrays import embed
 from anm_mj.utils.file_limits import limit
 from anm_mj.utils.read_file import array_of
@@ -85,7 +85,7 @@ class DepthOccupancy:
         self._rays: tuple[Intrinsics, Float32[np.ndarray, "h w 3"]] | None = None
 
     @property
-    def grid(self) -> VoxelGrid:
+    def grid(self) -> OccupancyGrid:
         """The grid as it stands; its arrays are views, its version is the number of frames.
 
         A voxel counts as changed when its state did, or when ``seen_range_m`` fell to another whole number of
@@ -93,7 +93,7 @@ class DepthOccupancy:
         """
         voxels, edge = self.voxels, self.config.voxel_m
         origin = (voxels.corner - 0.5) * edge
-        return VoxelGrid(voxels.state, voxels.seen_range_m, origin, edge, self._num_frames, voxels.column_version)
+        return OccupancyGrid(voxels.state, voxels.seen_range_m, origin, edge, self._num_frames, voxels.column_version)
 
     def surface_volume_m3(self) -> float:
         """Volume of the blocks that ever had a hit in them [m3]: a measure of the scene."""

@@ -28,6 +28,8 @@ def expected_errors(
 ) -> SurfaceErrors:
     """The part of the expected error at surface points [m] that more observations can take away.
 
+    It comes from the last-layer variance, whatever method the map is configured for: that predicts the error best.
+
     Args:
         backend: The engine that holds the parameters.
         occupancy: What was observed, and how densely.

@@ -20,7 +20,7 @@ from anm_mj.mapping.backends.grid_layout import doubled_table
 from anm_mj.mapping.backends.select import make_backend
 from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.mapping_config import MappingConfig
-from anm_mj.types import MapUpdate, Observation, TrainingEffort, VoxelGrid
+from anm_mj.types import MapUpdate, Observation, OccupancyGrid, TrainingEffort
 
 _logger = logging.getLogger(__name__)
 
@@ -95,7 +95,7 @@ class Field:
         round_up = math.lcm(self.config.schedule.keyframe_every, self.config.schedule.train_every)
         self.num_frames = math.ceil(num_frames / round_up) * round_up
 
-    def learn(self, observation: Observation, grid: VoxelGrid, effort: TrainingEffort | None = None) -> MapUpdate:
+    def learn(self, observation: Observation, grid: OccupancyGrid, effort: TrainingEffort | None = None) -> MapUpdate:
         """Train on the next frame.
 
         A loss that is not finite takes the parameters back to the last good ones; the frame's
@@ -140,7 +140,7 @@ class Field:
             self._failures = 0 if num_iterations else self._failures
         return MapUpdate(loss, done, len(self.keyframes))
 
-    def finish(self, grid: VoxelGrid) -> int:
+    def finish(self, grid: OccupancyGrid) -> int:
         """Train on the keyframes once more, at falling learning rates, when no frame is to come.
 
         A constant rate follows new frames quickly, and keeps the parameters in motion about the best ones; with a
@@ -242,7 +242,7 @@ class Field:
         self.backend = make_backend(config, seed=self.seed, device=self._device, parameters=parameters)
 
     def _train(
-        self, observation: Observation, count: int, grid: VoxelGrid, *, first: bool, current_rays: int | None = None
+        self, observation: Observation, count: int, grid: OccupancyGrid, *, first: bool, current_rays: int | None = None
     ) -> Iterator[float]:
         """Train on rays of the keyframes and, after the first frame, of the one at hand; the loss of each iteration.
 
@@ -270,7 +270,7 @@ class Field:
                 self.is_trained = True
                 yield losses.total
 
-    def _smoothness_corner(self, grid: VoxelGrid) -> Float[np.ndarray, "3"]:
+    def _smoothness_corner(self, grid: OccupancyGrid) -> Float[np.ndarray, "3"]:
         """A random place for the smoothness lattice within the box that was fused so far, or about its middle."""
         loss = self.config.loss
         size = np.array(grid.state.shape[::-1]) * grid.resolution_m

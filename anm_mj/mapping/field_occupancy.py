@@ -25,7 +25,7 @@ from jaxtyping import Float, Int8, Int32, Int64
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.field_blocks import DoubtRule, decide_voxels, voxel_centres, voxels_to_read, write_blocks
 from anm_mj.mapping.occupancy_kernels import BLOCK, HALF_DIAGONAL
-from anm_mj.types import UNKNOWN, SdfQuery, VoxelGrid
+from anm_mj.types import UNKNOWN, OccupancyGrid, SdfQuery
 from anm_mj.utils.arrays import embed
 
 HIT_SHARE = 0.75
@@ -64,7 +64,7 @@ class FieldOccupancy:
         self._read_up_to = 0
         self._noise_per_m = math.inf
 
-    def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> VoxelGrid:
+    def grid(self, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> OccupancyGrid:
         """Free, occupied and unknown space as of now.
 
         Args:
@@ -72,59 +72,64 @@ class FieldOccupancy:
             box_xy_m: lower and upper corner of a box in the world [m]; elsewhere the grid may be that of an earlier
                 reading. None = the whole grid is of now.
         """
-        raw = self._by_depth.grid
-        self._follow_growth(raw)
-        if self._read_up_to < raw.version:
+        depth_grid = self._by_depth.grid
+        self._follow_growth(depth_grid)
+        if self._read_up_to < depth_grid.version:
             self._follow_noise()
-            self._read(raw, sdf_m, box_xy_m)
-            self._read_up_to = raw.version if box_xy_m is None else self._read_up_to
-        return VoxelGrid(
-            self._state, raw.seen_range_m, raw.origin_m, raw.resolution_m, raw.version, self._column_version
+            self._read(depth_grid, sdf_m, box_xy_m)
+            self._read_up_to = depth_grid.version if box_xy_m is None else self._read_up_to
+        return OccupancyGrid(
+            self._state,
+            depth_grid.seen_range_m,
+            depth_grid.origin_m,
+            depth_grid.resolution_m,
+            depth_grid.version,
+            self._column_version,
         )
 
-    def _read(self, raw: VoxelGrid, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None) -> None:
+    def _read(self, depth_grid: OccupancyGrid, sdf_m: SdfQuery, box_xy_m: Float[np.ndarray, "2 2"] | None) -> None:
         """Read the blocks again that any frame since their last reading changed or had a hit in."""
-        assert raw.column_version is not None  # The occupancy grid keeps track.
-        rows, cols = self._block_window(raw, box_xy_m)
+        assert depth_grid.column_version is not None  # The occupancy grid keeps track.
+        rows, cols = self._block_window(depth_grid, box_xy_m)
         near = np.zeros(self._read_frame.shape, np.bool_)
         near[:, rows, cols] = True
         stamp = self._by_depth.voxels.block_stamp
-        changed = near & (raw.column_version > self._read_frame)
+        changed = near & (depth_grid.column_version > self._read_frame)
         # The last frame of a block that has left the view is one to read it as a whole after.
         blocks = changed | (near & (stamp > self._whole_frame))
         if not blocks.any():
             return
-        self._read_frame[blocks] = raw.version
+        self._read_frame[blocks] = depth_grid.version
         self._turn[blocks] -= 1
         first = blocks & (self._whole_frame == 0)
         whole = first | (blocks & (self._turn < 0))
-        moved = self._read_blocks(np.argwhere(whole), raw, sdf_m, whole=True)
-        moved = np.concatenate([moved, self._read_blocks(np.argwhere(blocks & ~whole), raw, sdf_m, whole=False)])
-        self._whole_frame[whole] = raw.version
+        moved = self._read_blocks(np.argwhere(whole), depth_grid, sdf_m, whole=True)
+        moved = np.concatenate([moved, self._read_blocks(np.argwhere(blocks & ~whole), depth_grid, sdf_m, whole=False)])
+        self._whole_frame[whole] = depth_grid.version
         self._turn[whole] = _READINGS_PER_TURN - 1
         # Blocks that came into view together are not all read as a whole in the same decision ever after.
         self._turn[first] = np.argwhere(first).sum(axis=1) % _READINGS_PER_TURN
-        self._column_version[changed.any(axis=0)] = raw.version
-        self._column_version[moved[:, 1], moved[:, 2]] = raw.version
+        self._column_version[changed.any(axis=0)] = depth_grid.version
+        self._column_version[moved[:, 1], moved[:, 2]] = depth_grid.version
 
     def _read_blocks(
-        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery, *, whole: bool
+        self, places: Int64[np.ndarray, "m 3"], depth_grid: OccupancyGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> Int64[np.ndarray, "k 3"]:
         """Read blocks, given by layer, row and column, and return those in which a state has changed.
 
         Args:
             places: the blocks.
-            raw: the states by depth alone.
+            depth_grid: the states by depth alone.
             sdf_m: the field.
             whole: whether the field is asked where it agreed with the depth so far, too.
         """
         if not len(places):
             return places
-        voxels, read = self._ask_field(places, raw, sdf_m, whole=whole) if self._noise_per_m else _NOTHING
-        return places[write_blocks(raw.state, places, voxels, read, self._state)]
+        voxels, read = self._ask_field(places, depth_grid, sdf_m, whole=whole) if self._noise_per_m else _NOTHING
+        return places[write_blocks(depth_grid.state, places, voxels, read, self._state)]
 
     def _ask_field(
-        self, places: Int64[np.ndarray, "m 3"], raw: VoxelGrid, sdf_m: SdfQuery, *, whole: bool
+        self, places: Int64[np.ndarray, "m 3"], depth_grid: OccupancyGrid, sdf_m: SdfQuery, *, whole: bool
     ) -> tuple[Int64[np.ndarray, " n"], Int8[np.ndarray, " n"]]:
         """Decide the hits in blocks, and what was observed beside them, by the field; see :meth:`_read_blocks`.
 
@@ -132,17 +137,17 @@ class FieldOccupancy:
             Indices of these voxels into the raveled grid, block by block, and their states.
         """
         has_hits = self._by_depth.voxels.block_stamp[tuple(places.T)] > 0
-        voxels = voxels_to_read(raw.state, places[has_hits], None if whole else self._state)
-        points_m = voxel_centres(voxels, raw.state.shape, self._corner, raw.resolution_m)
+        voxels = voxels_to_read(depth_grid.state, places[has_hits], None if whole else self._state)
+        points_m = voxel_centres(voxels, depth_grid.state.shape, self._corner, depth_grid.resolution_m)
         noise_per_m = np.float32(NOISE_REACH * self._noise_per_m)
         rule = DoubtRule(
-            hit_m=HIT_SHARE * raw.resolution_m,
-            half_m=0.5 * raw.resolution_m,
+            hit_m=HIT_SHARE * depth_grid.resolution_m,
+            half_m=0.5 * depth_grid.resolution_m,
             noise_per_m=float(noise_per_m),
-            passed_m=HALF_DIAGONAL * raw.resolution_m,
+            passed_m=HALF_DIAGONAL * depth_grid.resolution_m,
             ray_reach_m=float(noise_per_m * np.float32(self._by_depth.config.carve_range_m) ** 2),
         )
-        return voxels, decide_voxels(raw.state, raw.seen_range_m, voxels, sdf_m(points_m), rule)
+        return voxels, decide_voxels(depth_grid.state, depth_grid.seen_range_m, voxels, sdf_m(points_m), rule)
 
     def _follow_noise(self) -> None:
         """Start over where the sensor turns out to be another one than what was read says."""
@@ -153,23 +158,25 @@ class FieldOccupancy:
             self._read_frame.fill(0)
             self._whole_frame.fill(0)
 
-    def _block_window(self, raw: VoxelGrid, box_xy_m: Float[np.ndarray, "2 2"] | None) -> tuple[slice, slice]:
+    def _block_window(
+        self, depth_grid: OccupancyGrid, box_xy_m: Float[np.ndarray, "2 2"] | None
+    ) -> tuple[slice, slice]:
         """Rows and columns of the blocks that touch a box, give or take two voxels."""
         if box_xy_m is None:
             return slice(None), slice(None)
-        around_m = 2.0 * raw.resolution_m * np.array([[-1.0], [1.0]])
-        low, high = (box_xy_m + around_m - raw.origin_m[:2]) / (BLOCK * raw.resolution_m)
+        around_m = 2.0 * depth_grid.resolution_m * np.array([[-1.0], [1.0]])
+        low, high = (box_xy_m + around_m - depth_grid.origin_m[:2]) / (BLOCK * depth_grid.resolution_m)
         low, high = np.maximum(np.floor(low), 0).astype(int), np.maximum(np.ceil(high), 0).astype(int)
         return slice(low[1], high[1]), slice(low[0], high[0])
 
-    def _follow_growth(self, raw: VoxelGrid) -> None:
+    def _follow_growth(self, depth_grid: OccupancyGrid) -> None:
         """Keep the states aligned with a grid that has grown."""
-        if self._state.shape == raw.state.shape:
+        if self._state.shape == depth_grid.state.shape:
             return
         corner = self._by_depth.voxels.corner
         start = (self._corner - corner)[::-1] if self._state.size else np.zeros(3, np.int64)
-        self._state = embed(self._state, raw.state.shape, start, UNKNOWN)
-        shape = tuple(n // BLOCK for n in raw.state.shape)
+        self._state = embed(self._state, depth_grid.state.shape, start, UNKNOWN)
+        shape = tuple(n // BLOCK for n in depth_grid.state.shape)
         self._read_frame = embed(self._read_frame, shape, start // BLOCK, 0)
         self._whole_frame = embed(self._whole_frame, shape, start // BLOCK, 0)
         self._turn = embed(self._turn, shape, start // BLOCK, 0)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from anm_mj.errors import MapError
-from anm_mj.utils.read_file import convert
 from anm_mj.utils.settings import check_settings, setting
 
 ENGINES = ("auto", "native", "torch", "mlp")
@@ -302,6 +301,8 @@ def config_from_dict(values: dict[str, Any]) -> MappingConfig:
     Raises:
         MapError: If a field is unknown or a value is out of range.
     """
+    from anm_mj.utils.read_file import convert  # Settings alone should not cost the import of numpy.
+
     try:
         config = convert(values, MappingConfig)
     except ValueError as err:

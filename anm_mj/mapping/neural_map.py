@@ -27,11 +27,11 @@ from anm_mj.types import (
     Intrinsics,
     MapUpdate,
     Observation,
+    OccupancyGrid,
     SurfaceChange,
     SurfaceErrors,
     SurfacePoints,
     TrainingEffort,
-    VoxelGrid,
 )
 
 if TYPE_CHECKING:
@@ -144,17 +144,13 @@ class NeuralMap:
         return SurfacePoints(points, normals, self.uncertainty(points))
 
     def surface_errors(self, centre_xy_m: Float[np.ndarray, "2"], radius_m: float) -> SurfaceErrors:
-        """Expected errors at the zero-crossings near occupied voxels within ``radius_m`` [m] in the plane.
-
-        They come from the last-layer variance, whatever method is configured for :meth:`uncertainty`, because that
-        predicts the true error best (:mod:`anm_mj.mapping.expected_error`).
-        """
+        """Expected errors at the zero-crossings within ``radius_m`` [m] (:mod:`anm_mj.mapping.expected_error`)."""
         points = self._surface.places(self.backend.query_sdf, centre_xy_m, radius_m)
         return expected_errors(self.backend, self.occupancy.by_depth, points, self.config.schedule.density_exponent)
 
     def occupancy_grid(
         self, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
-    ) -> VoxelGrid:
+    ) -> OccupancyGrid:
         """Free, occupied and unknown space; views of the arrays within.
 
         Depth decides what was observed; between free and occupied the field decides, or the depth, as
@@ -183,10 +179,7 @@ class NeuralMap:
     def render(
         self, intrinsics: Intrinsics, T_world_camera: Float[np.ndarray, "4 4"]
     ) -> tuple[UInt8[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Colour and planar depth [m] as the map believes a camera would see them (Eq. 1).
-
-        A ray that meets no surface is black, with NaN depth.
-        """
+        """Colour and planar depth [m] as a camera would see the map (Eq. 1); black and NaN where no surface is."""
         return render_view(self.backend, self.occupancy.by_depth, intrinsics, T_world_camera)
 
     def save(self, path: Path) -> None:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.field_occupancy import FieldOccupancy
 from anm_mj.mapping.mapping_config import MappingConfig
-from anm_mj.types import SdfQuery, VoxelGrid
+from anm_mj.types import OccupancyGrid, SdfQuery
 
 
 class Occupancy:
@@ -31,7 +31,7 @@ class Occupancy:
 
     def grid(
         self, sdf_m: SdfQuery, centre_xy_m: Float[np.ndarray, "2"] | None = None, radius_m: float = math.inf
-    ) -> VoxelGrid:
+    ) -> OccupancyGrid:
         """The grid as of now; views of the arrays within.
 
         Args:

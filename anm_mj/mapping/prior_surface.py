@@ -21,7 +21,7 @@ from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.occupancy_kernels import BLOCK
 from anm_mj.mapping.packed_pixels import DEPTH_UNIT_M, NO_DEPTH
 from anm_mj.mapping.rays import rays_of_pixels
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, SurfaceChange, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, SurfaceChange
 
 LINK_VOXELS = 2.5
 """Voxels nearer to each other than this many edges belong to one change."""
@@ -38,7 +38,7 @@ Voxels = Int64[np.ndarray, "_ 3"]
 class PriorSurface:
     """The grid of a prior run, and which keyframes of the store are its own."""
 
-    def __init__(self, grid: VoxelGrid, corner: Int64[np.ndarray, "3"], keyframes: Keyframes) -> None:
+    def __init__(self, grid: OccupancyGrid, corner: Int64[np.ndarray, "3"], keyframes: Keyframes) -> None:
         """Remember a prior run.
 
         Args:
@@ -78,7 +78,7 @@ class PriorSurface:
         ]
         return tuple(sorted(found, key=lambda change: -len(change.xyz_m)))
 
-    def forget_contradicted(self, store: KeyframeStore, grid: VoxelGrid, corner: Int64[np.ndarray, "3"]) -> None:
+    def forget_contradicted(self, store: KeyframeStore, grid: OccupancyGrid, corner: Int64[np.ndarray, "3"]) -> None:
         """Drop the pixels of the prior run that are contradicted by what has changed since the last call.
 
         Args:
@@ -95,7 +95,7 @@ class PriorSurface:
             self._end_voxel = self._end_voxel[~dropped]
 
     def _contradicted(
-        self, grid: VoxelGrid, corner: Int64[np.ndarray, "3"], keyframes: Keyframes
+        self, grid: OccupancyGrid, corner: Int64[np.ndarray, "3"], keyframes: Keyframes
     ) -> Bool[np.ndarray, " p"] | None:
         """Which pixels of the prior run are contradicted by what has changed since the last call; None for none."""
         state, window = grid.state, self._changed_window(grid, corner)
@@ -127,7 +127,7 @@ class PriorSurface:
         start = (self._corner - corner)[::-1]
         return state[tuple(slice(a, a + n) for a, n in zip(start, self._state.shape, strict=True))]
 
-    def _changed_window(self, grid: VoxelGrid, corner: Int64[np.ndarray, "3"]) -> tuple[slice, slice] | None:
+    def _changed_window(self, grid: OccupancyGrid, corner: Int64[np.ndarray, "3"]) -> tuple[slice, slice] | None:
         """Rows and columns of the prior grid in which any state has changed since the last call; None for none."""
         assert grid.column_version is not None  # The occupancy grid keeps track.
         changed = np.argwhere(grid.column_version > self._read_version)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from anm_mj.types import FORWARD_STEP_M, OCCUPIED, Footprint, Pose2, VoxelGrid
+from anm_mj.types import FORWARD_STEP_M, OCCUPIED, Footprint, OccupancyGrid, Pose2
 
 LOOKAHEAD_STEPS = 2
 """Forward steps that must be free."""
@@ -17,7 +17,7 @@ def lookahead_radius_m(footprint: Footprint) -> float:
     return footprint.radius_m + LOOKAHEAD_STEPS * FORWARD_STEP_M
 
 
-def path_is_blocked(grid: VoxelGrid, footprint: Footprint, pose: Pose2) -> bool:
+def path_is_blocked(grid: OccupancyGrid, footprint: Footprint, pose: Pose2) -> bool:
     """Whether the next forward steps bring occupied voxels into the body, and nearer than any is now.
 
     The robot would move along its heading; the grid is of now within :func:`lookahead_radius_m`.

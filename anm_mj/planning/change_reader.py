@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int32
 
 from anm_mj.planning.grid_windows import Window, bounds, clamp
-from anm_mj.types import VoxelGrid
+from anm_mj.types import OccupancyGrid
 from anm_mj.utils.arrays import embed
 
 
@@ -18,7 +18,7 @@ class ChangeReader:
         self._read: Int32[np.ndarray, "block_rows block_cols"] = np.zeros((0, 0), np.int32)
         self._origin_xy_m = np.zeros(2)
 
-    def take(self, grid: VoxelGrid, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> Window | None:
+    def take(self, grid: OccupancyGrid, box_xy_m: Float[np.ndarray, "2 2"] | None = None) -> Window | None:
         """The smallest window with all blocks that changed since the reader took them; it takes them now.
 
         Args:
@@ -46,7 +46,7 @@ class ChangeReader:
             return slice(size * rows.start, size * rows.stop), slice(size * cols.start, size * cols.stop)
         return None
 
-    def _follow_growth(self, grid: VoxelGrid, shape: tuple[int, ...], block_m: float) -> None:
+    def _follow_growth(self, grid: OccupancyGrid, shape: tuple[int, ...], block_m: float) -> None:
         """Keep the versions aligned with a grid that has grown."""
         if self._read.shape == shape:
             return

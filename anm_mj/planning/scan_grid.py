@@ -29,9 +29,9 @@ from anm_mj.types import (
     Footprint,
     Intrinsics,
     Observation,
+    OccupancyGrid,
     Pose2,
     TopDownMap,
-    VoxelGrid,
 )
 from anm_mj.utils.arrays import embed
 
@@ -76,7 +76,7 @@ class ScanGrid:
         self.log_odds = np.clip(log_odds.astype(np.float32), LEAST_FORMER, MOST_FORMER)
         self.surface_m = np.full((2, *self.log_odds.shape), np.nan, np.float32)
 
-    def read_occupancy(self, grid: VoxelGrid, poses: Float[np.ndarray, "n 3"]) -> None:
+    def read_occupancy(self, grid: OccupancyGrid, poses: Float[np.ndarray, "n 3"]) -> None:
         """Begin with what a voxel grid says of the heights of the body, and with where the robot was (x, y, yaw)."""
         size_m = np.array(grid.state.shape[:0:-1]) * grid.resolution_m
         corners = np.stack([grid.origin_m[:2], grid.origin_m[:2] + size_m])

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.types import Footprint, VoxelGrid
+from anm_mj.types import Footprint, OccupancyGrid
 
 _logger = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ def blind_radius_m(camera: FieldOfView, footprint: Footprint, config: PlanningCo
 
 
 def radius_to_seen_floor_m(
-    known: Int[np.ndarray, "rows cols"], grid: VoxelGrid, start_xy_m: Float[np.ndarray, 2], radius_m: float
+    known: Int[np.ndarray, "rows cols"], grid: OccupancyGrid, start_xy_m: Float[np.ndarray, 2], radius_m: float
 ) -> float:
     """Up to where the floor at the start counts as free, so that no ring of unknown floor encloses the robot [m].
 

@@ -26,7 +26,7 @@ from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.grid_windows import Window, bounds, clamp, dilate, relative_to, union
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.start_floor import blind_radius_m, radius_to_seen_floor_m
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, SdfQuery, TopDownMap, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, OccupancyGrid, Pose2, SdfQuery, TopDownMap
 from anm_mj.utils.arrays import dilate_mask, embed
 
 COLLISION_CELLS, SMALL_COLLISION_CELLS = 2, 1
@@ -114,7 +114,7 @@ class TopDownMapper:
         self._num_prior = len(self.trajectory_xy_m)
 
     def update(
-        self, grid: VoxelGrid, sdf: SdfQuery, truncation_m: float, pose: Pose2, camera: FieldOfView
+        self, grid: OccupancyGrid, sdf: SdfQuery, truncation_m: float, pose: Pose2, camera: FieldOfView
     ) -> tuple[TopDownMap, Window | None]:
         """Bring the map up to date.
 
@@ -149,7 +149,7 @@ class TopDownMapper:
         topdown = TopDownMap(layers.clearance_m.copy(), layers.state.copy(), resolution, origin, surface, frontier)
         return topdown, window
 
-    def _changed_window(self, grid: VoxelGrid, pose: Pose2, camera: FieldOfView) -> Window | None:
+    def _changed_window(self, grid: OccupancyGrid, pose: Pose2, camera: FieldOfView) -> Window | None:
         """What changed within reach of where the robot has been since the last update; at first in the whole grid."""
         if len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m):
             return self._changes.take(grid)
@@ -157,7 +157,7 @@ class TopDownMapper:
         reach_m = self.config.update_reach_m * camera.corner_ratio  # To the edges of the views.
         return self._changes.take(grid, np.stack([places.min(axis=0) - reach_m, places.max(axis=0) + reach_m]))
 
-    def _decide(self, grid: VoxelGrid, changed: Window) -> None:
+    def _decide(self, grid: OccupancyGrid, changed: Window) -> None:
         """Derive state, field, clearance and borders again around a window in which what they derive from changed."""
         layers = self._layers
         # Whether an unknown patch is a hole may change as far away as the patch is wide.
@@ -178,7 +178,7 @@ class TopDownMapper:
             self._update_clearance(part, grid.resolution_m)
         self._borders.update(layers.state, layers.field_m, moved[0][0] if moved else slice(0, 0))
 
-    def _read_columns(self, grid: VoxelGrid, window: Window | None) -> list[Window]:
+    def _read_columns(self, grid: OccupancyGrid, window: Window | None) -> list[Window]:
         """Count the free voxels of each column over the body's heights, note hits, and return where either changed."""
         if window is None:
             return []
@@ -200,12 +200,12 @@ class TopDownMapper:
         layers.num_free[window], layers.hit[window] = num_free, hit
         return changed
 
-    def _enough(self, grid: VoxelGrid) -> float:
+    def _enough(self, grid: OccupancyGrid) -> float:
         """Free voxels that make a column known."""
         heights = grid.num_layers_between(self.footprint.z_min_m, self.footprint.z_max_m)
         return self.config.free_share * max(heights, 1)
 
-    def _column_state(self, grid: VoxelGrid, window: Window) -> Int8[np.ndarray, "rows cols"]:
+    def _column_state(self, grid: OccupancyGrid, window: Window) -> Int8[np.ndarray, "rows cols"]:
         layers = self._layers
         around = dilate(window, _HOLE_REACH_CELLS, layers.state.shape)
         unknown = layers.num_free[around] < self._enough(grid)
@@ -218,7 +218,7 @@ class TopDownMapper:
         state[layers.hit[window]] = OCCUPIED
         return state
 
-    def _follow_growth(self, grid: VoxelGrid) -> None:
+    def _follow_growth(self, grid: OccupancyGrid) -> None:
         """Keep what is remembered aligned with a grid that has grown."""
         shape = grid.state.shape[1:]
         old = self._layers
@@ -230,7 +230,7 @@ class TopDownMapper:
         # Borders are counted from the corner, which has moved even if nothing within reach has changed.
         self._borders.update(old.state, old.field_m, slice(0, 0))
 
-    def _stamp(self, grid: VoxelGrid) -> list[Window]:
+    def _stamp(self, grid: OccupancyGrid) -> list[Window]:
         """Draw new places of the trajectory and new obstacles into their layers, and return where those are."""
         layers, body, cell = self._layers, self.footprint.radius_m, grid.resolution_m
         is_first = len(self._new_trajectory_xy_m) == len(self.trajectory_xy_m)
@@ -252,7 +252,7 @@ class TopDownMapper:
         self._new_trajectory_xy_m, self._new_collisions_xy_m = [], []
         return [clamp(low, high, layers.state.shape)]
 
-    def _ask_sdf(self, grid: VoxelGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
+    def _ask_sdf(self, grid: OccupancyGrid, sdf: SdfQuery, pose: Pose2) -> list[Window]:
         """Query the minimum SDF of the horizon's columns beside surface anew, and return where it changed.
 
         The field learns on where no depth changes: asked only where that did, what it said at first would stay.
@@ -315,7 +315,7 @@ class _Layers:
 
 
 def _stamp_disc(
-    layer: Bool[np.ndarray, "rows cols"], grid: VoxelGrid, xy_m: Float[np.ndarray, 2], radius_m: float
+    layer: Bool[np.ndarray, "rows cols"], grid: OccupancyGrid, xy_m: Float[np.ndarray, 2], radius_m: float
 ) -> None:
     resolution = grid.resolution_m
     reach = int(np.ceil(radius_m / resolution))

@@ -52,11 +52,7 @@ def compile_scene(spec: mujoco.MjSpec, scene: Scene) -> mujoco.MjModel:
 
 
 def _require_drawn(model: mujoco.MjModel, scene: Scene, robot_prefix: str | None = None) -> None:
-    """Raise unless a model draws as many triangles as the scene has: a camera would see another world than is measured.
-
-    Raises:
-        SceneError: It does not.
-    """
+    """Raise unless a model draws every triangle of the scene: the camera would see another world than is measured."""
     drawn = sum(
         int(model.mesh_facenum[model.geom_dataid[geom]])
         for geom in np.flatnonzero((model.geom_group == VISUAL_GROUP) & (model.geom_dataid >= 0)).tolist()
@@ -95,28 +91,25 @@ def build_model(
     """
     other_boxes = top_m is not None and needs_other_boxes(top_m)
 
-    def compiled() -> mujoco.MjModel:
+    def build() -> mujoco.MjModel:
+        import mujoco
+
         spec = build_spec(scene)
         if top_m is not None and other_boxes:
             replace_boxes(spec, scene, top_m)
         if robot is None:
-            return compile_scene(spec, scene)
-        try:
-            # Attaching hands the robot over to the spec; the copy leaves the caller the original.
-            own = robot.copy()
-            own.option = spec.option  # The scene's count; others would only cause a warning.
-            spec.attach(own, prefix=prefix, frame=spec.worldbody.add_frame())
-            model = compile_spec(spec)
-        except ValueError as err:
-            compile_scene(build_spec(scene), scene)
-            raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err
-        _require_drawn(model, scene, prefix)
-        return model
-
-    def build() -> mujoco.MjModel:
-        import mujoco
-
-        model = compiled()
+            model = compile_scene(spec, scene)
+        else:
+            try:
+                # Attaching hands the robot over to the spec; the copy leaves the caller the original.
+                own = robot.copy()
+                own.option = spec.option  # The scene's count; others would only cause a warning.
+                spec.attach(own, prefix=prefix, frame=spec.worldbody.add_frame())
+                model = compile_spec(spec)
+            except ValueError as err:
+                compile_scene(build_spec(scene), scene)
+                raise RobotError(f"Robot {robot_name} cannot be put into scene {scene.name}: {err}.") from err
+            _require_drawn(model, scene, prefix)
         # MuJoCo caches every decoded texture for another compilation, which does not come.
         mujoco.mj_clearCache(mujoco.mj_getCache())
         malloc_trim()

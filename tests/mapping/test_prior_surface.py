@@ -8,7 +8,7 @@ from anm_mj.mapping.keyframes import Keyframes, KeyframeStore
 from anm_mj.mapping.map_file import read_map
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.mapping.prior_surface import MIN_VOXELS, PriorSurface
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from tests.mapping.ray_room import TABLE, Room
 
 BOX = (np.array([1.0, 2.3, 0.0]), np.array([1.5, 2.8, 0.8]))
@@ -100,7 +100,7 @@ def test_a_few_views_change_what_many_have_found(prior, tiny_config):
 
 def grid(state, version=1):
     columns = np.full((state.shape[1] // 16, state.shape[2] // 16), version, np.int32)
-    return VoxelGrid(state, np.zeros(state.shape, np.float32), np.zeros(3), 0.05, version, columns)
+    return OccupancyGrid(state, np.zeros(state.shape, np.float32), np.zeros(3), 0.05, version, columns)
 
 
 def test_a_surface_that_falls_into_the_next_voxel_is_no_change():

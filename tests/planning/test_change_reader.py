@@ -3,14 +3,14 @@ import numpy as np
 from anm_mj.mapping.depth_occupancy import DepthOccupancy
 from anm_mj.mapping.mapping_config import OccupancyConfig
 from anm_mj.planning.change_reader import ChangeReader
-from anm_mj.types import UNKNOWN, VoxelGrid
+from anm_mj.types import UNKNOWN, OccupancyGrid
 from anm_mj.utils.arrays import embed
 from tests.mapping.ray_room import Room
 
 
 def grid_with(column_version, version):
     state = np.full((1, 8, 12), UNKNOWN, np.int8)  # Blocks of 4 x 4 columns of 1 m.
-    return VoxelGrid(state, np.full(state.shape, np.inf, np.float32), np.zeros(3), 1.0, version, column_version)
+    return OccupancyGrid(state, np.full(state.shape, np.inf, np.float32), np.zeros(3), 1.0, version, column_version)
 
 
 def test_takes_every_change_of_a_grid_that_grows():

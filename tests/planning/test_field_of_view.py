@@ -15,7 +15,7 @@ from anm_mj.planning.policies.gvg.gvg_policy import Gvg
 from anm_mj.planning.policies.gvg.information_gain import InformationGain
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.planning.topdown_mapper import TopDownMapper
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, Pose2, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Intrinsics, Observation, OccupancyGrid, Pose2
 from tests.box_room import CAMERA, ROOM_HIGH_M, camera_pose, room_depth
 from tests.planning.worlds import room, topdown_map
 
@@ -84,7 +84,7 @@ def test_the_blind_zone_grows_with_tilt_and_narrow_views():
 
 
 def test_the_start_is_free_as_far_as_the_camera_is_blind(caplog):
-    unknown = VoxelGrid(
+    unknown = OccupancyGrid(
         np.full((40, 120, 120), UNKNOWN, np.int8),
         np.full((40, 120, 120), np.inf, np.float32),
         np.array([-3.0, -3.0, 0.0]),

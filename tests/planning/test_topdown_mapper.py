@@ -6,7 +6,7 @@ from anm_mj.frames import world_to_cell
 from anm_mj.planning.paths import clearance_at
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.topdown_mapper import TopDownMapper
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, Pose2, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, OccupancyGrid, Pose2
 from tests.planning.worlds import RESOLUTION_M, BoxWorld, room, topdown_map
 
 BODY = Footprint(0.18, 0.05, 1.35)
@@ -65,7 +65,7 @@ def test_remembered_sdf_stays_in_place_when_the_grid_grows():
     mapper = TopDownMapper(PlanningConfig(), BODY)
     before = topdown_map(mapper, world.occupancy, world.sdf, Pose2(2, 1.5, 0))
     old = world.occupancy
-    grown = VoxelGrid(
+    grown = OccupancyGrid(
         np.pad(old.state, ((0, 0), (20, 0), (40, 0)), constant_values=UNKNOWN),
         np.pad(old.seen_range_m, ((0, 0), (20, 0), (40, 0)), constant_values=np.inf),
         old.origin_m - np.array([2.0, 1.0, 0.0]),
@@ -130,7 +130,7 @@ def test_a_ring_of_unknown_floor_about_the_start_is_bridged():
     def free_at(gap_m):
         state = grid.state.copy()
         state[:, away < 0.75 + gap_m] = UNKNOWN
-        seen = VoxelGrid(state, grid.seen_range_m, grid.origin_m, grid.resolution_m, 1)
+        seen = OccupancyGrid(state, grid.seen_range_m, grid.origin_m, grid.resolution_m, 1)
         topdown = topdown_map(TopDownMapper(PlanningConfig(hole_area_m2=0.01), BODY), seen, world.sdf, Pose2(3, 3, 0))
         return state_at(topdown, 3.0 + 0.78, 3.0)
 
@@ -145,7 +145,7 @@ def test_a_place_without_a_floor_is_no_way():
     state = np.concatenate([below, world.occupancy.state])
     state[4, :, :50] = OCCUPIED
     seen = np.full(state.shape, np.inf, np.float32)
-    grid = VoxelGrid(state, seen, np.array([0.0, 0.0, -0.2]), RESOLUTION_M)
+    grid = OccupancyGrid(state, seen, np.array([0.0, 0.0, -0.2]), RESOLUTION_M)
     topdown = topdown_map(TopDownMapper(PlanningConfig(), BODY), grid, world.sdf, Pose2(1, 1, 0))
     assert state_at(topdown, 2.75, 1.0) == OCCUPIED
     assert state_at(topdown, 1.0, 1.5) == FREE
@@ -185,7 +185,7 @@ def test_low_surface_at_the_body_s_underside_is_an_obstacle_once_it_was_seen_fro
     # Voxel centres lie at multiples of their edge, as in the mapper's grid: the body begins in the middle of a layer.
     world = room(4, 3)
     old = world.occupancy
-    grid = VoxelGrid(old.state, old.seen_range_m, np.array([0.0, 0.0, -0.025]), RESOLUTION_M)
+    grid = OccupancyGrid(old.state, old.seen_range_m, np.array([0.0, 0.0, -0.025]), RESOLUTION_M)
     grid.state[1, 30:32, 40:42], grid.seen_range_m[1, 30:32, 40:42] = OCCUPIED, 1.0
     grid.state[1, 30:32, 60:62], grid.seen_range_m[1, 30:32, 60:62] = OCCUPIED, 6.0
     topdown = topdown_map(TopDownMapper(PlanningConfig(), BODY), grid, world.sdf, Pose2(1, 1, 0))

@@ -13,7 +13,7 @@ from anm_mj.planning.paths import clearance_at, shortest_paths
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
-from anm_mj.types import FREE, OCCUPIED, Footprint, Pose2, TopDownMap, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, Footprint, OccupancyGrid, Pose2, TopDownMap
 from tests.planning.worlds import topdown_map
 
 CELL_M = 0.05
@@ -46,7 +46,7 @@ def hall_with_wall(distance_m, angle_rad, thickness_m, door_m=0.0, width_m=6.0):
     wall = (np.abs(beyond) <= half) & (across >= door_m / 2.0)
     wall |= (x < 0.2) | (x > length_m - 0.2) | (y < 0.2) | (y > width_m - 0.2)
     state = np.where(wall, np.int8(OCCUPIED), np.int8(FREE))[None].repeat(6, axis=0)
-    grid = VoxelGrid(state, np.where(state == OCCUPIED, np.float32(1), np.float32(np.inf)), np.zeros(3), CELL_M)
+    grid = OccupancyGrid(state, np.where(state == OCCUPIED, np.float32(1), np.float32(np.inf)), np.zeros(3), CELL_M)
     return grid, beyond - half
 
 

@@ -8,7 +8,7 @@ from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.planning.voronoi_graph import voronoi_graph
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, MapUpdate, Observation, Pose2, SurfacePoints, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Footprint, MapUpdate, Observation, OccupancyGrid, Pose2, SurfacePoints
 
 CAMERA = FieldOfView(tan_left=0.0, tan_right=0.0, tan_up=1e3, tan_down=1e3, pitch_rad=0.0, height_m=1.0)
 """Sees all heights everywhere ahead."""
@@ -30,7 +30,7 @@ class BoxWorld:
                 state[:, r0:r1, c0:c1] = value
         seen = np.where(state == OCCUPIED, np.float32(1.0), np.float32(np.inf))
         self.boxes = np.array(boxes, float).reshape(-1, 4)
-        self.occupancy = VoxelGrid(state, seen, np.zeros(3), RESOLUTION_M)
+        self.occupancy = OccupancyGrid(state, seen, np.zeros(3), RESOLUTION_M)
         self.truncation_m = TRUNCATION_M
 
     def integrate(self, observation: Observation) -> MapUpdate:
@@ -47,7 +47,7 @@ class BoxWorld:
     def uncertainty(self, points_m):
         return np.ones(len(points_m), np.float32)
 
-    def occupancy_grid(self, centre_xy_m=None, radius_m=np.inf) -> VoxelGrid:
+    def occupancy_grid(self, centre_xy_m=None, radius_m=np.inf) -> OccupancyGrid:
         return self.occupancy
 
     def surface(self, centre_xy_m, radius_m, max_height_m=np.inf) -> SurfacePoints:

@@ -138,7 +138,9 @@ def _light_on(surface: Quads, lighting: VoxelLighting, spacing_m: float) -> tupl
     return sizes, light
 
 
-def _between(sizes: _Pairs, light: _Numbers, quad: Int64[np.ndarray, " k"], s: _Numbers, t: _Numbers) -> _Numbers:
+def _between(
+    sizes: _Pairs, light: Float64[np.ndarray, " m"], quad: Int64[np.ndarray, " k"], s: _Numbers, t: _Numbers
+) -> _Numbers:
     """Light at places on quads, between the points of their grids."""
     first = (np.cumsum(sizes.prod(axis=1)) - sizes.prod(axis=1))[quad]
     width = sizes[quad, 0]

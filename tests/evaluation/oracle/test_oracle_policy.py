@@ -11,7 +11,7 @@ from anm_mj.evaluation.scene_truth import SceneTruth
 from anm_mj.ground_truth.ground_truth import COVERED_M, GroundTruth
 from anm_mj.ground_truth.reduced_depth import reduce_depth
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.types import Action, Footprint, MapUpdate, Pose2, StopReason, SurfacePoints, VoxelGrid
+from anm_mj.types import Action, Footprint, MapUpdate, OccupancyGrid, Pose2, StopReason, SurfacePoints
 from tests.evaluation.oracle.ray_robot import RayRobot
 from tests.ground_truth.test_observable import CAMERA_ON_BASE
 
@@ -26,7 +26,7 @@ class NoMap:
     """Knows nothing and blocks nothing."""
 
     truncation_m = 0.1
-    occupancy = VoxelGrid(np.zeros((1, 1, 1), np.int8), np.full((1, 1, 1), np.inf, np.float32), np.zeros(3), 10.0)
+    occupancy = OccupancyGrid(np.zeros((1, 1, 1), np.int8), np.full((1, 1, 1), np.inf, np.float32), np.zeros(3), 10.0)
 
     def integrate(self, observation):
         return MapUpdate(0.0, 0, 0)

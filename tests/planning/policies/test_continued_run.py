@@ -15,7 +15,7 @@ from anm_mj.planning.policies.registry import default_settings, make_policy, nee
 from anm_mj.planning.scan_grid import ScanGrid
 from anm_mj.planning.topdown_mapper import TopDownMapper
 from anm_mj.protocols import Continues
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, FormerRun, Plan, Pose2, StopReason, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Action, Footprint, FormerRun, OccupancyGrid, Plan, Pose2, StopReason
 from tests.box_room import observe
 from tests.planning.worlds import topdown_map
 
@@ -32,7 +32,7 @@ def room_grid():
     state[0] = np.where(state[0] == FREE, np.int8(OCCUPIED), state[0])
     state[:, 16:80, 60:62] = OCCUPIED
     columns = np.full((6, 6), 1, np.int32)
-    return VoxelGrid(state, np.ones(state.shape, np.float32), np.array([-1.0, -1.0, -0.025]), 0.05, 1, columns)
+    return OccupancyGrid(state, np.ones(state.shape, np.float32), np.array([-1.0, -1.0, -0.025]), 0.05, 1, columns)
 
 
 def far_sdf(points):

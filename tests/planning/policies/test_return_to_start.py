@@ -11,7 +11,18 @@ from anm_mj.control.path_follower import Follower
 from anm_mj.frames import move_pose, wrap_angle
 from anm_mj.planning.planning_config import PlanningConfig
 from anm_mj.planning.policies.return_to_start import ReturnToStart
-from anm_mj.types import ARRIVED_M, FREE, OCCUPIED, TURN_STEP_RAD, Action, Footprint, Plan, Pose2, StopReason, VoxelGrid
+from anm_mj.types import (
+    ARRIVED_M,
+    FREE,
+    OCCUPIED,
+    TURN_STEP_RAD,
+    Action,
+    Footprint,
+    OccupancyGrid,
+    Plan,
+    Pose2,
+    StopReason,
+)
 from tests.box_room import observe
 
 BODY = Footprint(0.18, 0.05, 1.35)
@@ -26,7 +37,7 @@ def hall(wall=True):
     if wall:
         state[:, :60, 40:42] = OCCUPIED
     columns = np.full((5, 8), 1, np.int32)
-    return VoxelGrid(state, np.ones(state.shape, np.float32), np.array([0.0, 0.0, -0.025]), 0.05, 1, columns)
+    return OccupancyGrid(state, np.ones(state.shape, np.float32), np.array([0.0, 0.0, -0.025]), 0.05, 1, columns)
 
 
 def mapper_of(grid):

@@ -14,7 +14,7 @@ from anm_mj.planning.policies.anm_s.region_stages import RegionState
 from anm_mj.planning.policies.anm_s.targets import Targets
 from anm_mj.planning.policies.anm_s.visited import seen_around, within
 from anm_mj.planning.policies.context import PolicyContext
-from anm_mj.types import FORWARD_STEP_M, Observation, Region, VoxelGrid
+from anm_mj.types import FORWARD_STEP_M, Observation, OccupancyGrid, Region
 
 UNVISITED, IN_HORIZON, ANCHORED, FAILED = 3, 2, 1, -6
 """Weights of a vertex's properties in the authors' released code; they add up to its tier."""
@@ -56,7 +56,7 @@ class CandidateFinder:
         self,
         now: RegionState,
         regions: tuple[Region, ...],
-        grid: VoxelGrid,
+        grid: OccupancyGrid,
         trajectory_xy_m: list[Float[np.ndarray, "2"]],
     ) -> Candidates:
         """Vertices that can be reached and are unvisited or have one of some regions anchored to them.

@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 
 from anm_mj.geometry.connected_components import connected_components
 from anm_mj.planning.planning_config import PlanningConfig
-from anm_mj.types import OCCUPIED, Region, SurfacePoints, VoronoiGraph, VoxelGrid
+from anm_mj.types import OCCUPIED, OccupancyGrid, Region, SurfacePoints, VoronoiGraph
 
 IN_FRONT_M = 0.25
 """Points are clustered this far in front of their surface [m]: more than half of any wall's thickness."""
@@ -95,7 +95,7 @@ class RegionFinder:
         self._observed = {tuple(cube) for cube in observed.tolist()}
 
     def regions(
-        self, graph: VoronoiGraph, grid: VoxelGrid, camera_height_m: float, preferred: Int[np.ndarray, " v"]
+        self, graph: VoronoiGraph, grid: OccupancyGrid, camera_height_m: float, preferred: Int[np.ndarray, " v"]
     ) -> tuple[Region, ...]:
         """The regions that some vertex sees, most uncertain first.
 
@@ -139,13 +139,13 @@ class RegionFinder:
         return tuple(sorted(found, key=lambda region: -region.score))
 
 
-def _counts_and_strides(grid: VoxelGrid) -> tuple[tuple[int, int], ...]:
+def _counts_and_strides(grid: OccupancyGrid) -> tuple[tuple[int, int], ...]:
     """Voxels along x, y and z, and how far apart neighbours lie in the raveled grid."""
     layers, rows, cols = grid.state.shape
     return (cols, 1), (rows, cols), (layers, rows * cols)
 
 
-def _nearest_view_m(grid: VoxelGrid, xyz_m: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
+def _nearest_view_m(grid: OccupancyGrid, xyz_m: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, " n"]:
     """Smallest depth at which the surface at points was seen [m]; +inf where never."""
     seen = grid.seen_range_m.reshape(-1)
     nearest = np.full(len(xyz_m), np.inf, np.float32)
@@ -160,7 +160,7 @@ def _nearest_view_m(grid: VoxelGrid, xyz_m: Float32[np.ndarray, "n 3"]) -> Float
 
 
 def line_of_sight(
-    grid: VoxelGrid, start_m: Float[np.ndarray, "n 3"], end_m: Float[np.ndarray, "n 3"]
+    grid: OccupancyGrid, start_m: Float[np.ndarray, "n 3"], end_m: Float[np.ndarray, "n 3"]
 ) -> Bool[np.ndarray, " n"]:
     """Whether no occupied voxel lies between pairs of points, sampled once per voxel size."""
     longest = float(np.linalg.norm(end_m - start_m, axis=1).max(initial=0.0))
@@ -217,7 +217,7 @@ def _anchors(
     normal: Float[np.ndarray, "n 3"],
     vertex_xy_m: Float[np.ndarray, "v 2"],
     vertices: Int[np.ndarray, " w"],
-    grid: VoxelGrid,
+    grid: OccupancyGrid,
     camera_height_m: float,
     config: PlanningConfig,
 ) -> Int[np.ndarray, " n"]:

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from anm_mj.frames import world_to_cell
 from anm_mj.planning.policies.anm_s.anm_s_config import AnmSConfig
 from anm_mj.planning.policies.anm_s.traversable_frontier import BORDER_WIDTH_M, borders_unknown
-from anm_mj.types import Footprint, TopDownMap, VoronoiGraph, VoxelGrid
+from anm_mj.types import Footprint, OccupancyGrid, TopDownMap, VoronoiGraph
 
 _AROUND = np.arange(-1, 2)
 """A cell and its neighbours along one axis."""
@@ -24,7 +24,7 @@ def seen_around(
     vertices: Int[np.ndarray, " k"],
     topdown: TopDownMap,
     frontier_xy_m: Float[np.ndarray, "f 2"],
-    grid: VoxelGrid,
+    grid: OccupancyGrid,
     footprint: Footprint,
     config: AnmSConfig,
 ) -> Bool[np.ndarray, " k"]:
@@ -64,7 +64,9 @@ def num_within(
     return np.asarray(near, np.int64)
 
 
-def nearest_view_m(grid: VoxelGrid, footprint: Footprint, xy_m: Float[np.ndarray, "n 2"]) -> Float32[np.ndarray, " n"]:
+def nearest_view_m(
+    grid: OccupancyGrid, footprint: Footprint, xy_m: Float[np.ndarray, "n 2"]
+) -> Float32[np.ndarray, " n"]:
     """Smallest depth at which anything was seen in the columns about points, at body heights; +inf where never [m]."""
     body = grid.layers_between(footprint.z_min_m, footprint.z_max_m, whole=True)
     seen_m = grid.seen_range_m[body]

@@ -31,7 +31,7 @@ from anm_mj.planning.policies.gvg.improvement import ExpectedImprovement
 from anm_mj.planning.policies.gvg.pooled_occupancy import POOL, PooledOccupancy
 from anm_mj.planning.policies.gvg.ray_cache import RayCache, Rays
 from anm_mj.planning.policies.gvg.views import NUM_AZIMUTHS, Viewpoint, view_sectors
-from anm_mj.types import OCCUPIED, UNKNOWN, Pose2, SurfaceErrors, VoxelGrid
+from anm_mj.types import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2, SurfaceErrors
 
 TRIAL_STEP = 0.9
 """A view suppresses a cell again only from nearer than this share of the nearest distance so far."""
@@ -91,7 +91,7 @@ class InformationGain:
         """Surface seen so far [m2]."""
         return self.occupancy.seen_m2
 
-    def update(self, grid: VoxelGrid, window: Window | None) -> None:
+    def update(self, grid: OccupancyGrid, window: Window | None) -> None:
         """Take over a window in which the occupancy grid changed; gains in range of changes become stale."""
         changed = self.occupancy.update(grid, window)
         if changed is not None:

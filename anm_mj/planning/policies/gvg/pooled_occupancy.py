@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Float32, Int, Int8
 
 from anm_mj import _native
 from anm_mj.planning.grid_windows import Window
-from anm_mj.types import UNKNOWN, VoxelGrid
+from anm_mj.types import UNKNOWN, OccupancyGrid
 from anm_mj.utils.arrays import embed
 
 POOL = 2
@@ -54,7 +54,7 @@ class PooledOccupancy:
         return float(self._num_surface.sum()) * self.cell_m**2
 
     def update(
-        self, grid: VoxelGrid, window: Window | None
+        self, grid: OccupancyGrid, window: Window | None
     ) -> tuple[Float[np.ndarray, 2], Float[np.ndarray, 2]] | None:
         """Pool the cells of a window again.
 
@@ -108,7 +108,7 @@ class PooledOccupancy:
         layer, row, col = np.unravel_index(flat, self.state.shape)
         return self.origin_m + (np.stack([col, row, layer], axis=1) + 0.5) * self.cell_m
 
-    def _cover(self, grid: VoxelGrid) -> None:
+    def _cover(self, grid: OccupancyGrid) -> None:
         """Make room for all of ``grid`` and the rim."""
         cell = POOL * grid.resolution_m
         if not self.cell_m:

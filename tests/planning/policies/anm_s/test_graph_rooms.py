@@ -9,7 +9,7 @@ from scipy import ndimage
 from anm_mj.geometry import room_merging
 from anm_mj.geometry.room_merging import merge_into_rooms
 from anm_mj.planning.policies.anm_s.graph_rooms import NARROWING, segment_rooms
-from anm_mj.types import OCCUPIED, VoronoiGraph, VoxelGrid
+from anm_mj.types import OCCUPIED, OccupancyGrid, VoronoiGraph
 from tests.planning.worlds import RESOLUTION_M, room, see
 
 DOOR = [(4.2, 0.2, 4.3, 1.2), (4.2, 2.1, 4.3, 3.2)]
@@ -45,7 +45,7 @@ class Turned:
         turned = ndimage.map_coordinates(plan, there + middle - 0.5, order=0, cval=OCCUPIED)
         state = np.repeat(turned[None], len(world.occupancy.state), axis=0)
         seen = np.where(state == OCCUPIED, np.float32(1.0), np.float32(np.inf))
-        self.occupancy = VoxelGrid(state, seen, np.zeros(3), RESOLUTION_M)
+        self.occupancy = OccupancyGrid(state, seen, np.zeros(3), RESOLUTION_M)
         self._turn = np.array([[c, -s], [s, c]])
         self._from = np.array(plan.shape[::-1]) * RESOLUTION_M / 2
         self._to = np.full(2, side * RESOLUTION_M / 2)

@@ -8,7 +8,7 @@ from anm_mj.planning.field_of_view import FieldOfView
 from anm_mj.planning.policies.gvg import ray_cache
 from anm_mj.planning.policies.gvg.gvg_config import GvgConfig
 from anm_mj.planning.policies.gvg.information_gain import InformationGain, view_gains
-from anm_mj.types import FREE, OCCUPIED, UNKNOWN, Pose2, VoxelGrid
+from anm_mj.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2
 from tests.planning.worlds import RESOLUTION_M, room
 
 
@@ -111,7 +111,7 @@ def test_sky_has_no_gain():
 def test_end_of_the_floor_has_no_gain():
     grid = with_lid(room(6, 3, unknown=[(4.2, 0.2, 6.2, 3.2)]))
     depth = np.full((4, *grid.state.shape[1:]), OCCUPIED, np.int8)
-    cliff = VoxelGrid(
+    cliff = OccupancyGrid(
         np.concatenate([depth, grid.state]),
         np.concatenate([np.ones(depth.shape, np.float32), grid.seen_range_m]),
         grid.origin_m - np.array([0.0, 0.0, 4 * RESOLUTION_M]),
@@ -126,7 +126,7 @@ def test_end_of_the_floor_has_no_gain():
 def padded(grid, rows, cols):
     """The same map in a larger box of the unknown: cells added before and after."""
     pad = ((0, 0), rows, cols)
-    return VoxelGrid(
+    return OccupancyGrid(
         np.pad(grid.state, pad, constant_values=UNKNOWN),
         np.pad(grid.seen_range_m, pad, constant_values=np.inf),
         grid.origin_m - np.array([cols[0], rows[0], 0]) * RESOLUTION_M,
@@ -199,7 +199,7 @@ def test_pooling_parts_is_pooling_everything():
 
 def test_memory_order_of_the_voxels_changes_nothing():
     grid = with_lid(room(4, 3, unknown=[(3.2, 0.2, 4.2, 3.2)]))
-    turned = VoxelGrid(np.asfortranarray(grid.state), grid.seen_range_m, grid.origin_m, grid.resolution_m)
+    turned = OccupancyGrid(np.asfortranarray(grid.state), grid.seen_range_m, grid.origin_m, grid.resolution_m)
     assert not turned.state.flags.c_contiguous
     assert np.array_equal(gain_in(turned).occupancy.state, gain_in(grid).occupancy.state)
 
