@@ -62,14 +62,14 @@ def read_tum(folder: Path, *, needs_poses: bool = True) -> Sequence:
             chosen.append((time_s, folder / colour[image][1], folder / name))
             found.append(None if pose is None else tum_matrix(poses[pose][1:4], poses[pose][4:]))
     matrices, missing = bridged([time_s for time_s, _, _ in chosen], found)
-    frames = [Frame(*one, matrix) for one, matrix in zip(chosen, matrices, strict=True)]
+    frames = [Frame(time_s, image, depth, T) for (time_s, image, depth), T in zip(chosen, matrices, strict=True)]
     partners = "image or no pose is" if needs_poses else "image is"
     say_left_out(folder, len(frames), len(depth), f"no {partners} within {MATCH_S:g} s of their depth")
     key = next((key for key in _CAMERAS if key in folder.resolve().name), "")
     known = _CAMERAS.get(key, _DEFAULT_CAMERA)
     bent = LensDistortion.of("plumb_bob", _DISTORTIONS.get(key, ()), f"as published for {key}, by the folder's name")
     require_below(folder, frames[:1])
-    height, width = read_image(frames[0].colour, "RGB").shape[:2] if frames else (480, 640)
+    height, width = read_image(chosen[0][1], "RGB").shape[:2] if chosen else (480, 640)
     camera = from_pixel_centres(width, height, known)
     return Sequence(
         folder,

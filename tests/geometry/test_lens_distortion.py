@@ -21,6 +21,12 @@ MODELS = [
 ]
 
 
+def lens_of(model, coefficients):
+    lens = LensDistortion.of(model, coefficients)
+    assert lens is not None
+    return lens
+
+
 def texture(xy):
     """A smooth picture over directions x / z, y / z."""
     x, y = xy[..., 0], xy[..., 1]
@@ -51,7 +57,7 @@ def straight(lens, imaged):
 
 @pytest.mark.parametrize(("model", "coefficients"), MODELS)
 def test_an_image_comes_out_as_a_pinhole_would_see_it(model, coefficients):
-    lens = LensDistortion.of(model, coefficients)
+    lens = lens_of(model, coefficients)
     seen = straight(lens, directions())
     rgb, depth_m = np.rint(texture(seen)).astype(np.uint8), depth_of(seen).astype(np.float32)
     out = undistortion(CAMERA, lens)
@@ -84,12 +90,12 @@ def test_an_image_comes_out_as_a_pinhole_would_see_it(model, coefficients):
     ],
 )
 def test_each_coefficient_does_what_its_model_says(model, coefficients, expected):
-    lens = LensDistortion.of(model, coefficients)
+    lens = lens_of(model, coefficients)
     np.testing.assert_allclose(lens.distorted(np.array([[0.3, 0.4]]))[0], expected, rtol=1e-12)
 
 
 def test_what_a_polynomial_folds_back_into_the_image_is_left_out():
-    lens = LensDistortion.of("plumb_bob", (-0.5,))
+    lens = lens_of("plumb_bob", (-0.5,))
     # r (1 - r2 / 2) turns round at r = sqrt(2 / 3).
     assert lens.farthest(2.0) == pytest.approx(math.sqrt(2 / 3), abs=0.005)
     wide = Intrinsics(64, 64, 16.0, 16.0, 32.0, 32.0)
@@ -101,9 +107,9 @@ def test_what_a_polynomial_folds_back_into_the_image_is_left_out():
 def test_no_distortion_is_none_and_aliases_are_known():
     assert LensDistortion.of("plumb_bob", (0.0,) * 5) is None
     assert LensDistortion.of("anything", ()) is None
-    assert LensDistortion.of("fisheye", (0.1,)).model == "equidistant"
-    assert LensDistortion.of("rational_polynomial", (0.0,) * 8 + (0.1,)).model == "thin_prism"
-    assert str(LensDistortion.of("plumb_bob", (0.1, 0.0, 0.2))) == "plumb_bob k1 0.1, p1 0.2"
+    assert lens_of("fisheye", (0.1,)).model == "equidistant"
+    assert lens_of("rational_polynomial", (0.0,) * 8 + (0.1,)).model == "thin_prism"
+    assert str(lens_of("plumb_bob", (0.1, 0.0, 0.2))) == "plumb_bob k1 0.1, p1 0.2"
 
 
 @pytest.mark.parametrize(
@@ -117,4 +123,4 @@ def test_no_distortion_is_none_and_aliases_are_known():
 )
 def test_what_is_unknown_is_refused_by_name(model, coefficients, said):
     with pytest.raises(ValueError, match=said):
-        LensDistortion.of(model, coefficients)
+        lens_of(model, coefficients)
