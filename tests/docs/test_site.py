@@ -56,5 +56,5 @@ def test_nothing_is_fetched_from_elsewhere(site):
 def test_public_names_are_documented(site):
     page = (site / "api.html").read_text(encoding="utf-8")
     assert [name for name in anm_mj.__all__ if f'id="anm_mj.{name}"' not in page] == []
-    for name in ("mapping.neural_map.NeuralMap.sdf", "types.Plan", "protocols.Mapper.occupancy"):
+    for name in ("mapping.neural_map.NeuralMap.sdf", "types.Plan", "protocols.Mapper.occupancy_grid"):
         assert f'id="anm_mj.{name}"' in page

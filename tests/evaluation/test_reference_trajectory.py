@@ -31,6 +31,12 @@ def reference(tmp_path):
     return read_reference(path)
 
 
+def error_of(records, reference):
+    found = reference_error(records, reference)
+    assert found is not None
+    return found
+
+
 def frames(error=None, lost=(), last_s=3.0):
     records = []
     for step, t in enumerate(np.arange(0.1, last_s, 0.1).tolist()):
@@ -43,7 +49,7 @@ def frames(error=None, lost=(), last_s=3.0):
 
 
 def test_the_same_trajectory_in_another_world_has_no_error(reference):
-    found = reference_error(frames(), reference)
+    found = error_of(frames(), reference)
     assert found.position_rmse_cm < 0.01  # Interpolated over 10 ms.
     assert found.ate_rmse_cm < 0.01
     assert found.final_position_error_cm < 0.01
@@ -52,7 +58,7 @@ def test_the_same_trajectory_in_another_world_has_no_error(reference):
 
 def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
     # From the second frame on everything lies 10 cm to the side.
-    found = reference_error(frames(lambda t: np.array([0.0, 0.1 * (t > 0.15), 0.0])), reference)
+    found = error_of(frames(lambda t: np.array([0.0, 0.1 * (t > 0.15), 0.0])), reference)
     count = len(frames())
     assert found.position_rmse_cm == pytest.approx(10.0 * np.sqrt((count - 1) / count), rel=1e-3)
     assert found.ate_rmse_cm < 2.0
@@ -61,7 +67,7 @@ def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
 
 def test_lost_frames_count_in_their_share_alone(reference):
     wrong = frames(lambda t: np.array([5.0 * (0.95 < t < 1.25), 0.0, 0.0]), lost=(9, 10, 11))
-    found = reference_error(wrong, reference)
+    found = error_of(wrong, reference)
     assert found.position_rmse_cm < 0.01
     assert found.lost_percent == pytest.approx(100.0 * 3 / len(wrong))
     assert found.unmapped_percent == found.lost_percent
