@@ -37,7 +37,7 @@ print(json.dumps([torch.__version__, torch.get_num_threads(), gpu.name if cuda e
 """
 
 ENGINE_PROGRAM = """
-from anm_mj.mapping.backends.native_backend import kernel_names
+from anm_mj._native import kernel_names
 print(kernel_names()[0])
 """
 

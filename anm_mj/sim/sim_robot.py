@@ -71,7 +71,7 @@ class SimRobot:
         self.data = data
         self._camera = camera
         self._drive = drive
-        self.footprint = footprint
+        self._footprint = footprint
         self._T_base_camera = T_base_camera
         self.robot_hash = robot_hash
         self.camera_kind = camera.kind
@@ -87,6 +87,11 @@ class SimRobot:
         """The next actions whose images were begun, and the state after each."""
         self._spare: list[mujoco.MjData] = []
         """States that no image is made of any more."""
+
+    @property
+    def footprint(self) -> Footprint:
+        """The cylinder that must stay clear of obstacles."""
+        return self._footprint
 
     @property
     def pose(self) -> Pose2:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from anm_mj import _native
 from anm_mj.errors import MapError
 from anm_mj.mapping.backends.backend import MapperBackend
 from anm_mj.mapping.backends.native_backend import NativeBackend, _optional, _ray_arrays

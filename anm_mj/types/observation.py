@@ -1,0 +1,111 @@
+"""What the robot perceives, from where, with what."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+
+class PixelState(IntEnum):
+    """What a pixel of a depth image is; the first two tell where free space is."""
+
+    MEASURED = 0
+    OUT_OF_RANGE = 1
+    """The sensor says that it looked farther than its range."""
+    LOST = 2
+    """Nothing was measured."""
+    OUTLIER = 3
+    """Something was measured that the pixels beside it contradict."""
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole camera without distortion; pixel (u, v) has its centre at (u + 0.5, v + 0.5)."""
+
+    width: int
+    """Columns [px]."""
+    height: int
+    """Rows [px]."""
+    fx: float
+    """Focal length along u [px]."""
+    fy: float
+    """Focal length along v [px]."""
+    cx: float
+    """Principal point along u [px], measured from the left edge of the image."""
+    cy: float
+    """Principal point along v [px], measured from the top edge of the image."""
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, fov_y_rad: float) -> Intrinsics:
+        """Square-pixel intrinsics of a camera with vertical field of view ``fov_y_rad`` and a centred axis."""
+        f = height / 2.0 / math.tan(fov_y_rad / 2.0)
+        return cls(width, height, f, f, width / 2.0, height / 2.0)
+
+
+@dataclass(frozen=True)
+class Pose2:
+    """Where the robot's base stands, in the world."""
+
+    x_m: float
+    """World x [m]."""
+    y_m: float
+    """World y [m]."""
+    yaw_rad: float
+    """Counter-clockwise from world x, in (-pi, pi]."""
+
+    @property
+    def xy_m(self) -> Float[np.ndarray, "2"]:
+        """Position as an array [m]."""
+        return np.array([self.x_m, self.y_m], float)
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """The space a robot sweeps: an upright cylinder about its base."""
+
+    radius_m: float
+    """Of the cylinder [m]."""
+    z_min_m: float
+    """Lower obstacles do not matter [m]: the robot drives over them."""
+    z_max_m: float
+    """Height of the robot's top [m]."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the robot perceives between two actions."""
+
+    step: int
+    """Number of actions executed before this observation; the first is 0."""
+    time_s: float
+    """Simulated time [s]."""
+    rgb: UInt8[np.ndarray, "h w 3"]
+    """Colour, row 0 at the top."""
+    depth_m: Float32[np.ndarray, "h w"]
+    """Planar z [m]; +inf where the sensor looked farther than its range, NaN where it measured nothing."""
+    intrinsics: Intrinsics
+    """Of colour and depth."""
+    T_world_camera: Float[np.ndarray, "4 4"]
+    """Camera to world; camera axes x right, y down, z forward."""
+    pose: Pose2
+    """Where the base stands, as the robot believes it."""
+    range_m: float = math.inf
+    """Largest planar depth that the camera measures, by its maker's word [m]; +inf where nobody says."""
+    pixel_state: UInt8[np.ndarray, "h w"] | None = None
+    """What each pixel is (:class:`PixelState`); None before :func:`anm_mj.sensing.pixel_state.judge_pixels`."""
+
+
+@dataclass(frozen=True)
+class TrueView:
+    """What an observation was truly made of; for the evaluation, never for the robot."""
+
+    pose: Pose2
+    """Where the base stood."""
+    T_world_camera: Float[np.ndarray, "4 4"]
+    """Camera to world; camera axes x right, y down, z forward."""
+    depth_m: Float32[np.ndarray, "h w"]
+    """Exact planar z where the sensor gave a value [m]; not finite elsewhere."""
