@@ -1,34 +1,48 @@
-"""A recorded sequence becomes a run folder: the map, the mesh, and what the planner would have done."""
+"""A recorded sequence becomes a run folder: the map, the mesh, and what the planner would have done.
+
+Its poses are taken as they come, or found by localisation in the map that grows from it.
+"""
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Collection
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from anm_mj.config import RunConfig
+from anm_mj.evaluation.reference_trajectory import reference_error
 from anm_mj.events import Decided, Observed, Observer
+from anm_mj.io.bag_poses import Track
+from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.manifest import RunFacts, manifest
 from anm_mj.io.mesh_file import write_mesh
 from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_events import Started
 from anm_mj.io.run_folder import RunFolder
-from anm_mj.io.sequence import Sequence
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.io.sequence import Sequence, camera_line, ranges_text
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
+from anm_mj.localisation.localiser import PoseEstimate, TrackingState
+from anm_mj.loop_stages import UNTRAINED
 from anm_mj.mapping.neural_map import NeuralMap
 from anm_mj.planning.policies.anm_s.region_stages import RegionStages
 from anm_mj.planning.policies.context import PolicyContext
 from anm_mj.planning.policies.registry import make_policy
 from anm_mj.protocols import Policy
 from anm_mj.recording.run_log import RunLog
-from anm_mj.run_parts import make_mapper
+from anm_mj.run_parts import make_mapper, make_tracker
 from anm_mj.types import Footprint, Observation
 from anm_mj.utils.files import atomic_write
+from anm_mj.utils.stopwatch import Stopwatch
+
+_logger = logging.getLogger(__name__)
 
 MESH_RESOLUTION_M = 0.05
 RECORDED = "recorded"
@@ -42,16 +56,19 @@ def map_sequence(
     *,
     out: Path | None = None,
     shadow: bool = False,
+    reference: Track | None = None,
     observers: Collection[Observer] = (),
 ) -> RunFolder:
     """Map a sequence and write a run folder, without actions and without ground truth.
 
     Args:
         sequence: Posed RGB-D frames.
-        config: Settings of map and planner; ``scene`` is the sequence.
+        config: Settings of map and planner; ``scene`` is the sequence. With ``pose`` = ``slam`` the poses of the
+            sequence are a prior of the motion between its frames, where it has any.
         footprint: The robot that the top-down map is for.
         out: The run folder; None = a new one below ``runs/``.
         shadow: Whether the policy decides at every frame, without being obeyed; its decisions are recorded.
+        reference: Poses that the tracked ones are compared with, at the times of the sequence; for ``slam`` only.
         observers: Hear of the start (:class:`~anm_mj.io.run_events.Started`, with the number of frames for a budget),
             of every frame (:class:`~anm_mj.events.Observed`) and decision (:class:`~anm_mj.events.Decided`); any of
             them may end the run with what there is.
@@ -61,12 +78,16 @@ def map_sequence(
     """
     begin = time.perf_counter()
     neural_map = make_mapper(config)
+    tracker = make_tracker(config, neural_map, has_poses=sequence.has_poses) if config.pose == "slam" else None
     policy = _shadow_policy(config, footprint) if shadow else None
     name = config.policy if shadow else RECORDED
     folder = RunFolder.create(out, Path(config.scene).resolve().name, name)
     folder.write_manifest(manifest(_facts(config, neural_map, name), sys.argv))
     folder.write_config(config)
     log = RunLog(folder, config.record)
+    cameras = LineWriter(folder.camera_trajectory, None) if tracker is not None else None
+    records: list[FrameRecord] = []
+    watch = Stopwatch()
     last: Observation | None = None
 
     def tell(event: object) -> bool:
@@ -74,24 +95,83 @@ def map_sequence(
 
     interrupted = tell(Started(folder.path, len(sequence), lambda: None))
     try:
-        for observation in sequence.observations():
-            if interrupted:
+        frames = sequence.observations()
+        while not interrupted:
+            with watch.stage("read"):
+                observation = next(frames, None)
+            if observation is None:
                 break
+            estimate, update = None, UNTRAINED
+            if tracker is not None:
+                with watch.stage("localise"):
+                    estimate = tracker.localise(observation)
+                observation = estimate.observation
+            with watch.stage("map"):
+                if tracker is None or estimate is None:
+                    update = neural_map.integrate(observation)
+                elif estimate.usable:
+                    update = tracker.integrate(estimate)
             last = observation
-            update = neural_map.integrate(observation)
-            log.observation(observation)
-            if policy is not None:
+            log.observation(observation, estimate=estimate)
+            records.append(_record(observation, estimate))
+            is_lost = records[-1].is_lost
+            # A trajectory in this format is of the poses that are known.
+            if cameras is not None and not is_lost:
+                cameras.line(camera_line(observation.time_s, observation.T_world_camera))
+            if policy is not None and not is_lost:
                 policy.observe(observation)
                 plan = policy.plan(neural_map, observation)
                 log.plan(observation.step, plan)
                 interrupted |= tell(Decided(observation.step, plan))
-            interrupted |= tell(Observed(observation, update))
+            interrupted |= tell(Observed(observation, update, estimate))
     finally:
         log.close()
+        if cameras is not None:
+            cameras.close()
     if last is not None:
+        if config.goal != "coverage" and not interrupted:
+            with watch.stage("finish"):
+                neural_map.finish()
         _finish(folder, config, neural_map, footprint, log, last)
-    write_json(folder.metrics, {"frames": len(log.poses), "wall_s": time.perf_counter() - begin})
+    metrics: dict[str, Any] = {"frames": len(records), "wall_s": time.perf_counter() - begin}
+    if tracker is not None and records:
+        metrics |= _tracking_metrics(records, reference, watch)
+    write_json(folder.metrics, metrics)
     return folder
+
+
+def _record(observation: Observation, estimate: PoseEstimate | None) -> FrameRecord:
+    pose, T = observation.pose, observation.T_world_camera
+    is_lost = estimate is not None and estimate.state is TrackingState.LOST
+    is_mapped = estimate is None or estimate.usable
+    return FrameRecord(observation.step, observation.time_s, pose, T, pose, T, is_lost, is_mapped)
+
+
+def _tracking_metrics(records: list[FrameRecord], reference: Track | None, watch: Stopwatch) -> dict[str, Any]:
+    """What ``metrics.json`` says of a tracked sequence; warnings name the frames that were not mapped."""
+    lost = [record.step for record in records if record.is_lost]
+    unmapped = [record.step for record in records if not record.is_mapped]
+    if lost:
+        _logger.warning("The camera was LOST in %d of %d frames: %s.", len(lost), len(records), ranges_text(lost))
+    if len(unmapped) > len(lost):
+        _logger.warning(
+            "%d of %d frames are not in the map, as their pose was not good enough: %s.",
+            len(unmapped),
+            len(records),
+            ranges_text(unmapped),
+        )
+    metrics: dict[str, Any] = {
+        "lost_percent": 100.0 * len(lost) / len(records),
+        "unmapped_percent": 100.0 * len(unmapped) / len(records),
+        "frame_ms": {stage: ms / len(records) for stage, ms in watch.ms.items() if stage != "finish"},
+    }
+    if reference is not None:
+        error = reference_error(records, reference)
+        if error is None:
+            _logger.warning("%s has fewer than 3 poses at the times of the frames.", reference.name)
+        else:
+            metrics |= asdict(error)
+    return metrics
 
 
 def _finish(

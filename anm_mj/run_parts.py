@@ -135,6 +135,22 @@ def make_localiser(config: RunConfig, mapper: NeuralMap) -> FieldLocaliser | Non
     return FieldLocaliser(mapper, config.localisation, seed=config.seed, planar=True, odometry=True)
 
 
+def make_tracker(config: RunConfig, mapper: NeuralMap, *, has_poses: bool) -> FieldLocaliser:
+    """What finds the poses of a camera that moves freely.
+
+    Args:
+        config: Its ``localisation`` counts.
+        mapper: The map.
+        has_poses: Whether the poses of observations tell its motion roughly.
+    """
+    from anm_mj.io.sequence import base_pose
+    from anm_mj.localisation.field_localiser import FieldLocaliser
+
+    return FieldLocaliser(
+        mapper, config.localisation, seed=config.seed, planar=False, odometry=has_poses, base_pose=base_pose
+    )
+
+
 def _make_robot(config: RunConfig, scene: Scene) -> SimRobot:
     from anm_mj.sim.make_robot import make_robot
 

@@ -5,13 +5,22 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from anm_mj.cli.command_line import Fields, Option
 from anm_mj.cli.option_types import Count, NewFolder, Settings
 from anm_mj.errors import ConfigError
 
+if TYPE_CHECKING:
+    from anm_mj.geometry.lens_distortion import LensDistortion
+
+_PRIOR = "The sequence's poses are a prior of the motion between frames; localisation in the map corrects them."
+_UNPOSED = (
+    "The poses are found by localisation in the map; the first camera defines the world: its {} axis points up (--up), "
+    "and the floor is the lowest level that its depth shows (--floor)."
+)
 TALLEST_M = 100.0
 """No robot is higher [m]."""
 
@@ -32,10 +41,13 @@ def map_recorded(
     layout: str | None = None,
     camera: Annotated[tuple[float, float, float, float] | None, Option("FX,FY,CX,CY")] = None,
     depth_unit: Metres | None = None,
-    up: str = "z",
+    distortion: Annotated[str | None, Option("K1,K2,...")] = None,
+    up: str | None = None,
     floor: Metres | None = None,
     topics: Annotated[Sequence[str], Option("--topic ROLE=NAME")] = (),
     every: Count = 1,
+    track: bool = False,
+    reference: Path | None = None,
     shadow: bool = False,
     radius: Metres = 0.18,
     height: Metres = 1.35,
@@ -43,10 +55,10 @@ def map_recorded(
     settings: Settings = (),
     **options: Annotated[Any, Fields(_map_fields)],
 ) -> int:
-    """Map a recorded RGB-D sequence with poses, and write a run folder.
+    """Map a recorded RGB-D sequence, and write a run folder.
 
     Layouts: TUM RGB-D, nerfstudio's transforms.json with depth, Replica as NICE-SLAM and Co-SLAM read it, our own, a
-    run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md.
+    run folder with images, and ROS bags (1 and 2, MCAP). See docs/results.md, and docs/localisation.md for --track.
 
     Args:
         sequence: folder of the sequence, a transforms.json, or a bag
@@ -54,10 +66,13 @@ def map_recorded(
         layout: run, anm-mj, tum, nerfstudio, replica or rosbag; by default recognised by its files
         camera: intrinsics [px], if the files are wrong or silent
         depth_unit: metres per unit of a depth image
-        up: axis of the sequence's world that points up: z, -z, y, -y
-        floor: height of the floor; by default found from the depth
+        distortion: lens distortion in the order of OpenCV, or none; by default as the files say
+        up: axis of the world that points up: z, -z, y, -y; by default z, without poses -y of the first camera
+        floor: height of the floor along it; by default found from the depth
         topics: topic of a bag for colour, depth, camera or pose (a topic or tf), where several fit; may be repeated
         every: read every Nth frame only
+        track: find the poses by localisation in the map; those of the sequence, if any, are a prior
+        reference: poses in TUM format that the found ones are compared with; a sequence's own are no prior then
         shadow: record at each frame where the policy would have gone (plans.jsonl)
         radius: radius of the robot
         height: height of the robot
@@ -68,8 +83,10 @@ def map_recorded(
     from anm_mj.cli.bar import progress_bar
     from anm_mj.cli.console import PlainConsole
     from anm_mj.cli.progress import FrameLine, Interrupt
-    from anm_mj.cli.run_summary import print_folder
+    from anm_mj.cli.run_summary import print_folder, print_tracking
     from anm_mj.config import DEFAULT_PRESET, make_config
+    from anm_mj.evaluation.reference_trajectory import read_reference
+    from anm_mj.io.read_run import read_json
     from anm_mj.io.sequence_layouts import SequenceOptions, open_sequence
     from anm_mj.map_sequence import map_sequence
     from anm_mj.types import Footprint
@@ -82,15 +99,53 @@ def map_recorded(
         if "=" not in topic:
             raise ConfigError(f"--topic is '{topic}'; give ROLE=NAME, as in colour=/camera/color/image_raw.")
     by_role = dict(topic.split("=", 1) for topic in topics)
+    if reference is not None and not track:
+        raise ConfigError("--reference is for poses that --track finds; give both, or none.")
+    measured = None if reference is None else read_reference(reference)
     settings = [*["record.images=full"] * keep_images, *settings]
     config = make_config(options.pop("preset", DEFAULT_PRESET), settings, scene=str(sequence), **options)
-    frames, layout = open_sequence(sequence, SequenceOptions(layout, camera, depth_unit, up, floor, every, by_role))
+    wanted = SequenceOptions(layout, camera, depth_unit, up, floor, every, by_role)
+    if track:
+        config = replace(config, pose="slam")
+        judged = reference is not None and reference.resolve().is_relative_to(sequence.resolve())
+        wanted = replace(wanted, needs_poses=False, ignores_poses=judged)
+    if distortion is not None:
+        wanted = replace(wanted, distortion=_distortion(distortion))
+    frames, layout = open_sequence(sequence, wanted)
     console = PlainConsole()
+    if frames.distortion is not None:
+        console.say(f"Lens distortion is taken out, {frames.distortion.source}: {frames.distortion}.")
+    if track:
+        console.say(_PRIOR if frames.has_poses else _UNPOSED.format(up or "-y"))
     height_m = frames.frames[0].T_world_camera[2, 3]
     console.say(f"{len(frames)} frames, layout {layout}; the first camera is {height_m:.2f} m above the floor.")
     footprint = Footprint(radius, 0.05, height)
     with Interrupt(console) as interrupt, progress_bar(console, "map") as on_progress:
         observers = (FrameLine(console, on_progress), interrupt)
-        folder = map_sequence(frames, config, footprint, out=out, shadow=shadow, observers=observers)
+        folder = map_sequence(
+            frames, config, footprint, out=out, shadow=shadow, reference=measured, observers=observers
+        )
+    if track:
+        print_tracking(console, read_json(folder.metrics))
     print_folder(console, folder.path)
     return 0
+
+
+def _distortion(words: str) -> LensDistortion | None:
+    """What ``--distortion`` says.
+
+    Raises:
+        ConfigError: it says nothing that can be.
+    """
+    from anm_mj.geometry.lens_distortion import LensDistortion
+
+    if words == "none":
+        return None
+    try:
+        values = [float(word) for word in words.split(",")]
+        name = "plumb_bob" if len(values) <= 5 else "rational_polynomial"
+        return LensDistortion.of(name, values, "as given")
+    except ValueError as err:
+        raise ConfigError(
+            f"--distortion is '{words}' ({err}); give none, or K1,K2,P1,P2,K3 and so on, 12 numbers at most."
+        ) from err

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -14,6 +16,23 @@ from anm_mj.evaluation.metrics import Metrics
 def print_folder(console: PlainConsole, folder: Path) -> None:
     """Print where a run lies, and how to look at it."""
     console.say(f"Run folder: {folder}", f"Replay: anm-mj view {shlex.quote(str(folder))}")
+
+
+def print_tracking(console: PlainConsole, metrics: Mapping[str, Any]) -> None:
+    """Print how a sequence was tracked, from its ``metrics.json``."""
+    parts = [
+        f"{words} {metrics[key]:.2f} {unit}"
+        for words, key, unit in (
+            ("frames lost", "lost_percent", "%"),
+            ("not mapped", "unmapped_percent", "%"),
+            ("ATE RMSE, aligned", "ate_rmse_cm", "cm"),
+            ("position RMSE from the first pose", "position_rmse_cm", "cm"),
+            ("drift per metre", "rpe_cm_per_m", "cm"),
+        )
+        if metrics.get(key) is not None
+    ]
+    parts += [f"{stage} {ms:.0f} ms a frame" for stage, ms in metrics.get("frame_ms", {}).items()]
+    console.say("; ".join(parts) + ".")
 
 
 def print_metrics(console: PlainConsole, metrics: Metrics, folder: Path) -> None:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jaxtyping import Float
-from numpy import ndarray
-from scipy.spatial.transform import Rotation
-
 from anm_mj.io.read_run import Run
+from anm_mj.io.sequence import camera_line
 from anm_mj.io.write import writing
 from anm_mj.utils.read_file import read_text
 
@@ -17,7 +14,7 @@ def export_tum(run: Run, out: Path) -> list[Path]:
     """``trajectory_camera.tum`` and ``trajectory_base.tum``: ``time_s x y z qx qy qz qw`` per frame."""
     camera, base = out / "trajectory_camera.tum", out / "trajectory_base.tum"
     with writing(camera):
-        camera.write_text("".join(_tum_line(frame.time_s, frame.T_world_camera) for frame in run.frames))
+        camera.write_text("".join(f"{camera_line(frame.time_s, frame.T_world_camera)}\n" for frame in run.frames))
         base.write_text(read_text(run.folder.trajectory))
     return [camera, base]
 
@@ -29,8 +26,3 @@ def export_kitti(run: Run, out: Path) -> list[Path]:
         lines = (" ".join(f"{value:.9g}" for value in frame.T_world_camera[:3].ravel()) for frame in run.frames)
         path.write_text("\n".join(lines) + "\n")
     return [path]
-
-
-def _tum_line(time_s: float, T: Float[ndarray, "4 4"]) -> str:
-    values = (time_s, *T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_quat())
-    return " ".join(f"{value:.9g}" for value in values) + "\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,19 +11,24 @@ from msgspec import Meta, Struct
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import T_GL_CV
+from anm_mj.geometry.lens_distortion import EQUIDISTANT, LensDistortion
 from anm_mj.io.read_run import read_json
 from anm_mj.io.run_shapes import Number
 from anm_mj.io.sequence import FRAME_S, Frame, Sequence, require_count
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import convert
 
-_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
-"""Camera models of nerfstudio that are a pinhole but for distortion."""
+_POLYNOMIAL, _FISHEYE = ("k1", "k2", "p1", "p2", "k3"), ("k1", "k2", "k3", "k4")
+_MODELS = {
+    **dict.fromkeys(
+        ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"), ("plumb_bob", _POLYNOMIAL)
+    ),
+    "OPENCV_FISHEYE": (EQUIDISTANT, _FISHEYE),
+}
+"""Camera models of nerfstudio that are a pinhole but for distortion: the distortion's model, and its coefficients."""
 _CAMERA = ("w", "h", "fl_x", "fl_y", "cx", "cy")
-_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _UNIT_M = 0.001
-
-_logger = logging.getLogger(__name__)
 
 
 class _TransformsFrame(Struct):
@@ -57,7 +61,7 @@ def read_nerfstudio(folder: Path) -> Sequence:
     """
     facts = read_json(folder / "transforms.json")
     shape = convert(facts, _Transforms)
-    _check_camera(folder, facts, shape.camera_model)
+    bent = _distortion(folder, facts, shape.camera_model)
     require_count(len(facts["frames"]))
     frames = []
     for index, entry in enumerate(sorted(facts["frames"], key=lambda one: one["file_path"])):
@@ -71,28 +75,32 @@ def read_nerfstudio(folder: Path) -> Sequence:
     unit = float(facts.get("depth_unit_scale_factor", _UNIT_M))
     # Images of ours keep the first pixel of each block.
     ours = facts.get("depth_pixels") == "first of each block"
-    return Sequence(folder, camera, unit, tuple(frames), resize=True, keeps_corner_pixels=ours)
+    return Sequence(folder, camera, unit, tuple(frames), resize=True, keeps_corner_pixels=ours, distortion=bent)
 
 
-def _check_camera(folder: Path, facts: dict[str, Any], model: str) -> None:
-    """Refuse cameras that are no pinhole, or differ from frame to frame; warn of distortion, which is left out."""
-    if model not in _PINHOLES:
+def _distortion(folder: Path, facts: dict[str, Any], model: str) -> LensDistortion | None:
+    """The distortion; cameras that are no pinhole but for that, or differ from frame to frame, are refused."""
+    if model not in _MODELS:
         raise RunFolderError(
             f"{folder / 'transforms.json'} has the camera_model {model!r}, which is no pinhole: give undistorted "
-            f"images (one of {', '.join(_PINHOLES)})."
+            f"images (one of {', '.join(_MODELS)})."
         )
-    for key in _CAMERA:
+    for key in (*_CAMERA, *_DISTORTION):
         if key not in facts and len({frame.get(key) for frame in facts["frames"]}) > 1:
             raise RunFolderError(
                 f"{folder / 'transforms.json'} gives its frames different {key}: a sequence has one camera; map the "
                 "frames of each one alone."
             )
     first = facts["frames"][0]
-    bent = [key for key in _DISTORTION if facts.get(key, first.get(key))]
-    if bent:
-        _logger.warning(
-            "%s: the distortion (%s) is left out; give undistorted images where it is large.", folder, ", ".join(bent)
+    stated = {key: value for key in _DISTORTION if (value := facts.get(key, first.get(key)))}
+    name, keys = _MODELS[model]
+    unknown = sorted(stated.keys() - set(keys))
+    if unknown:
+        raise RunFolderError(
+            f"{folder / 'transforms.json'} states {', '.join(unknown)}, which the camera_model {model!r} has not here; "
+            "give undistorted images."
         )
+    return LensDistortion.of(name, [stated.get(key, 0.0) for key in keys])
 
 
 def _camera(values: dict[str, Any]) -> Intrinsics:

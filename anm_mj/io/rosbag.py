@@ -19,11 +19,12 @@ import numpy as np
 from jaxtyping import Float
 
 from anm_mj.errors import RunFolderError
+from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.bag_images import colour_image, depth_image, encoding_of
 from anm_mj.io.bag_limits import limit_rosbags
 from anm_mj.io.bag_poses import FrameTree, Track
 from anm_mj.io.bag_reader import BagReader, Stamp
-from anm_mj.io.sequence import MATCH_S, Frame, Sequence, nearest_index, say_left_out
+from anm_mj.io.sequence import MATCH_S, Frame, Sequence, bridged, nearest_index, say_left_out
 from anm_mj.types import Intrinsics
 from anm_mj.utils.read_file import open_regular
 
@@ -54,6 +55,8 @@ def read_recording(
     topics: Mapping[str, str],
     depth_unit_m: float | None = None,
     camera: tuple[float, float, float, float] | None = None,
+    *,
+    needs_poses: bool = True,
 ) -> Sequence:
     """Open a recording.
 
@@ -63,6 +66,7 @@ def read_recording(
             the topic of ``pose`` may be ``tf``.
         depth_unit_m: Metres per unit of 16-bit depth; None = 1 mm, as REP 118 has it.
         camera: fx, fy, cx, cy of the colour images [px]; None = as the calibration says.
+        needs_poses: Whether frames without a pose are left out, and a bag that has no poses is refused.
 
     Raises:
         RunFolderError: The package rosbags is missing, the bag cannot be read, or it does not say where the camera was.
@@ -83,7 +87,7 @@ def read_recording(
                 open_regular(file).close()
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
-        bag = _Bag(path, reader, topics, depth_unit_m or 0.001, camera)
+        bag = _Bag(path, reader, topics, depth_unit_m or 0.001, camera, needs_poses)
         # The images are read later; the file is closed with the last of them.
         weakref.finalize(bag, reader.close)
         return bag.sequence()
@@ -100,6 +104,7 @@ class _Bag(BagReader):
 
     depth_unit_m: float
     camera: tuple[float, float, float, float] | None
+    needs_poses: bool
 
     def sequence(self) -> Sequence:
         """The frames of the bag; it stays open for their images."""
@@ -114,24 +119,47 @@ class _Bag(BagReader):
                 camera_frame,
                 colour_frame,
             )
-        intrinsics = self._intrinsics(colour, depth, camera_frame)
-        pose_at = self._poses(camera_frame)
+        intrinsics, distortion = self._intrinsics(colour, depth, camera_frame)
+        says_poses = self.needs_poses or self._says_poses(camera_frame)
+        pose_at = self._poses(camera_frame) if says_poses else lambda _: None
         single = {stamp.time_s: stamp for stamp in reversed(depths)}
         say_left_out(self.path, len(single), len(depths), "their depth has the time of another one")
         pairs = _pairs(sorted(single.values()), colours)
         say_left_out(self.path, len(pairs), len(single), f"no colour is within {MATCH_S:g} s of their depth")
-        frames = [
-            Frame(
-                depth_stamp.time_s - pairs[0][0].time_s,
-                self.later(colour, colour_stamp, colour_image),
-                self.later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
-                T,
+        poses = [pose_at(depth_stamp.time_s) for depth_stamp, _ in pairs]
+        kept = [k for k, T in enumerate(poses) if T is not None or not self.needs_poses]
+        say_left_out(self.path, len(kept), len(pairs), "no pose of the camera is known at their time")
+        matrices, missing = bridged([pairs[k][0].time_s for k in kept], [poses[k] for k in kept])
+        frames = []
+        for k, T in zip(kept, matrices, strict=True):
+            depth_stamp, colour_stamp = pairs[k]
+            frames.append(
+                Frame(
+                    depth_stamp.time_s - pairs[0][0].time_s,
+                    self.later(colour, colour_stamp, colour_image),
+                    self.later(depth, depth_stamp, lambda message: depth_image(message, self.depth_unit_m)),
+                    T,
+                )
             )
-            for depth_stamp, colour_stamp in pairs
-            if (T := pose_at(depth_stamp.time_s)) is not None
-        ]
-        say_left_out(self.path, len(frames), len(pairs), "no pose of the camera is known at their time")
-        return Sequence(self.path, intrinsics, self.depth_unit_m, tuple(frames), resize=True)
+        return Sequence(
+            self.path,
+            intrinsics,
+            self.depth_unit_m,
+            tuple(frames),
+            resize=True,
+            distortion=distortion,
+            has_poses=self.needs_poses or len(missing) < len(kept),
+            interpolated=missing,
+        )
+
+    def _says_poses(self, camera_frame: str) -> bool:
+        """Whether the user names poses, or there are any."""
+        if "pose" in self.topics or self.of_type(*_POSES):
+            return True
+        try:
+            return self._tree().moves(camera_frame)
+        except ValueError:
+            return False
 
     def _image_topic(self, role: str) -> str:
         """The topic of colour or depth: the one that was named, or the only one whose first image is of that kind."""
@@ -139,11 +167,11 @@ class _Bag(BagReader):
         # .../image_raw/compressed is the twin of .../image_raw.
         return self.chosen(role, fit, [topic for topic in fit if topic.rpartition("/")[0] not in fit])
 
-    def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> Intrinsics:
+    def _intrinsics(self, colour: str, depth: str, camera_frame: str) -> tuple[Intrinsics, LensDistortion | None]:
         """As the user says; else of the calibration beside the depth, or of the only one that has its frame."""
         if self.camera is not None:
             rows, cols = colour_image(self.first(colour)).shape[:2]
-            return Intrinsics(cols, rows, *self.camera)
+            return Intrinsics(cols, rows, *self.camera), None
         there = self.of_type(_CALIBRATION)
         beside = [
             topic for images in (depth, colour) for topic in there if topic.rpartition("/")[0] in _folders(images)
@@ -166,13 +194,16 @@ class _Bag(BagReader):
                 f"{topic} in {self.path} says that images are a region of {region.width} x {region.height} pixels of "
                 f"{found.width} x {found.height}; give their own camera by --camera FX,FY,CX,CY."
             )
-        if np.any(found.d if hasattr(found, "d") else found.D) and "rect" not in depth.rpartition("/")[2]:
-            _logger.warning(
-                "%s: the distortion in %s is left out; give undistorted images where it is large.", self.path, topic
-            )
+        bent = None
+        if "rect" not in depth.rpartition("/")[2]:
+            coefficients = np.asarray(found.d if hasattr(found, "d") else found.D, np.float64).tolist()
+            try:
+                bent = LensDistortion.of(found.distortion_model or "plumb_bob", coefficients, f"by {topic}")
+            except ValueError as err:
+                raise RunFolderError(f"{topic} in {self.path}: {err}; record rectified images.") from err
         # ROS measures the principal point from the centre of the first pixel.
         fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5
-        return Intrinsics(int(found.width), int(found.height), float(fx), float(fy), float(cx), float(cy))
+        return Intrinsics(int(found.width), int(found.height), float(fx), float(fy), float(cx), float(cy)), bent
 
     def _poses(self, camera_frame: str) -> Callable[[float], Float[np.ndarray, "4 4"] | None]:
         """Where the camera was at a time: from tf where it leads there, else from the only topic of poses."""

@@ -116,6 +116,11 @@ class RunFolder:
         return self.path / "trajectory_true.tum"
 
     @property
+    def camera_trajectory(self) -> Path:
+        """Camera poses of a tracked sequence in TUM format."""
+        return self.path / "trajectory_camera.tum"
+
+    @property
     def mesh(self) -> Path:
         """The coloured mesh of the neural map."""
         return self.path / "mesh.ply"

@@ -22,10 +22,11 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from msgspec.structs import asdict as asdict_of
 from PIL import Image
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import rigid_transform
+from anm_mj.geometry.lens_distortion import LensDistortion, undistortion
 from anm_mj.io.camera_checks import FARTHEST_M
 from anm_mj.io.image import read_image
 from anm_mj.io.run_folder import empty_folder
@@ -45,6 +46,8 @@ FRAME_S = 1.0 / 30.0
 _DEPTH_UNIT_M = 0.001
 """Depth unit of the PNGs of :class:`SequenceWriter` [m]."""
 _MAX_FRAMES = limit("ANM_MJ_MAX_FRAMES", 200_000)
+_MOST_RANGES = 20
+"""So many ranges of frames are named in one message."""
 _MOST_STRETCHED = 0.03
 """Largest logarithm of the ratio between the aspects of an image and of the camera."""
 
@@ -81,6 +84,12 @@ class Sequence:
     keeps_corner_pixels: bool = False
     """Whether a smaller image holds the first pixel of each block of a larger one, as in a run folder, instead of the
     middle of the block."""
+    distortion: LensDistortion | None = None
+    """Of colour and depth alike; it is taken out of the observations."""
+    has_poses: bool = True
+    """Whether the poses of frames mean something; else all are the same."""
+    interpolated: tuple[int, ...] = ()
+    """Frames whose pose no file states."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -106,6 +115,9 @@ class Sequence:
                     f"Frame {step} of {self.path} has depth of {depth_m.shape} and colour of {rgb.shape[:2]} rows and "
                     f"columns; the camera has {expected}."
                 )
+            if self.distortion is not None:
+                straight = undistortion(camera, self.distortion)
+                rgb, depth_m = straight.colour(rgb), straight.depth(depth_m)
             pose = base_pose(frame.T_world_camera)
             yield Observation(step, frame.time_s, rgb, depth_m, camera, frame.T_world_camera, pose)
 
@@ -113,6 +125,15 @@ class Sequence:
         """The same frames in another world."""
         frames = (replace(frame, T_world_camera=T_new_world @ frame.T_world_camera) for frame in self.frames)
         return replace(self, frames=tuple(frames))
+
+    def first(self) -> Sequence:
+        """The first frame alone."""
+        return replace(self, frames=self.frames[:1])
+
+    def without_poses(self) -> Sequence:
+        """The same frames, all of them at the origin."""
+        frames = (replace(frame, T_world_camera=np.eye(4)) for frame in self.frames)
+        return replace(self, frames=tuple(frames), has_poses=False, interpolated=())
 
     def _check_shape(self, step: int, *shapes: tuple[int, ...]) -> None:
         """Raises RunFolderError for images that are not the camera's, be they larger or smaller."""
@@ -128,6 +149,8 @@ class Sequence:
                 )
 
     def _picked(self, image: np.ndarray, rows: int, cols: int) -> np.ndarray:
+        if image.shape[:2] == (rows, cols):
+            return image
         middle = 0.0 if self.keeps_corner_pixels else 0.5
         row, col = (
             np.floor((np.arange(count) + middle) * size / count).astype(np.int64)
@@ -160,15 +183,20 @@ class Sequence:
         return np.where((depth_m > 0.0) & (depth_m <= FARTHEST_M), depth_m, np.float32(np.nan))
 
 
-def read_sequence(path: Path) -> Sequence:
+def read_sequence(path: Path, *, needs_poses: bool = True) -> Sequence:
     """Open a sequence of this project's own layout.
+
+    Args:
+        path: Its folder.
+        needs_poses: Whether it is refused without poses.tum.
 
     Raises:
         RunFolderError: camera.json or poses.tum is missing or invalid.
     """
     try:
         camera = convert(read_json(path / "camera.json"), _CameraShape)
-        lines = read_table(path / "poses.tum")
+        has_poses = needs_poses or (path / "poses.tum").is_file()
+        lines = read_table(path / "poses.tum") if has_poses else _unposed_lines(path)
         if lines.shape[1] != 8 or not np.isfinite(lines).all():
             raise ValueError("poses.tum needs eight numbers in every line")
         require_count(len(lines))
@@ -187,7 +215,14 @@ def read_sequence(path: Path) -> Sequence:
         frames.append(Frame(float(line[0]), colour, depth, tum_matrix(line[1:4], line[4:8])))
     facts = asdict_of(camera)
     unit = facts.pop("depth_unit_m")
-    return Sequence(path, Intrinsics(**facts), unit, tuple(frames))
+    return Sequence(path, Intrinsics(**facts), unit, tuple(frames), has_poses=has_poses)
+
+
+def _unposed_lines(path: Path) -> np.ndarray:
+    """Lines for the colour images of a sequence without poses."""
+    lines = np.zeros((sum(1 for _ in (path / "rgb").glob("*.png")), 8))
+    lines[:, 0], lines[:, 7] = np.arange(len(lines)) * FRAME_S, 1.0
+    return lines
 
 
 class SequenceWriter:
@@ -223,7 +258,7 @@ class SequenceWriter:
             Image.fromarray(depth).save(self._path / "depth" / name, compress_level=1)
             Image.fromarray(observation.rgb).save(self._path / "rgb" / name, compress_level=1)
             with (self._path / "poses.tum").open("a", encoding="utf-8") as file:
-                file.write(_tum_line(observation.time_s, observation.T_world_camera) + "\n")
+                file.write(camera_line(observation.time_s, observation.T_world_camera) + "\n")
         self._frames += 1
 
 
@@ -254,9 +289,54 @@ def base_pose(T_world_camera: Float[np.ndarray, "4 4"]) -> Pose2:
     return Pose2(x, y, math.atan2(ahead[1], ahead[0]))
 
 
-def _tum_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
-    values = (time_s, *T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
-    return " ".join(f"{value:.9g}" for value in values)
+def camera_line(time_s: float, T_world_camera: Float[np.ndarray, "4 4"]) -> str:
+    """A camera pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
+    values = (*T_world_camera[:3, 3], *Rotation.from_matrix(T_world_camera[:3, :3]).as_quat())
+    return " ".join((time_text(time_s), *(f"{value:.9g}" for value in values)))
+
+
+def time_text(time_s: float) -> str:
+    """A time in the TUM format, to the microsecond also where it is counted from 1970."""
+    return f"{time_s:.9g}" if abs(time_s) < 1e4 else f"{time_s:.6f}"
+
+
+def bridged(
+    times_s: list[float], poses: list[Float[np.ndarray, "4 4"] | None]
+) -> tuple[list[Float[np.ndarray, "4 4"]], tuple[int, ...]]:
+    """Poses without gaps, and the frames that had none: in a gap they lie between those before and after it.
+
+    Where no frame has any, all are at the origin.
+    """
+    known = [k for k, pose in enumerate(poses) if pose is not None]
+    missing = [k for k, pose in enumerate(poses) if pose is None]
+    if not known:
+        return [np.eye(4)] * len(poses), tuple(missing)
+    at = np.array([times_s[k] for k in known])
+    stated = np.array([poses[k] for k in known])
+    at, first = np.unique(at, return_index=True)
+    stated = stated[first]
+    filled = [np.eye(4) if pose is None else pose for pose in poses]
+    if missing:
+        wanted = np.clip([times_s[k] for k in missing], at[0], at[-1])
+        xyz = np.stack([np.interp(wanted, at, stated[:, axis, 3]) for axis in range(3)], axis=1)
+        # One pose alone has no other to turn to.
+        turned = Slerp(at, Rotation.from_matrix(stated[:, :3, :3]))(wanted).as_matrix() if len(at) > 1 else None
+        for place, k in enumerate(missing):
+            rotation = stated[0, :3, :3] if turned is None else turned[place]
+            filled[k] = rigid_transform(rotation.ravel(), xyz[place])
+    return filled, tuple(missing)
+
+
+def ranges_text(numbers: list[int]) -> str:
+    """Ascending whole numbers in words: ``3-7, 9``, the first ranges of many."""
+    ranges: list[list[int]] = []
+    for number in numbers:
+        if ranges and number == ranges[-1][1] + 1:
+            ranges[-1][1] = number
+        else:
+            ranges.append([number, number])
+    words = [str(low) if low == high else f"{low}-{high}" for low, high in ranges[:_MOST_RANGES]]
+    return ", ".join(words) + (f" and {len(ranges) - _MOST_RANGES} more" if len(ranges) > _MOST_RANGES else "")
 
 
 def tum_matrix(xyz_m: Float[np.ndarray, "3"], quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:

@@ -10,17 +10,19 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from anm_mj.errors import RunFolderError
 from anm_mj.frames import pixel_directions, rigid_transform, transform_points
+from anm_mj.geometry.lens_distortion import LensDistortion
 from anm_mj.io.camera_checks import FARTHEST_M, check_camera, check_time, no_poses
 from anm_mj.io.nerfstudio_sequence import read_nerfstudio
 from anm_mj.io.read_run import read_run
 from anm_mj.io.replica_sequence import read_replica
 from anm_mj.io.rosbag import is_recording, read_recording
-from anm_mj.io.sequence import Frame, Sequence, read_sequence, require_below
+from anm_mj.io.sequence import Frame, Sequence, ranges_text, read_sequence, require_below
 from anm_mj.io.tum_sequence import read_tum
 
 UP = {
@@ -33,6 +35,8 @@ UP = {
 BAG = "rosbag"
 """The layout that is no folder of images."""
 _FLOOR_FRAMES, _FLOOR_BIN_M, _FLOOR_SHARE = 30, 0.02, 0.3
+_GUESSED_M = 1.0
+"""A camera of which nothing is known stands so high [m]."""
 _HEIGHTS_M = (0.05, 50.0)
 """Cameras stand between these above the floor [m]."""
 
@@ -49,14 +53,22 @@ class SequenceOptions:
     """fx, fy, cx, cy [px]; the principal point measured from the corner of the image."""
     depth_unit_m: float | None = None
     """Metres per unit of a depth PNG."""
-    up: str = "z"
-    """Axis of the sequence's world that points up: a key of ``UP``."""
+    up: str | None = None
+    """Axis of the sequence's world that points up: a key of ``UP``; None = z. Without poses that world is the first
+    camera's: None = -y, a camera that is held level."""
     floor_m: float | None = None
-    """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others."""
+    """Height of the floor along that axis [m]; None = 0 in layouts of ours, found from the depth in others, without
+    poses from that of the first frame."""
     every: int = 1
     """Only every n-th frame is read."""
     topics: Mapping[str, str] = field(default_factory=dict)
     """Of a ROS bag, by role; see :mod:`anm_mj.io.rosbag`."""
+    needs_poses: bool = True
+    """Whether frames without a pose are left out; else they are interpolated, or there are none at all."""
+    ignores_poses: bool = False
+    """Whether the poses of the files are not used."""
+    distortion: LensDistortion | Literal["files"] | None = "files"
+    """Of the lens; None = there is none, ``files`` = as they say."""
 
 
 def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[Sequence, str]:
@@ -72,16 +84,31 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     options = options or SequenceOptions()
     if options.layout is not None and options.layout not in (*LAYOUTS, BAG):
         raise RunFolderError(f"There is no layout '{options.layout}'; choose from {', '.join((*LAYOUTS, BAG))}.")
-    if options.up not in UP:
+    if options.up is not None and options.up not in UP:
         raise RunFolderError(f"--up is '{options.up}'; it must be one of {', '.join(UP)}.")
     if options.every < 1:
         raise RunFolderError(f"--every is {options.every}; give a whole number from 1 up.")
     if options.layout == BAG or (options.layout is None and is_recording(path)):
-        sequence, found = read_recording(path, options.topics, options.depth_unit_m, options.camera), BAG
+        sequence = read_recording(
+            path, options.topics, options.depth_unit_m, options.camera, needs_poses=options.needs_poses
+        )
+        found = BAG
     else:
         sequence, found = _read_folder(path, options)
     if not sequence.frames:
         raise RunFolderError(f"{path} holds no frame that has colour, depth and a pose.")
+    if options.ignores_poses:
+        sequence = sequence.without_poses()
+    if sequence.has_poses and sequence.interpolated:
+        _logger.warning(
+            "%s: %d of %d frames have no pose (%s); it is interpolated, as a prior.",
+            path,
+            len(sequence.interpolated),
+            len(sequence),
+            ranges_text(list(sequence.interpolated)),
+        )
+    if options.distortion != "files":
+        sequence = replace(sequence, distortion=options.distortion)
     if options.camera is not None:
         fx, fy, cx, cy = options.camera
         sequence = replace(sequence, intrinsics=replace(sequence.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy))
@@ -91,10 +118,12 @@ def open_sequence(path: Path, options: SequenceOptions | None = None) -> tuple[S
     if options.floor_m is not None and not abs(options.floor_m) <= FARTHEST_M:
         raise RunFolderError(f"--floor is {options.floor_m}; give the height of the floor in metres.")
     sequence = replace(sequence, frames=sequence.frames[:: options.every])
-    sequence = sequence.moved(rigid_transform(UP[options.up].ravel(), np.zeros(3)))
+    up = options.up or ("z" if sequence.has_poses else "-y")
+    sequence = sequence.moved(rigid_transform(UP[up].ravel(), np.zeros(3)))
     floor_m = options.floor_m
     if floor_m is None:
-        floor_m = 0.0 if found in LAYOUTS and LAYOUTS[found].ours else find_floor_m(sequence)
+        ours = sequence.has_poses and found in LAYOUTS and LAYOUTS[found].ours
+        floor_m = 0.0 if ours else find_floor_m(sequence) if sequence.has_poses else _floor_below_first_m(sequence)
     _check_heights(sequence, floor_m)
     return sequence.moved(rigid_transform(np.eye(3).ravel(), np.array([0.0, 0.0, -floor_m]))), found
 
@@ -105,12 +134,15 @@ def _read_folder(path: Path, options: SequenceOptions) -> tuple[Sequence, str]:
         raise RunFolderError(f"{path} is no ROS bag, so it has no topics; leave out --topic.")
     if not os.path.isdir(folder):  # Unlike Path.is_dir, never an error.
         raise RunFolderError(f"{folder} is not a folder; give that of a recorded sequence.")
-    found = options.layout or next((name for name, layout in LAYOUTS.items() if (folder / layout.sign).exists()), None)
+    signs = {name: layout.sign if options.needs_poses else layout.unposed_sign for name, layout in LAYOUTS.items()}
+    found = options.layout or next((name for name, sign in signs.items() if (folder / sign).exists()), None)
     if found is None:
-        signs = ", ".join(f"{layout.sign} ({name})" for name, layout in LAYOUTS.items())
+        if options.needs_poses and (folder / LAYOUTS["tum"].unposed_sign).exists():
+            raise RunFolderError(f"{folder} has no groundtruth.txt; give --track to find its poses.")
+        signs = ", ".join(f"{sign} ({name})" for name, sign in signs.items())
         raise RunFolderError(f"{folder} is no recorded sequence; it has none of {signs}.")
     try:
-        return LAYOUTS[found].read(folder), found
+        return LAYOUTS[found].read(folder, options.needs_poses), found
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as err:
         raise RunFolderError(f"{folder} cannot be read in the layout {found} ({err!r}).") from err
 
@@ -172,6 +204,19 @@ def _check_heights(sequence: Sequence, floor_m: float) -> None:
         )
 
 
+def _floor_below_first_m(sequence: Sequence) -> float:
+    """Height of the floor below the first camera [m], which is the origin; a guess is said."""
+    try:
+        return find_floor_m(sequence.first())
+    except RunFolderError:
+        _logger.warning(
+            "The first frame of %s shows nothing below the camera: the floor is taken to be %g m below (--floor).",
+            sequence.path,
+            _GUESSED_M,
+        )
+        return -_GUESSED_M
+
+
 def find_floor_m(sequence: Sequence) -> float:
     """Height of the floor: the lowest level that holds many of the points below the cameras [m]."""
     some = replace(sequence, frames=sequence.frames[:: max(1, len(sequence) // _FLOOR_FRAMES)])
@@ -213,15 +258,25 @@ class Layout:
 
     sign: str
     """A file that only this layout has."""
-    read: Callable[[Path], Sequence]
+    read: Callable[[Path, bool], Sequence]
+    """From its folder, and whether poses are needed."""
+    unposed: str | None = None
+    """A file that it has even without poses; None = it always has them."""
     ours: bool = False
     """Whether the floor is at z = 0 by definition."""
 
+    @property
+    def unposed_sign(self) -> str:
+        """How it is recognised where poses are not needed."""
+        return self.unposed or self.sign
+
 
 LAYOUTS = {
-    "run": Layout("frames.jsonl", _run, ours=True),
-    "anm-mj": Layout("poses.tum", read_sequence, ours=True),
-    "tum": Layout("groundtruth.txt", read_tum),
-    "nerfstudio": Layout("transforms.json", read_nerfstudio),
-    "replica": Layout("traj.txt", read_replica),
+    "run": Layout("frames.jsonl", lambda folder, _: _run(folder), ours=True),
+    "anm-mj": Layout(
+        "poses.tum", lambda folder, needed: read_sequence(folder, needs_poses=needed), "camera.json", ours=True
+    ),
+    "tum": Layout("groundtruth.txt", lambda folder, needed: read_tum(folder, needs_poses=needed), "depth.txt"),
+    "nerfstudio": Layout("transforms.json", lambda folder, _: read_nerfstudio(folder)),
+    "replica": Layout("traj.txt", lambda folder, _: read_replica(folder)),
 }

@@ -56,6 +56,7 @@ class NeuralMap:
         """
         self.field = Field(config, seed=seed, device=device)
         self.occupancy = Occupancy(config)
+        """The occupancy grid, by depth alone and as the field refines it."""
         self._prior: PriorSurface | None = None
         """What was here before, where the map goes on from that of a prior run."""
         self._start_readers()

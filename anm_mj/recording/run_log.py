@@ -17,6 +17,7 @@ from anm_mj.ground_truth.reduced_depth import EVALUATION_SIDE_PX, reduce_depth
 from anm_mj.io.jsonl import LineWriter
 from anm_mj.io.plan_file import PlanRecord, write_plan
 from anm_mj.io.run_folder import RunFolder
+from anm_mj.io.sequence import time_text
 from anm_mj.io.to_json import write_json
 from anm_mj.io.write import writing
 from anm_mj.localisation.localiser import PoseEstimate
@@ -206,8 +207,8 @@ def _remove_after(folder: RunFolder, step: int) -> None:
 def tum_line(time_s: float, pose: Pose2) -> str:
     """A base pose in the TUM format: seconds, position [m], quaternion with the scalar last."""
     half = pose.yaw_rad / 2.0
-    values = (time_s, pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
-    return " ".join(f"{value:.9g}" for value in values)
+    values = (pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+    return " ".join((time_text(time_s), *(f"{value:.9g}" for value in values)))
 
 
 def _small(rgb: UInt8[np.ndarray, "h w 3"]) -> Image.Image:

@@ -192,12 +192,28 @@ def test_images_that_were_recorded_at_one_time_are_told_apart(tmp_path):
     check(open_sequence(path, SequenceOptions(floor_m=0.0))[0])
 
 
-def test_distortion_and_depth_of_another_camera_are_said(tmp_path, caplog):
+def test_distortion_is_taken_out_and_depth_of_another_camera_is_said(tmp_path, caplog):
     bent = changed(INFO, lambda m, k: replace(m, d=np.full(5, 0.1)))
     said = changed(COLOUR, lambda m, k: replace(m, header=replace(m.header, frame_id="other")), bent)
-    open_sequence(write_bag(tmp_path / "bag", said))
-    assert "the distortion in /camera/aligned_depth_to_color/camera_info is left out" in caplog.text
+    sequence, _ = open_sequence(write_bag(tmp_path / "bag", said))
+    assert sequence.distortion.coefficients == (0.1,) * 5
+    assert sequence.distortion.source == "by /camera/aligned_depth_to_color/camera_info"
     assert "depth is of the frame 'optical' and colour of 'other'" in caplog.text
+
+
+def test_a_model_of_distortion_that_is_unknown_is_refused(tmp_path):
+    said = changed(INFO, lambda m, k: replace(m, d=np.full(4, 0.1), distortion_model="division"))
+    with pytest.raises(RunFolderError, match="the distortion model 'division' is none of plumb_bob"):
+        open_sequence(write_bag(tmp_path / "bag", said))
+
+
+def test_a_bag_without_poses_can_be_tracked(tmp_path):
+    path = write_bag(tmp_path / "bag", images())
+    with pytest.raises(RunFolderError, match="no topic for pose"):
+        open_sequence(path)
+    sequence, _ = open_sequence(path, SequenceOptions(needs_poses=False))
+    assert not sequence.has_poses
+    assert len(sequence) == 5
 
 
 def test_a_unit_that_lifts_the_cameras_is_said(tmp_path, caplog):

@@ -256,17 +256,76 @@ def test_a_nerfstudio_camera_that_is_no_pinhole_is_refused(tmp_path, change, sai
         open_sequence(tmp_path)
 
 
-def test_distortion_and_times_that_run_backwards_are_said(tmp_path, caplog):
+@pytest.mark.parametrize(
+    ("model", "stated", "expected"),
+    [
+        ("OPENCV", {"k1": 0.3, "p2": 0.01}, ("plumb_bob", (0.3, 0.0, 0.0, 0.01, 0.0))),
+        ("OPENCV_FISHEYE", {"k1": 0.1, "k4": 0.02}, ("equidistant", (0.1, 0.0, 0.0, 0.02))),
+        ("SIMPLE_RADIAL", {"k1": 0.1}, ("plumb_bob", (0.1, 0.0, 0.0, 0.0, 0.0))),
+    ],
+)
+def test_the_distortion_of_nerfstudio_is_taken_out(tmp_path, model, stated, expected):
+    write_nerfstudio(tmp_path)
+    _changed(tmp_path / "transforms.json", lambda facts: facts.update(stated, camera_model=model))
+    sequence, _ = open_sequence(tmp_path, SequenceOptions(floor_m=0.0))
+    assert (sequence.distortion.model, sequence.distortion.coefficients) == expected
+    plain, _ = open_sequence(tmp_path, SequenceOptions(floor_m=0.0, distortion=None))
+    bent, straight = next(plain.observations()), next(sequence.observations())
+    assert not np.array_equal(straight.depth_m, bent.depth_m, equal_nan=True)
+    # The centre stays.
+    assert straight.depth_m[24, 32] == bent.depth_m[24, 32]
+
+
+def test_a_distortion_that_a_model_has_not_is_refused(tmp_path):
+    write_nerfstudio(tmp_path)
+    _changed(tmp_path / "transforms.json", lambda facts: facts.update(k4=0.1))
+    with pytest.raises(RunFolderError, match="states k4, which the camera_model 'OPENCV' has not here"):
+        open_sequence(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "k1"), [("freiburg1", 0.2624), ("freiburg2", 0.2312), ("freiburg3", None)])
+def test_the_cameras_of_tum_are_known_by_the_folder(tmp_path, name, k1):
+    folder = tmp_path / f"rgbd_dataset_{name}_desk"
+    folder.mkdir()
+    write_tum(folder)
+    sequence, _ = open_sequence(folder, SequenceOptions(floor_m=0.0))
+    if k1 is None:
+        assert sequence.distortion is None
+    else:
+        assert sequence.distortion.coefficients[0] == k1
+        assert f"as published for {name}, by the folder's name" in sequence.distortion.source
+
+
+def test_poses_may_be_absent_or_have_gaps_where_they_are_found(tmp_path, caplog):
+    write_tum(tmp_path)
+    truth = tmp_path / "groundtruth.txt"
+    lines = truth.read_text().splitlines()
+    truth.write_text("\n".join(lines[:3] + lines[4:]) + "\n")
+    sequence, _ = open_sequence(tmp_path, SequenceOptions(floor_m=0.0, needs_poses=False))
+    assert len(sequence) == 5
+    assert sequence.interpolated == (2,)
+    before, between, after = (frame.T_world_camera[:3, 3] for frame in sequence.frames[1:4])
+    np.testing.assert_allclose(between, (before + after) / 2, atol=1e-9)
+    truth.unlink()
+    with pytest.raises(RunFolderError, match="give --track"):
+        open_sequence(tmp_path)
+    unposed, found = open_sequence(tmp_path, SequenceOptions(needs_poses=False))
+    assert (found, unposed.has_poses, len(unposed)) == ("tum", False, 5)
+    # By TUM's usual camera these small images show what is above only.
+    assert "shows nothing below the camera: the floor is taken to be 1 m below" in caplog.text
+    assert unposed.frames[0].T_world_camera[2, 3] == 1.0
+    assert len({frame.T_world_camera.tobytes() for frame in unposed.frames}) == 1
+
+
+def test_times_that_run_backwards_are_said(tmp_path, caplog):
     write_nerfstudio(tmp_path)
 
     def change(facts):
-        facts["k1"] = 0.3
         for frame in facts["frames"]:
             frame["time"] = 100 if "000" in frame["file_path"] else 50
 
     _changed(tmp_path / "transforms.json", change)
     open_sequence(tmp_path)
-    assert "distortion (k1) is left out" in caplog.text
     assert "run backwards (frame " in caplog.text
 
 

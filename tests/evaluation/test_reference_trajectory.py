@@ -1,0 +1,82 @@
+"""The error of a tracked camera against poses that somebody else measured, in a world and at times of their own."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from anm_mj.errors import RunFolderError
+from anm_mj.evaluation.reference_trajectory import read_reference, reference_error
+from anm_mj.io.run_records import FrameRecord
+from anm_mj.io.sequence import base_pose, camera_line
+
+
+def pose(t):
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec([0.1 * t, 0.3 * t, -0.2 * t]).as_matrix()
+    T[:3, 3] = [0.5 * t, 0.2 * np.sin(t), 1.0]
+    return T
+
+
+ELSEWHERE = np.eye(4)
+ELSEWHERE[:3, :3] = Rotation.from_rotvec([0.4, -1.0, 0.7]).as_matrix()
+ELSEWHERE[:3, 3] = [7.0, -3.0, 2.0]
+
+
+@pytest.fixture
+def reference(tmp_path):
+    """Every 10 ms, from 0 to 3 s, in another world."""
+    path = tmp_path / "reference.tum"
+    times = 0.005 + 0.01 * np.arange(300)
+    path.write_text("# time x y z qx qy qz qw\n" + "".join(f"{camera_line(t, ELSEWHERE @ pose(t))}\n" for t in times))
+    return read_reference(path)
+
+
+def frames(error=None, lost=(), last_s=3.0):
+    records = []
+    for step, t in enumerate(np.arange(0.1, last_s, 0.1).tolist()):
+        T = pose(t)
+        if error is not None:
+            T = T.copy()
+            T[:3, 3] += error(t)
+        records.append(FrameRecord(step, t, base_pose(T), T, base_pose(T), T, step in lost, step not in lost))
+    return records
+
+
+def test_the_same_trajectory_in_another_world_has_no_error(reference):
+    found = reference_error(frames(), reference)
+    assert found.position_rmse_cm < 0.01  # Interpolated over 10 ms.
+    assert found.ate_rmse_cm < 0.01
+    assert found.final_position_error_cm < 0.01
+    assert found.lost_percent == 0.0
+
+
+def test_errors_are_measured_from_the_first_pose_and_after_alignment(reference):
+    # From the second frame on everything lies 10 cm to the side.
+    found = reference_error(frames(lambda t: np.array([0.0, 0.1 * (t > 0.15), 0.0])), reference)
+    count = len(frames())
+    assert found.position_rmse_cm == pytest.approx(10.0 * np.sqrt((count - 1) / count), rel=1e-3)
+    assert found.ate_rmse_cm < 2.0
+    assert found.final_position_error_cm == pytest.approx(10.0, rel=1e-3)
+
+
+def test_lost_frames_count_in_their_share_alone(reference):
+    wrong = frames(lambda t: np.array([5.0 * (0.95 < t < 1.25), 0.0, 0.0]), lost=(9, 10, 11))
+    found = reference_error(wrong, reference)
+    assert found.position_rmse_cm < 0.01
+    assert found.lost_percent == pytest.approx(100.0 * 3 / len(wrong))
+    assert found.unmapped_percent == found.lost_percent
+
+
+def test_a_reference_of_other_times_says_nothing(reference, tmp_path):
+    assert reference_error(frames(last_s=0.25), reference) is None
+    late = [FrameRecord(f.step, f.time_s + 100.0, f.pose, f.T_world_camera, f.pose, f.T_world_camera) for f in frames()]
+    assert reference_error(late, reference) is None
+
+
+@pytest.mark.parametrize("text", ["1 2 3\n", "a b c d e f g h\n", "0 0 0 0 0 0 0 nan\n"])
+def test_what_is_no_trajectory_is_one_sentence(tmp_path, text):
+    (tmp_path / "poses.tum").write_text(text)
+    with pytest.raises(RunFolderError, match="cannot be read as poses in TUM format"):
+        read_reference(tmp_path / "poses.tum")
+    with pytest.raises(RunFolderError, match="cannot be read"):
+        read_reference(tmp_path / "none.tum")
