@@ -13,7 +13,7 @@ from anm_mj.utils.settings import check_settings, setting
 class RegistrationConfig:
     """How one frame is registered to the field."""
 
-    num_points: int = setting(1000, at_least=50, at_most=65_536)
+    num_points: int = setting(800, at_least=50, at_most=65_536)
     """Pixels of a frame that are registered."""
     range_m: float = 8.0
     """Pixels farther away are left out [m]."""

@@ -18,6 +18,8 @@ from anm_mj.mapping.alignment import FramePoints
 from anm_mj.types import Observation
 from anm_mj.utils.native_functions import native_function
 
+_MOST_TRIED, _LATEST_TRIED = 12, 3
+"""Images that are looked at for the oldest that shows enough, and for the latest that shows most."""
 _GRAY = np.array([0.299, 0.587, 0.114], np.float32)
 
 
@@ -70,20 +72,23 @@ class KeyImages:
     def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
         """The oldest images that show enough of a frame's points, and the one that shows most: old ones drifted least."""
         config = self.config
-        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-        position, axis = T_world_camera[:3, 3], T_world_camera[:3, 2]
-        shares: list[tuple[float, int]] = []
-        for k, image in enumerate(self.images):
-            apart = image.T_world_camera[:3, 3] - position
-            if apart @ apart > config.most_apart_m**2 or image.T_world_camera[:3, 2] @ axis < config.least_cosine:
-                continue
-            shares.append((_share_in(image, world), k))
-        if not shares:
+        if not self.images:
             return []
-        enough = [k for share, k in shares if share >= config.least_overlap]
-        chosen = enough[: config.num_images - 1]
-        best = max(shares)[1]
-        return [self.images[k] for k in dict.fromkeys([*chosen, best])]
+        world = points.camera_m[::8] @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+        poses = np.stack([image.T_world_camera for image in self.images])
+        apart = np.linalg.norm(poses[:, :3, 3] - T_world_camera[:3, 3], axis=1)
+        near = (apart <= config.most_apart_m) & (poses[:, :3, 2] @ T_world_camera[:3, 2] >= config.least_cosine)
+        candidates = np.flatnonzero(near).tolist()
+        chosen: list[int] = []
+        for k in candidates[:_MOST_TRIED]:
+            if len(chosen) >= config.num_images - 1:
+                break
+            if _share_in(self.images[k], world) >= config.least_overlap:
+                chosen.append(k)
+        latest = candidates[-_LATEST_TRIED:]
+        if latest:
+            chosen.append(max(latest, key=lambda k: _share_in(self.images[k], world)))
+        return [self.images[k] for k in dict.fromkeys(chosen)]
 
     def equations(
         self,
