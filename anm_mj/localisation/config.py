@@ -111,7 +111,7 @@ class TrackingConfig:
     """A frame enters the map when at least this share of its known points fits."""
     least_known: float = setting(0.1, at_least=0.0, at_most=1.0)
     """With fewer known points the map says nothing of a pose; the prior's stays."""
-    least_agreement: float = setting(0.5, at_least=0.0, at_most=1.0)
+    least_agreement: float = setting(0.7, at_least=0.0, at_most=1.0)
     """And when of the points that the occupancy grid knows something of, it confirms at least this share."""
     most_deviation_m: float = 0.05
     """And when the standard deviation of its position is at most this [m]."""

@@ -20,6 +20,7 @@ from anm_mj.localisation.motion import moved_at_constant_velocity, moved_by_odom
 from anm_mj.localisation.registration import FREE, PLANAR, Extra, Prior, Registration, Sums, register_from_several
 from anm_mj.localisation.relocaliser import Hypothesis, Relocaliser
 from anm_mj.mapping.alignment import FramePoints
+from anm_mj.mapping.depth_noise import inverse_depth_noise
 from anm_mj.types import Observation, Pose2, TrainingEffort
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ class FieldLocaliser:
         self._num_frames = 0
         self._num_mapped = 0
         self._since_keyframe = 0
+        self._agreement = math.nan
         self._misfits = 0
         """Frames in a row that did not fit."""
         self._state = TrackingState.LOST if lost else TrackingState.TRACKING
@@ -97,7 +99,8 @@ class FieldLocaliser:
         lost = self._state is TrackingState.LOST
         if not self._map.is_trained or (self._T_world_camera is None and not lost):
             if self._num_frames == 1:
-                self._key_images.add(observation)
+                # The map has not seen the sensor yet.
+                self._key_images.add(observation, inverse_depth_noise(observation.depth_m) or 0.0)
             return self._estimate(observation, observation.T_world_camera, None, usable=True)
         prior = self._prior(observation)
         noise = self._map.observed.depth_noise_per_m
@@ -111,6 +114,7 @@ class FieldLocaliser:
         extra = self._extra(points, prior, noise)
         found = register_from_several(points, prior, self._map.backend.align, self._known, settings, extra)
         fits = agreement(points, found.T_world_camera, self._map.observed)
+        self._agreement = fits.share
         tracking = self.config.tracking
         misfit = fits.known >= tracking.least_known and fits.share < tracking.least_agreement
         if misfit or (found.known >= tracking.least_known and found.inliers < tracking.least_inliers):
@@ -135,7 +139,7 @@ class FieldLocaliser:
         is_keyframe = self._since_keyframe >= (tracking.fresh_keyframe_every if fresh else tracking.keyframe_every)
         if is_keyframe:
             self._since_keyframe = 0
-            self._key_images.add(estimate.observation)
+            self._key_images.add(estimate.observation, self._map.observed.depth_noise_per_m)
         iterations = tracking.young_iterations if young else tracking.iterations
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
@@ -232,7 +236,7 @@ class FieldLocaliser:
         if found is None:
             quality = RegistrationQuality(0.0, 0.0, math.nan, 0, dof)
         else:
-            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof)
+            quality = RegistrationQuality(found.known, found.inliers, found.rmse_m, found.bound, dof, self._agreement)
         placed = replace(observation, T_world_camera=T_world_camera, pose=self._base(T_world_camera))
         covariance = self._basis @ self._covariance @ self._basis.T
         return PoseEstimate(placed, covariance, quality, self._state, usable and self._state is TrackingState.TRACKING)

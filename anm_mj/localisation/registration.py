@@ -65,6 +65,8 @@ class Registration:
     """Share of the points that lie at known surface."""
     inliers: float
     """Mean robust weight of these."""
+    colors: float
+    """Mean robust weight of their colours; 1 without colours."""
     rmse_m: float
     """Root of the weighted mean squared distance [m]; NaN without points."""
     bound: int
@@ -139,6 +141,7 @@ def register(
         np.linalg.inv(hessian + information),
         float(np.count_nonzero(trusted.trust)) / max(1, len(points)),
         weight / count if count else 0.0,
+        float(equations.facts[1, 1]) / weight if weight and config.color_deviation else 1.0,
         rmse,
         int(np.count_nonzero(gain > 1.0)),
         iteration,
