@@ -59,6 +59,8 @@ class KeyImageConfig:
 
     num_images: int = setting(2, at_least=0, at_most=100)
     """So many of them; 0 = the field alone."""
+    most_images: int = setting(300, at_least=2, at_most=100_000)
+    """So many are kept at most; then one of those that are most alike goes."""
     longest_px: int = setting(160, at_least=16, at_most=4096)
     """They are reduced to at most so many pixels along the longer side."""
     least_overlap: float = 0.5
@@ -122,16 +124,16 @@ class TrackingConfig:
     young_frames: int = setting(60, at_least=0)
     """Mapped frames at first that are trained on with ``young_iterations``."""
     young_iterations: int = setting(15, at_most=10_000)
-    """Training iterations on each of the first frames, which decide all later drift."""
+    """Training iterations on each of the first frames, which decide all later drift, and of those with new surface."""
     iterations: int = setting(5, at_most=10_000)
     """Training iterations on later ones."""
     keyframe_every: int = setting(5, at_most=1e9)
     """Each n-th mapped frame becomes a keyframe."""
-    fresh_keyframe_every: int = setting(2, at_most=1e9)
+    fresh_keyframe_every: int = setting(1, at_most=1e9)
     """Each n-th of the first frames, and of those that show much new surface."""
     familiar: float = setting(0.9, at_least=0.0, at_most=1.0)
     """A frame of whose points a smaller share is known shows much new surface."""
-    current_rays: int = setting(100, at_least=1, at_most=65_536)
+    current_rays: int = setting(250, at_least=1, at_most=65_536)
     """Rays per iteration from the frame at hand at most: with too many the map follows the error of its pose."""
 
     def __post_init__(self) -> None:

@@ -57,11 +57,11 @@ class FieldLocaliser:
             neural_map: What frames are registered to, and are mapped into by somebody else.
             config: Settings.
             seed: What the choice of points comes from.
-            planar: Whether the camera moves with a base on the floor (x, y, yaw), its height and tilt being those of the
-                observations, or freely.
+            planar: Whether the camera moves with a base on the floor (x, y, yaw) at the observations' height and tilt, or
+                freely.
             odometry: Whether the poses of observations tell the motion between two frames; else it is as it was before.
             base_pose: What gives the base of a camera pose; None = the camera is mounted as at the first frame.
-            lost: Whether the first pose is unknown in a map that there is already, but for the camera's height and tilt.
+            lost: Whether there is a map already, in which of the first pose only height and tilt are known.
         """
         self.config = config
         self._map = neural_map
@@ -140,7 +140,7 @@ class FieldLocaliser:
         if is_keyframe:
             self._since_keyframe = 0
             self._key_images.add(estimate.observation, self._map.observed.depth_noise_per_m)
-        iterations = tracking.young_iterations if young else tracking.iterations
+        iterations = tracking.young_iterations if fresh else tracking.iterations
         return TrainingEffort(iterations, tracking.current_rays, is_keyframe)
 
     def _extra(self, points: FramePoints, prior: Prior, noise_per_m: float) -> Extra | None:

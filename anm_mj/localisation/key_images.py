@@ -61,7 +61,7 @@ def key_image(observation: Observation, longest_px: int, noise_per_m: float = 0.
     picked = slice(factor // 2, rows * factor, factor), slice(factor // 2, cols * factor, factor)
     gray = gray_values(observation.rgb[: rows * factor, : cols * factor].astype(np.float32))
     gray = gray.reshape(rows, factor, cols, factor).mean(axis=(1, 3)) / np.float32(255.0)
-    # The picked pixel's centre is the reduced pixel's: of an even factor it lies half a pixel behind the block's middle.
+    # The picked pixel's centre is the reduced pixel's; of an even factor it lies half a pixel behind the middle.
     shift = 0.5 - (factor // 2 + 0.5) / factor
     camera = np.array([k.fx / factor, k.fy / factor, k.cx / factor + shift, k.cy / factor + shift])
     radius = 0
@@ -102,9 +102,15 @@ class KeyImages:
     def add(self, observation: Observation, noise_per_m: float) -> None:
         """Keep a frame whose pose is known, of a sensor whose depth deviates by ``noise_per_m`` times its square."""
         self.images.append(key_image(observation, self.config.longest_px, noise_per_m))
+        if len(self.images) > self.config.most_images:
+            poses = np.stack([image.T_world_camera for image in self.images])
+            apart = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+            turned = np.linalg.norm(np.diff(poses[:, :3, 2], axis=0), axis=1)
+            # The later one of the two, as the earlier has drifted less; never the last, which the next frame resembles.
+            del self.images[1 + int(np.argmin((apart + turned)[:-1]))]
 
     def overlapping(self, points: FramePoints, T_world_camera: Float[np.ndarray, "4 4"]) -> list[KeyImage]:
-        """The oldest images that show enough of a frame's points, and the one that shows most: old ones drifted least."""
+        """The oldest images that show enough of a frame's points, as they drifted least, and the latest that shows most."""
         config = self.config
         if not self.images:
             return []

@@ -1,4 +1,4 @@
-"""The stage's border: an observation with a prior goes in, one with an estimated pose, covariance and quality comes out."""
+"""The stage's border: observation and prior go in; estimated pose, covariance and quality come out."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import pytest
 
 from anm_mj.localisation.config import KeyImageConfig
 from anm_mj.localisation.frame_points import draw_points
-from anm_mj.localisation.key_images import KeyImages, key_image
+from anm_mj.localisation.key_images import KeyImages, key_image, smoothed_depth
 from anm_mj.localisation.se3 import camera_motion, moved_camera
 from anm_mj.types import Intrinsics
 from tests.mapping.ray_room import Room
@@ -81,3 +81,23 @@ def test_a_reduced_pixel_keeps_its_ray(size: tuple[int, int], room: Room) -> Non
     assert image.depth_m[row, col] == cut.depth_m[source]
     assert (col + 0.5 - cx) / fx == pytest.approx((source[1] + 0.5 - camera.cx) / camera.fx)
     assert (row + 0.5 - cy) / fy == pytest.approx((source[0] + 0.5 - camera.cy) / camera.fy)
+
+
+def test_of_too_many_images_one_of_those_most_alike_goes(room: Room) -> None:
+    kept = KeyImages(replace(CONFIG, most_images=3))
+    for step, yaw in enumerate((0.0, 0.5, 0.52, 1.5)):
+        kept.add(room.observe(1.5, 1.5, yaw, size=32, step=step), 0.0)
+    assert [image.step for image in kept.images] == [0, 1, 3]
+
+
+def test_smoothing_keeps_planes_and_leaves_edges_out(room: Room) -> None:
+    depth = room.observe(1.5, 1.5, 0.4, size=128).depth_m
+    rng = np.random.default_rng(0)
+    noise = 0.004
+    noisy = (1.0 / (1.0 / depth + noise * rng.standard_normal(depth.shape))).astype(np.float32)
+    smooth = smoothed_depth(noisy, 2, noise)
+    kept = np.isfinite(smooth)
+    assert 0.6 < kept.mean() < 1.0
+    before, after = (np.median(np.abs(1.0 / image[kept] - 1.0 / depth[kept])) for image in (noisy, smooth))
+    # Twenty-five pixels, but creases are rounded.
+    assert after < 0.4 * before
